@@ -39,12 +39,12 @@ class Placement:
     Parameters
     ----------
     name : str
-            Name, unique in the array. It is also the name of the net.
+        Name, unique in the array. It is also the name of the net.
     coil : Coil
-            Shape of the coil.
+        Shape of the coil.
     layers : tuple of str
-            Copper layer of each of the coil's lines, in order. Successive lines lie on different layers. A layer may
-            carry several lines.
+        Copper layer of each of the coil's lines, in order. Successive lines lie on different layers. A layer may carry
+        several lines.
     x, y : float
         Position of the coil's centre in m.
     rotation : float
@@ -153,28 +153,28 @@ class Lattice:
     Parameters
     ----------
     kind : {"single", "linear", "square", "hexagonal", "triangle", "rings"}
-            Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, with
-            every second row shifted by half a pitch, so every inner point has six neighbours one pitch away. Triangle:
-            points of a hexagonal lattice in as many rows as columns, each row shorter by one. Rings: a point of a
-            hexagonal lattice and its neighbours ring by ring, counter-clockwise from `direction`.
+        Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, with every
+        second row shifted by half a pitch, so every inner point has six neighbours one pitch away. Triangle: points of
+        a hexagonal lattice in as many rows as columns, each row shorter by one. Rings: a point of a hexagonal lattice
+        and its neighbours ring by ring, counter-clockwise from `direction`.
     pitch : float or None
-            Distance of neighbours in m. None for a single coil.
+        Distance of neighbours in m. None for a single coil.
     columns, rows : int
-            Coils per row and number of rows. A linear lattice and a triangle have one row given. A single point and
-            rings have one column and one row given.
+        Coils per row and number of rows. A linear lattice and a triangle have one row given. A single point and rings
+        have one column and one row given.
     layers : tuple of tuple of str
-            Sets of copper layers that the coils use in turn along a row.
+        Sets of copper layers that the coils use in turn along a row.
     direction : float
         Angle of the rows in rad.
     rotation : float
         Counter-clockwise turn of every coil in rad.
     layer_shift : int or None
-            Steps in `layers` from row to row, so that neighbours differ. By default it is −1 on a hexagonal lattice, 2
-            for four sets on a square lattice, and 1 otherwise.
+        Steps in `layers` from row to row, so that neighbours differ. By default it is −1 on a hexagonal lattice, 2 for
+        four sets on a square lattice, and 1 otherwise.
     names : tuple of str or None
         Names of the coils row by row. By default coil1, coil2, …
     rings : int
-            Rings about the middle: 1 ring makes seven coils, 2 rings make nineteen.
+        Rings about the middle: 1 ring makes seven coils, 2 rings make nineteen.
     """
 
     kind: LatticeKind
@@ -227,15 +227,15 @@ class Connector:
     Parameters
     ----------
     side : {"right", "top", "left", "bottom"}
-            Edge of the board.
+        Edge of the board.
     pitch : float
         Distance of the holes in m.
     distance : float
         Distance in m of the holes' centres from the outermost point of the coils and their leads.
     at : float or None
-            Middle of the row along the edge in m. None for the middle of the array.
+        Middle of the row along the edge in m. None for the middle of the array.
     trace_width, gap : float or None
-            Width of the leads and distance from other copper in m. None for the values of the coils.
+        Width of the leads and distance from other copper in m. None for the values of the coils.
     """
 
     side: Side = "bottom"
@@ -279,17 +279,17 @@ class Array(SeveralCoils):
     stackup : Stackup
         The board's layers.
     placements : tuple of Placement
-            At least one coil. All names differ, and all layers are in the stack-up.
+        At least one coil. All names differ, and all layers are in the stack-up.
     board_margin : float
         Distance in m from the outermost copper to the edge of the rectangular board.
     through_holes : bool
-            True: every hole is drilled through the whole board. False: it spans only the layers it joins.
+        True: every hole is drilled through the whole board. False: it spans only the layers it joins.
     lattice : Lattice or None
-            The lattice from which `lattice_array` made the placements. It is a hint for design files and has no effect
-            if the placements were changed since.
+        The lattice from which `lattice_array` made the placements. It is a hint for design files and has no effect if
+        the placements were changed since.
     routing : Routing or None
-            The array and connector from which `coilarray.geometry.connector.route_leads` made the placements. It is a
-            hint as well.
+        The array and connector from which `coilarray.geometry.connector.route_leads` made the placements. It is a hint
+        as well.
     """
 
     stackup: Stackup
@@ -483,7 +483,7 @@ class Array(SeveralCoils):
         Returns
         -------
         tuple of Conductor
-                One path per coil, in the order of the coils, in m.
+            One path per coil, in the order of the coils, in m.
         """
         return tuple(self._conductor(placement, chord) for placement in self.placements)
 
@@ -534,7 +534,7 @@ def lattice_array(
     coil : Spiral, RoundedSpiral or Coil
         The shape of all coils.
     lattice : Lattice
-            Positions and layers of the coils.
+        Positions and layers of the coils.
 
     Returns
     -------

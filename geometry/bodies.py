@@ -111,16 +111,16 @@ class Plate:
     name : str
         Name of the plate.
     z : float
-            Height of its lower face in m. The upper face of the board is at 0.
+        Height of its lower face in m. The upper face of the board is at 0.
     thickness : float
         Thickness in m.
     material : Material
-            Material of the plate.
+        Material of the plate.
 
     Raises
     ------
     GeometryError
-            If the height is not finite, or the thickness is not positive.
+        If the height is not finite, or the thickness is not positive.
     """
 
     name: str
@@ -231,14 +231,14 @@ class Polygon:
     Parameters
     ----------
     exterior : tuple of points
-            Corners (x, y) in m about the centre of the plate, in either sense. The first corner is not repeated.
+        Corners (x, y) in m about the centre of the plate, in either sense. The first corner is not repeated.
     holes : tuple of such tuples
         Corners of each hole.
 
     Raises
     ------
     GeometryError
-            If there are fewer than three corners, the outline crosses itself, or holes touch or are not inside.
+        If there are fewer than three corners, the outline crosses itself, or holes touch or are not inside.
     """
 
     exterior: tuple[Point, ...]
@@ -277,22 +277,22 @@ class FinitePlate:
     name : str
         Name of the plate.
     outline : Outline
-            Outline about the plate's centre.
+        Outline about the plate's centre.
     centre : tuple of float
-            x, y and z in m of the outline's origin, in the middle of the thickness. The board's upper face is at z = 0.
+        x, y and z in m of the outline's origin, in the middle of the thickness. The board's upper face is at z = 0.
     thickness : float
         Thickness in m.
     material : Material
-            Material of the plate.
+        Material of the plate.
     tilt : float
-            Angle in rad by which the plate rises towards `tilt_direction`, less than a right angle.
+        Angle in rad by which the plate rises towards `tilt_direction`, less than a right angle.
     tilt_direction : float
         Angle in rad from the x axis.
 
     Raises
     ------
     GeometryError
-            If a value is not allowed.
+        If a value is not allowed.
     """
 
     name: str

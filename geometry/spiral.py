@@ -393,8 +393,7 @@ class Spiral(Winding):
         Returns
         -------
         ndarray, shape (n, 2)
-                Vertices in m. There are steps + 1 of them, or fewer if parallel sides are too short for the step
-                inwards.
+            Vertices in m. There are steps + 1 of them, or fewer if parallel sides are too short for the step inwards.
         """
         if self.is_parallel:
             return self._sharp_line(layer)

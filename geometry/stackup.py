@@ -32,13 +32,13 @@ class Stackup:
     Parameters
     ----------
     names : tuple of str
-            Names of the copper layers, top to bottom, all different.
+        Names of the copper layers, top to bottom, all different.
     copper_thickness : tuple of float
-            Thickness of each copper layer in m, with the same length as `names`.
+        Thickness of each copper layer in m, with the same length as `names`.
     dielectric_thickness : tuple of float
-            Thickness in m of the dielectric below each copper layer but the last. One shorter than `names`.
+        Thickness in m of the dielectric below each copper layer but the last. One shorter than `names`.
     epsilon_r : tuple of float
-            Relative permittivity of each dielectric. One shorter than `names`.
+        Relative permittivity of each dielectric. One shorter than `names`.
 
     Examples
     --------
@@ -104,12 +104,11 @@ class Stackup:
         names : sequence of str
             Names of the copper layers, top to bottom.
         thickness : float
-                Thickness of the whole board in m, copper included. The dielectrics share the remaining thickness
-                equally.
+            Thickness of the whole board in m, copper included. The dielectrics share the remaining thickness equally.
         copper : float
             Thickness of every copper layer in m.
         epsilon_r : float
-                Relative permittivity of the dielectrics. FR-4 has 4.5.
+            Relative permittivity of the dielectrics. FR-4 has 4.5.
 
         Returns
         -------
@@ -184,7 +183,7 @@ class Stackup:
 
         Returns
         -------
-            z of the lower and of the upper face in m.
+        tuple of float
             z of the lower and of the upper face in m.
         """
         i = self.index(name)

@@ -35,7 +35,10 @@ _LAYER = re.compile(r"L0*([1-9]\d*)")
 def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """Read the conductors of a board from fabrication data.
 
-    Raises MissingDependencyError if gerbonara is not installed.
+    `path` is a zip or folder with a Gerber file for every copper layer and, from two layers on, Excellon files. A given
+    `stackup` replaces that of the job file. Nets come from the attribute .N, and are None without it. Raises BoardError
+    with file, line and reason for data that are damaged, foreign or incomplete, and MissingDependencyError without
+    gerbonara.
 
     Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled through them, otherwise
     surface pads. Regions are areas, which are no path for a current. A plated hole is a terminal's pad if an attribute
