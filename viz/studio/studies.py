@@ -100,7 +100,7 @@ def axis_text(entry: Entry) -> str:
 
     Examples
     --------
-    >>> axis_text(Entry("array.pitch_mm", "pitch", "mm", "Array", 13.0, 6.5, 26.0, 0.1))
+    >>> axis_text(Entry("array.pitch_mm", "pitch", "", "mm", "Array", 13.0, 6.5, 26.0, 0.1))
     '10.4:15.6:5'
     """
     if entry.step == 1.0:  # whole number
