@@ -57,9 +57,8 @@ class HalfBody:
 
     `nodes` (n, 3) are in m about the centre. `triangles` (k, 3) are anticlockwise seen from outside, and `rim` (k,)
     marks the triangles of the rim. `ring` has the nodes at z = 0 of the outer rim, `hole_rings` the nodes of each hole.
-    `caps` has, for each hole, points (m, 2) in m and their share of its area in m². `inscribed` is the radius in m of
-    the largest circle in it. Each node of the finer of two meshes lies in the middle between its `parents` (n, 2),
-    nodes of the coarser mesh.
+    `caps` has, for each hole, points (m, 2) in m and their share of its area in m². Each node of the finer of two
+    meshes lies in the middle between its `parents` (n, 2), nodes of the coarser mesh.
     """
 
     nodes: FloatArray
@@ -68,7 +67,6 @@ class HalfBody:
     ring: IntArray
     hole_rings: tuple[IntArray, ...]
     caps: tuple[tuple[FloatArray, FloatArray], ...]
-    inscribed: float
     parents: IntArray | None = None
 
     @property
@@ -97,11 +95,6 @@ class Footprint:
 def inscribed_radius(outline: Outline) -> float:
     """Radius in m of the largest circle in an outline."""
     return float(shapely.maximum_inscribed_circle(_plane(outline)).length)
-
-
-def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None) -> HalfBody:
-    """Mesh the upper half of a plate about its centre, finer of `plate_meshes`."""
-    return plate_meshes(outline, thickness, fineness, above)[1]
 
 
 def plate_meshes(
@@ -268,7 +261,6 @@ class _Layout:
             upper[0],
             tuple(upper[1:]),
             tuple(_cap(loop[::-1], self.step, self.sizes) for loop in self.loops[1:]),
-            self.inscribed,
             self.parents,
         )
 

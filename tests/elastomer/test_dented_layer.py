@@ -310,7 +310,6 @@ def test_open_paths_are_closed_between_their_ends():
     (lambda: dent_inductance([COIL], [smooth_dent(), smooth_dent(mu=3.0)], PLACES), "same sheets"),
     (lambda: dent_inductance([COIL], [replace(smooth_dent(), symmetry="plane")], PLACES), "about an axis"),
     (lambda: dent_inductance([COIL], [smooth_dent(0.19e-3, thicknesses=(0.2e-3, 0.1e-3))], PLACES * 100), "too close"),
-    (lambda: dent_inductance([COIL], [smooth_dent()], PLACES, None, "second order"), "Born; got 'second order'"),
     (lambda: Dent(*LAYERS, RISING, np.array([[0, 0, -2e-3], [0, 0, -1e-3], [0, 0, 0]])), "faces of sheet 2 cross"),
     (lambda: Dent(*LAYERS, RISING, np.zeros((3, 2))), r"shape \(3, 3\)"),
     (lambda: Dent(*LAYERS, RISING[::-1], np.zeros((3, 3))), "rise from 0"),

@@ -100,7 +100,7 @@ def test_single_mesh(aspect, mesh):
     with serial_algebra():
         coarse, fine = (isolated_modes(1.0, aspect, *cells) for cells in (module.SINGLE_MESH, mesh))
     for k in range(3):
-        a, b = (module._answer(modes[k], beta) + (k == 0) for modes in (coarse, fine))
+        a, b = (module._mode_sum(modes[k], beta) + (k == 0) for modes in (coarse, fine))
         # measured at most 2.3e-3; 5e-3 for the lateral field of thin traces (third set), which has few cells
         np.testing.assert_allclose(a, b, rtol=3e-3 if k < 2 else 6e-3)
 

@@ -27,7 +27,7 @@ from coilarray.metal import coupled_plates
 from coilarray.metal.finite_plates import eddy_currents, moving_plate
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.half_body import EddyBody
-from coilarray.metal.plate_mesh import plate_mesh, plate_meshes
+from coilarray.metal.plate_mesh import plate_meshes
 from coilarray.metal.surface_impedance import SurfaceImpedance, surface_impedance
 
 ALUMINIUM = MATERIALS["aluminium"]
@@ -58,7 +58,7 @@ def mesh_share(error):
 def test_disc_in_a_uniform_field():
     """Perfect: −8a³H/3, for a thickness of a/1000 up to some t/a ln(a/t); resistive: −jωBσt πa⁴/8."""
     a, t, f = 10e-3, 1e-5, 1.0
-    body = EddyBody(plate_mesh(Disc(a), t))
+    body = EddyBody(plate_meshes(Disc(a), t)[1])
     assert moment(body, PERFECT) == pytest.approx(-8 / 3 * a**3 / MU_0, rel=5e-3)
     weak = moment(body, surface_impedance(ALUMINIUM, t, f, 2 / a))
     assert weak.imag == pytest.approx(-2 * np.pi * f * ALUMINIUM.conductivity * t * np.pi * a**4 / 8, rel=5e-3)
@@ -311,7 +311,7 @@ def test_refusals_of_nothing_and_of_no_mesh():
 def test_no_triangle_is_degenerate(outline, thickness):
     """The faces have the outline's area and the rim its length, at half of the least fineness of a target map too."""
     for fineness in (0.1, 0.25, 0.5):
-        mesh = plate_mesh(outline, thickness, fineness)
+        _, mesh = plate_meshes(outline, thickness, fineness)
         a, b, c = np.moveaxis(mesh.corners, 1, 0)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
         longest = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)

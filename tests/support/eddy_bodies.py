@@ -6,12 +6,12 @@ import numpy as np
 
 from coilarray.geometry.bodies import Disc
 from coilarray.metal.half_body import EddyBody
-from coilarray.metal.plate_mesh import plate_mesh
+from coilarray.metal.plate_mesh import plate_meshes
 
 
 def sphere_body(radius, fineness):
     """A sphere of a radius in m: the mesh of a disc's face drawn over half of it."""
-    face = plate_mesh(Disc(1.0), 1.0, fineness)
+    face = plate_meshes(Disc(1.0), 1.0, fineness)[1]
     top = face.triangles[~face.rim]
     nodes = face.nodes[: top.max() + 1, :2]
     edge = np.unique(face.triangles[face.rim])
