@@ -50,7 +50,7 @@ def file_option(
         if suffixes:
             check_file(names[0], path, suffixes)
         if path is not None and path.suffix and not kept and "force" in context.params:  # without one: a folder
-            command = str(context.info_name)
+            command = context.command_path.removeprefix("coilarray ")
             context.with_resource(replacing(command, path, force=context.params["force"]))
         return path
 
