@@ -54,6 +54,17 @@ def test_help_shows_every_command_in_its_group_in_one_line(capsys):
     assert len(COMMANDS) == sum(map(len, GROUPS.values()))  # none in two groups
 
 
+def test_no_command_has_more_options_than_a_person_reads():
+    assert len({name.split()[0] for name in COMMANDS}) <= 18
+    for name in COMMANDS:
+        command = program(name)
+        for word in name.split():
+            command = command.commands[word]
+        common = {"--out", "--force", "--json"}
+        own = [one for one in command.params if one.param_type_name == "option" and not common & set(one.opts)]
+        assert len(own) <= (16 if name == "init" else 10), name
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_every_command_has_an_example(capsys, command):
