@@ -140,11 +140,17 @@ class NoiseBudget:
 
     @property
     def common(self) -> dict[str, FloatArray]:
-        """Common changes c (states,) of δ by causes that are one random number at all coils."""
+        """Common relative changes c of δ by causes that are one random number at all coils, shape (states,)."""
         return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
 
     def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """Return `common` as the variable ``common_noise`` (drift_cause, state) of a response dataset."""
+        """Return `common` as a variable of a response dataset.
+
+        Returns
+        -------
+        dict
+            ``common_noise`` (drift_cause, state), ratios, or nothing without common causes.
+        """
         common = self.common
         if not common:
             return {}
@@ -154,7 +160,13 @@ class NoiseBudget:
         return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def select(self, states: Sequence[str]) -> NoiseBudget:
-        """Return the budget of some of the states in the given order. An unknown state raises a NetworkError."""
+        """Return the budget of some of the states in the given order. An unknown state raises a NetworkError.
+
+        Returns
+        -------
+        NoiseBudget
+            The smaller budget.
+        """
         if unknown := [name for name in states if name not in self.states]:
             raise NetworkError(f"the budget has no state {unknown[0]!r}; there are {', '.join(self.states)}.")
         kept = [self.states.index(name) for name in states]
@@ -166,9 +178,14 @@ class NoiseBudget:
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
         """Return the budget with the mean of reference coils subtracted from the other states.
 
-        Common changes cancel as far as they are equal at both, as in `coilarray.hardware.record.recorded_response`. The
+        Common changes cancel as far as they are equal at both, as in `coilarray.hardware.record.reference_coil`. The
         remaining errors of the references are added in quadrature. A reference that is unknown or named twice, no
         reference, or no other state raises a NetworkError.
+
+        Returns
+        -------
+        NoiseBudget
+            The budget of the other states.
         """
         others = referenced_names(self.states, reference)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -190,7 +207,13 @@ class NoiseBudget:
         return replace(self, states=others, causes=causes, reference=tuple(reference))
 
     def to_record(self) -> dict[str, Any]:
-        """Return the budget as numbers, texts and lists in SI for JSON."""
+        """Return the budget as plain values for JSON.
+
+        Returns
+        -------
+        dict
+            Numbers, texts and lists in SI.
+        """
         return {
             "states": list(self.states),
             "not_readable": list(self.unread),
