@@ -180,11 +180,13 @@ async def watched(url, lines):
     async with aiohttp.ClientSession() as session:
         async with session.post(f"{place}open/tab?{token}") as answer:
             address = (await answer.json())["sessionURL"].replace("USE_HOST", url.split("/")[2])
-        async with session.ws_connect(f"{address}{'&' if '?' in address else '?'}{token}"):
+        async with session.ws_connect(f"{address}{'&' if '?' in address else '?'}{token}") as connection:
             start = time.monotonic()
             while not (lines.exists() and scans_of(lines) > 2):
                 assert time.monotonic() - start < 10 * PATIENCE  # so long only where nothing comes
-                await asyncio.sleep(0.1)
+                with contextlib.suppress(TimeoutError):
+                    await connection.receive(timeout=0.1)  # it answers the server's pings
+                assert not connection.closed
 
 
 @pytest.mark.slow
