@@ -103,7 +103,7 @@ def test_a_recording_of_any_design_is_read(capsys, tmp_path):
     ("arguments", "message"),
     [
         (["no_such.sqlite", "--noise"], "no_such.sqlite"),
-        (["run.sqlite", "--noise", "--to", "nc"], "--noise cannot be given with --to or --out"),
+        (["run.sqlite", "--noise", "--out", "c.nc"], "--noise cannot be given with --out"),
         (["run.sqlite", "--reference", "coil1"], "--reference and --plot are for --noise"),
     ],
 )
