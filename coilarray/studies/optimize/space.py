@@ -195,7 +195,7 @@ def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
     except DesignError as error:
         raise GoalError(f"{key}: {error}") from None
     except ValidationError as error:
-        raise GoalError(f"{key}: {first_error(error, document)}") from None
+        raise GoalError(f"{key}: {first_error(error, document, Document)}") from None
 
 
 def _allowed(file: DesignFile, entry: str, value: Any) -> bool:
