@@ -28,7 +28,7 @@ _CIRCUIT = (
 _FAB = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "min_annular_ring_mm", "min_edge_clearance_mm")
 _SHOWN: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("coils.NAME", "Coil", _COIL),
-    ("coils.NAME.leads", "Leads", ("length_mm", "spacing_mm", "pad_mm", "drill_mm")),
+    ("coils.NAME.leads", "Coil", ("length_mm", "spacing_mm", "pad_mm", "drill_mm")),
     ("array", "Array", ("pitch_mm", "columns", "rows", "rings", "direction_deg", "rotation_deg")),
     ("connector", "Connector", ("pitch_mm", "distance_mm", "trace_width_mm", "gap_mm")),
     ("elastomer.N", "Elastomer", ("thickness_mm", "relative_permeability", "youngs_modulus_kPa")),
@@ -134,6 +134,7 @@ def _table(
     for key in keys:
         value = values.get(f"{table}.{key}")
         words, meaning = key_in_si(key)[0].replace("_", " "), meanings.get(f"{path}.{key}", "")
+        words += " of the leads" if path.endswith(".leads") else ""
         if isinstance(value, list):
             for k, number in enumerate(value):
                 yield _entry(f"{table}.{key}.{k}", key, f"{words} {k + 1}", meaning, group, float(number))
