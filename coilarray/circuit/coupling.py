@@ -172,20 +172,24 @@ def couple(
 ) -> xr.Dataset:
     """Solve plain R and L matrices with each coil active in turn, the others closed by their terminations.
 
-    The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω at all frequencies, the capacitance of the
-    tank in F. Terminations are "short", by default, or "open". `short_resistance` in Ω is of the two switches that
-    ground a coil. The measured coil has two of them as well. Every coil is solved where its Im Y = 0.
-
-    The result has the dimensions ``coil`` (the active coil) and ``other`` and units in the attributes. Over (coil,
-    other) ``inductance`` and ``coupling``, ``current_real`` and ``current_imag`` in A per A of the active coil, and
-    ``contribution``, the part of each other coil in the inductance of the active coil, Re(M i). Without losses and
-    strays the contributions add up to L_eff − L. Over (coil) ``resistance`` at direct current, ``open_inductance`` with
-    all others open, ``effective_inductance``, 1/(ω²C), and ``open_effective_inductance``, ``inductance_change`` by the
-    other coils, ``effective_resistance``, ``quality_factor``, ``frequency``, ``open_frequency``, and the
-    ``termination``. The attribute ``left_out`` lists the effects of the circuit that are not in these numbers.
+    The coils have `names`. The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω at all frequencies,
+    the capacitance of the tank in F. Terminations are "short", by default, or "open". `short_resistance` in Ω is of the
+    two switches that ground a coil. The measured coil has two of them as well. Every coil is solved where its Im Y = 0.
 
     Shapes that do not fit, a matrix of no real coils, a value that is not allowed, or a coil without a resonance raises
     a NetworkError.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``coil`` (the active coil) and ``other`` and units in the attributes. Over (coil, other)
+        ``inductance`` and ``coupling``, ``current_real`` and ``current_imag`` in A per A of the active coil, and
+        ``contribution``, the part of each other coil in the inductance of the active coil, Re(M i). Without losses and
+        strays the contributions add up to L_eff − L. Over (coil) ``resistance`` at direct current, ``open_inductance``
+        with all others open, ``effective_inductance``, 1/(ω²C), and ``open_effective_inductance``,
+        ``inductance_change`` by the other coils, ``effective_resistance``, ``quality_factor``, ``frequency``,
+        ``open_frequency``, and the ``termination``. The attribute ``left_out`` lists the effects of the circuit that
+        are not in these numbers.
     """
     L, R = checked_network(inductance, resistance)
     if L.shape != (len(names), len(names)):

@@ -40,12 +40,19 @@ def fasthenry_input(
     Every segment of the source needs a cross-section, else a GeometryError is raised. The names of the paths become the
     names of the ports. The frequencies in Hz rise by one factor, since FastHenry sweeps from fmin to fmax by a factor.
     The resistivity is in Ω·m. `filaments_across` the width and the thickness of every segment (nwinc, nhinc) show the
-    skin and proximity effects. (1, 1) is direct current. Lengths are in mm, with 17 digits.
+    skin and proximity effects. (1, 1) is direct current. The `title` is the first line.
 
     A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width × thickness,
     the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right. FastHenry turns all
     names to lower case.
 
+    Returns
+    -------
+    str
+        Text of the file, with lengths in mm of 17 digits.
+
+    Examples
+    --------
     >>> square = [[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]]
     >>> text = fasthenry_input(Conductor(square, 0.15e-3, 35e-6, name="loop"), [1e5, 1e6])
     >>> text.splitlines()[-3:]
@@ -110,7 +117,7 @@ def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterat
 
 
 def read_zc_matrix(text: str) -> tuple[FloatArray, tuple[str, ...], ComplexArray]:
-    """Read the impedance matrices that FastHenry writes (Zc.mat).
+    """Read the impedance matrices in the text that FastHenry writes (Zc.mat).
 
     The file has a line ``Row k:  node  to  node, port name: name`` for every port, then for every frequency ``Impedance
     matrix for frequency = f n x n`` and n rows of ``real +imagj``. The result is the frequencies (f,) in Hz, the names
@@ -118,6 +125,13 @@ def read_zc_matrix(text: str) -> tuple[FloatArray, tuple[str, ...], ComplexArray
     an admittance matrix, or with rows that are missing or cannot be read raises a ValueError. FastHenry prints six
     digits.
 
+    Returns
+    -------
+    tuple
+        Frequencies in Hz, shape (f,), names, and impedances in Ω, shape (f, n, n).
+
+    Examples
+    --------
     >>> f, names, Z = read_zc_matrix(
     ...     '''Row 1:  n1_1  to  n1_5, port name: loop
     ... Impedance matrix for frequency = 1e+06 1 x 1

@@ -30,7 +30,7 @@ _ABOVE = 30.0  # reach of the corners over the highest frequency; eddy currents 
 def export_network(
     network: Network, path: Path | str, frequencies: npt.ArrayLike | None = None, *, title: str = ""
 ) -> None:
-    """Write the coils of a network to a file, without its switches.
+    """Write the coils of a network to a path, without its switches.
 
     The suffix names the format: ``.cir`` or ``.sub`` for a SPICE subcircuit whose first comment is the `title`,
     ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port per coil. `frequencies` (f,) in Hz of a

@@ -63,8 +63,9 @@ class Cause:
 class NoiseBudget:
     """Noise and drift of a board's readings by cause, for the `readout` settings.
 
-    Arrays are in the order of `states`. `reference` are the reference coils whose δ has been subtracted from the
-    others. `unread` are the states, and reference coils, that no LDC1614 can read, so that their noise is of no use.
+    Arrays of the `causes` are in the order of `states`. `reference` are the reference coils whose δ has been subtracted
+    from the others. `unread` are the states, and reference coils, that no LDC1614 can read, so that their noise is of
+    no use.
     """
 
     states: tuple[str, ...]

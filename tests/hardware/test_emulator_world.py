@@ -157,8 +157,7 @@ def mapped(network):
     """The response map at positions between those of the table, in depths of 0.3 and 1 mm."""
     random = np.random.default_rng(2)
     x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 8), (Y, 5)))
-    options = {"network": network, "inductance": lambda: network.inductance}
-    return response_map(PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, **options)
+    return response_map(PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, network=network)
 
 
 def test_a_pressed_board_reads_what_the_response_map_says(make, network, mapped):
