@@ -44,7 +44,7 @@ GRID = {"x_mm": [-9.64, -6.64, -3.64], "y_mm": [0.0, 2.0], "depth_mm": [0.5, 1.0
 @pytest.fixture(scope="module")
 def grid(tmp_path_factory):
     """Option for a plan of a small campaign."""
-    return "--plan", toml_file(tmp_path_factory.mktemp("plan") / "plan.toml", **grid)
+    return "--plan", toml_file(tmp_path_factory.mktemp("plan") / "plan.toml", **GRID)
 
 
 @pytest.fixture(scope="module")
