@@ -330,7 +330,7 @@ def test_never_overwritten(board, grid, campaign, tmp_path, capsys):
         (["--emulate", "drift=fast"], "--emulate drift must be a finite number"),
         (["--emulate", "press=1,2"], "--emulate press must be 3 finite numbers"),
         (["--emulate", "press=1,2,-3"], "--emulate press must be 3 finite numbers, the last of at least 0"),
-        (["--emulate", "press=0,0,1", "--emulate", "path=x.csv"], "cannot read x.csv"),
+        (["--emulate", "press=0,0,1", "--emulate", "path=x.csv"], "press or path but not both"),
         (["--emulate", "press=0,0,1", "--emulate", "press=0,0,1"], "--emulate must give press once"),
         (["--out", "no/folder/run.sqlite"], "cannot write no/folder/run.sqlite: there is no folder no/folder"),
         (["--single", "--out", "no/run.sqlite"], "cannot write no/run.sqlite: there is no folder no"),
