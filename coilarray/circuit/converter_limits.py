@@ -53,7 +53,10 @@ DRIVE_CURRENTS = tuple(1e-6 * microamperes for microamperes, _, _ in _DRIVE)
 
 @dataclass(frozen=True)
 class Drive:
-    """Setting of the sensor drive: IDRIVE code 0 to 31, current in A, and peak voltage 4 R_p I/π in V."""
+    """Setting of the sensor drive.
+
+    IDRIVE `code` 0 to 31, `current` in A, and peak voltage `amplitude` in V, which is 4 R_p I/π.
+    """
 
     code: int
     current: float
@@ -62,7 +65,10 @@ class Drive:
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit of the converter: named quantity with its unit, value, and the range it must be in."""
+    """Limit of the converter.
+
+    The `name` of the quantity, its `value`, and the `low` and `high` ends of the range that it must be in.
+    """
 
     name: str
     value: float
@@ -114,10 +120,10 @@ def shown_unit(unit: str, value: float) -> DisplayUnit:
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
-    """Return the drive setting for a parallel resistance in Ω at resonance, None if no row of table 42 holds it.
+    """Return the drive setting of a coil, or None if no row of table 42 holds it.
 
-    It is the largest current whose row holds R_p and whose amplitude stays below the clamps. A resistance that is not
-    positive raises a ValueError.
+    It is the largest current whose row holds R_p, the `parallel_resistance` in Ω at resonance, and whose amplitude stays
+    below the clamps. A resistance that is not positive raises a ValueError.
 
     >>> drive_for(33e3).code
     6
@@ -228,7 +234,8 @@ def check_channel(
 ) -> tuple[Limit, ...]:
     """Return every limit of one channel, kept or not.
 
-    Sensor frequency, self-resonance and reference are in Hz, R_p at resonance in Ω. The FIN_DIVIDER, 1 to 15, is the
+    Sensor `frequency`, `self_resonance` and `reference` are in Hz. The `parallel_resistance` R_p at resonance is in Ω,
+    the `quality_factor` a number. The FIN_DIVIDER, 1 to 15, is the
     least allowed by default, and the IDRIVE `code`, 0 to 31, is from `drive_for`. An R_p that is allowed but too large
     for every row of table 42 breaks the limit of the amplitude with the smallest drive current. Only channel 0 can be
     driven harder than `DRIVE_WINDOW` allows, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may

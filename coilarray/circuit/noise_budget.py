@@ -179,7 +179,7 @@ class NoiseBudget:
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
         """Return the budget with the mean of reference coils subtracted from the other states.
 
-        Common changes cancel as far as they are equal at both, as in `coilarray.hardware.record.reference_coil`. The
+        Common changes cancel as far as they are equal at both, as in `coilarray.hardware.record.recorded_response`. The
         remaining errors of the references are added in quadrature. A reference that is unknown or named twice, no
         reference, or no other state raises a NetworkError.
 

@@ -93,7 +93,7 @@ class Dent:
 
     @property
     def heights(self) -> FloatArray:
-        """Heights of the flat faces in m from 0, (sheets + 1,)."""
+        """Heights of the flat faces in m from 0, shape (sheets + 1,)."""
         return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
 
     def moved(self, motion: Motion) -> Dent:
@@ -144,7 +144,7 @@ class Dent:
         return min(lowest, default=np.inf)
 
     def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
-        """Rising heights in m between which space moves with the faces.
+        """Rising heights in m, shape (n,), between which space moves with the faces.
 
         Also returns the contrasts between the fixed heights. Nothing moves at the first and the last height. The first
         is missing if the lowest contrast is at z = 0. `deepest` is the largest displacement in m that the anchors must

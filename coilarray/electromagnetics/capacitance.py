@@ -126,7 +126,7 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
     """Compute the self-resonance 1/(2π √(LC)) of coils in Hz.
 
-    The `inductance` in H and the coils' own `capacitance` in F must broadcast.
+    The `inductance` in H and the coils' own `capacitance` in F broadcast to the shape of the result.
 
     >>> round(float(self_resonance(57e-6, 18e-12)) / 1e6, 2)
     4.97

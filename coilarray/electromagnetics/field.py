@@ -95,7 +95,7 @@ def vector_potential(
 ) -> FloatArray:
     """Compute the magnetic vector potential of current paths in T·m.
 
-    Parameters and errors are those of `magnetic_field`.
+    The `source`, the `points` in m, the `currents` in A, `progress` and all errors are as in `magnetic_field`.
 
     Returns
     -------

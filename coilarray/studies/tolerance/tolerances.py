@@ -85,6 +85,7 @@ class Tolerances:
     """Tolerance file, read and checked.
 
     A kind of error without a table in `spreads` does not occur. `assumed` are tables that are not given, with reasons.
+    The study reports `quantities`, errors of `positions`, and the share of boards within `limits`.
     """
 
     spreads: Mapping[str, Spread]
