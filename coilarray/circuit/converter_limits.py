@@ -122,8 +122,8 @@ def shown_unit(unit: str, value: float) -> DisplayUnit:
 def drive_for(parallel_resistance: float) -> Drive | None:
     """Return the drive setting of a coil, or None if no row of table 42 holds it.
 
-    It is the largest current whose row holds R_p, the `parallel_resistance` in Ω at resonance, and whose amplitude stays
-    below the clamps. A resistance that is not positive raises a ValueError.
+    It is the largest current whose row holds R_p, the `parallel_resistance` in Ω at resonance, and whose amplitude
+    stays below the clamps. A resistance that is not positive raises a ValueError.
 
     >>> drive_for(33e3).code
     6

@@ -74,8 +74,8 @@ def maxwell_garnett_permeability(volume_fraction: float, particle_permeability: 
 def bruggeman_permeability(volume_fraction: float, particle_permeability: float = math.inf) -> float:
     """Relative permeability of a mixture of spheres (Bruggeman).
 
-    The `volume_fraction`, the `particle_permeability` and the errors are as in `maxwell_garnett_permeability`. The result is infinite if particles of infinite
-    permeability fill a third or more.
+    The `volume_fraction`, the `particle_permeability` and the errors are as in `maxwell_garnett_permeability`. The
+    result is infinite if particles of infinite permeability fill a third or more.
 
     Notes
     -----

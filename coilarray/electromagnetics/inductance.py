@@ -66,10 +66,10 @@ def rectangular_bars(
 ) -> float:
     """Compute the partial inductance of parallel rectangular bars in H.
 
-    The bars have a uniform current density. `size_1` and `size_2` are length, width and thickness in m. `offset` leads from the corner
-    of the first bar to the corner of the second along these, in m. A single bar gives its self-inductance. Sizes
-    outside 1e-30 to 1e30 m or with a ratio above 1e8, a longest side below about 1e-5 of the extent of the pair, and an
-    offset beyond 1e30 m raise a GeometryError.
+    The bars have a uniform current density. `size_1` and `size_2` are length, width and thickness in m. `offset` leads
+    from the corner of the first bar to the corner of the second along these, in m. A single bar gives its
+    self-inductance. Sizes outside 1e-30 to 1e30 m or with a ratio above 1e8, a longest side below about 1e-5 of the
+    extent of the pair, and an offset beyond 1e30 m raise a GeometryError.
 
     Notes
     -----

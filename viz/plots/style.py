@@ -8,7 +8,9 @@ The label of an axis reads ``inductance (µH)``. Its ticks are plain numbers, on
 from __future__ import annotations
 
 import functools
+import inspect
 import math
+import re
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -58,8 +60,17 @@ _MOST_TICKS, _STEPS = 9, (1, 2, 5, 10)  # largest number and steps of ticks alon
 _SYMBOLS = {"ohm": "Ω", "1": ""}  # of the units in datasets
 
 
+_AX = """ax : matplotlib.axes.Axes, optional
+    Axes to draw into. The default is a new figure.
+"""
+
+
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Draw in `STYLE` and keep the caller's settings."""
+    """Draw in `STYLE`, keep the caller's settings, and explain the parameter `ax`, which most plots have."""
+    explained = inspect.getdoc(draw)
+    if explained and "ax" in inspect.signature(draw).parameters and "\nax : " not in explained:
+        sections = re.split(r"(?<=\n)\n(?=\w+\n-+\n)", explained + "\n")
+        draw.__doc__ = "\n".join(text + _AX * text.startswith("Parameters\n") for text in sections)
 
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -85,29 +85,52 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Selection of the shown parts of a design.
+    """Selection of the shown parts of a design, and how they are computed.
 
-    It also controls how they are computed. Currents colour the copper of the board.
+    Parameters
+    ----------
+    show : tuple of str
+        Items of `ITEMS`. Sheets are lifted off a bare board, and a dent replaces them. Currents colour the copper.
+    layers : tuple of str, optional
+        Copper layers, all by default.
+    coil : str, optional
+        Measured coil, for field, lines, surfaces, currents and response. The default is the middle coil.
+    others_open : bool
+        Leave the other coils open, instead of terminated as in the design.
+    current : float
+        Current in the measured coil in A, for the field.
+    spacing : float, optional
+        Distance between points of B in m. The default is 0.5 mm on planes and 1 mm in a box.
+    at : tuple of float, optional
+        Place of the indenter or target on the board in m. The default is off the map's centre.
+    distance : float, optional
+        Distance of the target in m. The default is the least distance. If B is not shown, a slider stands at this
+        distance first.
+    depth : float, optional
+        Depth of the indentation in m. The default is the deepest of the design.
+    response : xarray.Dataset, optional
+        Response that is draped. By default it is computed.
+    table : xarray.Dataset, optional
+        Table of `coilarray.localize.forward.table_for`, which a location needs.
+    reading : mapping or sequence of float, optional
+        δ to locate. The default is δ at `at`.
+    noise : float, optional
+        Standard deviation of δ. The default is the noise of the table.
     """
 
-    # Items of `ITEMS`. Sheets are lifted off a bare board, and a dent replaces them.
     show: tuple[Item, ...] = ("board",)
-    layers: tuple[str, ...] | None = None  # copper layers, all by default
-    # Measured coil, for field, lines, surfaces, currents and response. The default is the middle coil.
+    layers: tuple[str, ...] | None = None
     coil: str | None = None
-    others_open: bool = False  # leave the other coils open, instead of terminated as in the design
-    current: float = 1e-3  # current in the measured coil in A, for the field
-    spacing: float | None = None  # distance between points of B in m. The default is 0.5 mm on planes and 1 mm in a box
-    # Place of the indenter or target on the board in m. The default is off the map's centre.
+    others_open: bool = False
+    current: float = 1e-3
+    spacing: float | None = None
     at: tuple[float, float] | None = None
-    # Distance of the target in m. The default is the least distance. If B is not shown, a slider stands at this
-    # distance first.
     distance: float | None = None
-    depth: float | None = None  # depth of the indentation in m. The default is the deepest of the design
-    response: xr.Dataset | None = None  # response that is draped. By default it is computed
-    table: xr.Dataset | None = None  # table of `coilarray.localize.forward.table_for`, which a location needs
-    reading: Mapping[str, float] | Sequence[float] | None = None  # δ to locate. The default is δ at `at`
-    noise: float | None = None  # standard deviation of δ. The default is the noise of the table
+    depth: float | None = None
+    response: xr.Dataset | None = None
+    table: xr.Dataset | None = None
+    reading: Mapping[str, float] | Sequence[float] | None = None
+    noise: float | None = None
 
 
 def board_and_metal(design: Design) -> tuple[Item, ...]:

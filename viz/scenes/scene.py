@@ -131,17 +131,20 @@ _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 class Scale:
     """Mapping from values of an array to colours.
 
-    The array belongs to points or cells. Values beyond its ends have the colour of the end.
+    The `array` of this name belongs to points or cells. The colour bar has the `title` and behind it the `unit`, which
+    is SI without a prefix, or empty. `low` and `high` are the values at the ends of the colours, in this unit. Values
+    beyond them have the colour of the end. `colours` is a colour map of Matplotlib. On a `logarithmic` scale equal
+    ratios are equal steps of colour. `missing` is the colour of NaN.
     """
 
-    array: str  # name of the array
-    title: str  # title of the colour bar, and the unit behind it, which is SI without a prefix, or empty
+    array: str
+    title: str
     unit: str
-    low: float  # values at the ends of the colours, in this unit
+    low: float
     high: float
-    colours: str = SEQUENTIAL  # name of a colour map of Matplotlib
-    logarithmic: bool = False  # whether equal ratios are equal steps of colour
-    missing: str = UNKNOWN  # colour of NaN
+    colours: str = SEQUENTIAL
+    logarithmic: bool = False
+    missing: str = UNKNOWN
 
     def colours_of(self, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:
         """Red, green and blue from 0 to 255 of values, shape (n, 3)."""
@@ -154,14 +157,14 @@ class Scale:
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
     def values(self, count: int) -> npt.NDArray[np.float64]:
-        """Values at equal steps of colour from the lower end upwards."""
+        """Values, shape (count,), at equal steps of colour from the lower end upwards, in the unit."""
         share = np.linspace(0.0, 1.0, count)
         if self.logarithmic:
             return np.asarray(self.low * (self.high / self.low) ** share)
         return np.asarray(self.low + share * (self.high - self.low))
 
     def steps(self, count: int) -> tuple[str, ...]:
-        """Colours ``#rrggbb`` at equal steps from the lower end upwards."""
+        """Colours ``#rrggbb``, as many as `count`, at equal steps from the lower end upwards."""
         return tuple(
             f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in self.colours_of(self.values(count)).tolist()
         )
@@ -253,7 +256,7 @@ class Scene:
     def still(self, step: int | None = None) -> Scene:
         """Scene at one position of the slider, without it.
 
-        The position is by default the first that the slider shows.
+        The position is `step`, by default the first that the slider shows.
         """
         if self.slider is None:
             return self

@@ -38,11 +38,11 @@ SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
 class Optimization:
     """Result of an optimization.
 
-    `axes` are the variables. `file` and `start` are the design from which the search started, and `start_inside` is whether it lies within the
-    bounds of the variables. `goal` has at least as many trials as an earlier run. `trials` are of the search, then of
-    the local solver, including the `found` trials of earlier runs. `front` are the trials that are better than the
-    start by the first objective, with one objective the best alone, and empty if no trial keeps all bounds.
-    `polish_problem` is the reason why the local solver did not run.
+    `axes` are the variables. `file` and `start` are the design from which the search started, and `start_inside` is
+    whether it lies within the bounds of the variables. `goal` has at least as many trials as an earlier run. `trials`
+    are of the search, then of the local solver, including the `found` trials of earlier runs. `front` are the trials
+    that are better than the start by the first objective, with one objective the best alone, and empty if no trial
+    keeps all bounds. `polish_problem` is the reason why the local solver did not run.
     """
 
     file: DesignFile
