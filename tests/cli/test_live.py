@@ -454,7 +454,7 @@ def test_screen_lines():
         (("--plot", "--json"), "--plot cannot be given with --json"),
         (("none.toml",), "none.toml"),
         (("--rate", "1e9", "--no-locate"), "--rate must be at most"),
-        (("--emulate", "noise=x"), "--emulate noise must be 1 finite numbers"),
+        (("--emulate", "noise=x"), "--emulate noise must be a finite number"),
     ],
 )
 def test_bad_input(capsys, recording, board, arguments, words):
