@@ -1,3 +1,4 @@
+from . import errors as errors
 from .circuit.coupling import couple_design as couple_design
 from .circuit.coupling import design_circuit as design_circuit
 from .circuit.coupling import operating_currents as operating_currents
@@ -5,7 +6,6 @@ from .circuit.coupling import operating_field as operating_field
 from .circuit.impedance import scan_design as scan_design
 from .circuit.impedance import sweep_design as sweep_design
 from .circuit.noise_budget import noise_budget as noise_budget
-from .compute.memory import MemoryLimitError as MemoryLimitError
 from .design.export import export as export
 from .design.model import Circuit as Circuit
 from .design.model import Design as Design
@@ -29,22 +29,6 @@ from .electromagnetics.inductance import inductance_matrix as inductance_matrix
 from .electromagnetics.inductance import mutual_inductance as mutual_inductance
 from .electromagnetics.inductance import self_inductance as self_inductance
 from .electromagnetics.resistance import dc_resistance as dc_resistance
-from .errors import BoardError as BoardError
-from .errors import ClusterError as ClusterError
-from .errors import CoilarrayError as CoilarrayError
-from .errors import DamagedError as DamagedError
-from .errors import DesignError as DesignError
-from .errors import ElastomerError as ElastomerError
-from .errors import GeometryError as GeometryError
-from .errors import GoalError as GoalError
-from .errors import HardwareError as HardwareError
-from .errors import LocalizeError as LocalizeError
-from .errors import MetalError as MetalError
-from .errors import MissingDependencyError as MissingDependencyError
-from .errors import NetworkError as NetworkError
-from .errors import OutputError as OutputError
-from .errors import RuleViolationError as RuleViolationError
-from .errors import UnusualValueWarning as UnusualValueWarning
 from .geometry.array import Array as Array
 from .geometry.array import Connector as Connector
 from .geometry.array import Lattice as Lattice

@@ -1,4 +1,4 @@
-"""The named exceptions of the package; every one of them is the user's to mend, in one line. And checks of numbers."""
+"""Exceptions of the package, each of which says in one line what to change, and checks of numbers."""
 
 from __future__ import annotations
 
@@ -110,6 +110,10 @@ class DamagedError(CoilarrayError):
 
 class UnusualValueWarning(UserWarning):
     """A value that is possible, but a thousand times more or less than usual: which one, and the likely one."""
+
+
+class MemoryLimitError(CoilarrayError, MemoryError):
+    """Work needs more memory than is allowed. The message names both."""
 
 
 class MissingDependencyError(CoilarrayError):

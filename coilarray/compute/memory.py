@@ -6,7 +6,7 @@ import gc
 import os
 from pathlib import Path
 
-from coilarray.errors import CoilarrayError
+from coilarray.errors import MemoryLimitError
 
 LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
 """Environment variable that sets the allowed memory in GB, in place of a share of the free memory."""
@@ -16,10 +16,6 @@ _GB = 1e9
 _OBJECTS_A_COLLECTION = 100_000
 _SMALL = 50e6  # bytes; less is never refused, so that small arrays cost no look at the system
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
-
-
-class MemoryLimitError(CoilarrayError, MemoryError):
-    """Work needs more memory than is allowed. The message names both."""
 
 
 def collect_seldom() -> None:

@@ -32,7 +32,6 @@ _DOCS = Path(__file__).parents[1]
 _FOLDER = "reference/python"
 # module of a name, its beginning → group
 _GROUPS: Mapping[str, str] = {
-    "coilarray.errors": "Errors",
     "coilarray.design": "Designs",
     "coilarray.geometry": "Geometry",
     "coilarray.electromagnetics": "Fields and inductance",
@@ -45,9 +44,8 @@ _GROUPS: Mapping[str, str] = {
     "coilarray.studies.comparison": "Position",
     "coilarray.studies": "Studies and report",
     "coilarray.report": "Studies and report",
-    "coilarray.compute": "Errors",
 }
-_ORDER = tuple(dict.fromkeys([*list(_GROUPS.values())[1:], "Errors"]))
+_ORDER = (*dict.fromkeys(_GROUPS.values()), "Errors")
 _ROOMS = {"coilarray.viz": "Pictures", "coilarray.hardware": "Boards"}
 _BEYOND = "Beyond the top level"
 _RETURNED = "What functions return"
@@ -62,9 +60,13 @@ def names() -> dict[str, list[str]]:
     groups: dict[str, list[str]] = {group: [] for group in (*_ORDER, *_ROOMS.values(), _BEYOND)}
     for name in coilarray.__all__:
         value = getattr(coilarray, name)
+        if inspect.ismodule(value):
+            continue
         module = getattr(value, "__module__", "coilarray.geometry")
         group = next((words for start, words in _GROUPS.items() if module.startswith(start)), "Geometry")
         groups[group].append(f"coilarray.{name}")
+    raised = inspect.getmembers(coilarray.errors, lambda value: inspect.isclass(value) and issubclass(value, Exception))
+    groups["Errors"] += [f"coilarray.errors.{name}" for name, _ in raised]
     for room, group in _ROOMS.items():
         groups[group] += [f"{room}.{name}" for name in importlib.import_module(room).__all__]
     for module, first, others in _BEYOND_ROW.findall((_DOCS / "helpers.md").read_text(encoding="utf-8")):

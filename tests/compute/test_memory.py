@@ -11,8 +11,8 @@ import coilarray.compute.memory as memory
 from coilarray import grid_points, inductance_matrix, load_design, magnetic_field, mutual_inductance, vector_potential
 from coilarray.circuit.coupling import design_circuit
 from coilarray.cli.main import main
-from coilarray.compute.memory import MemoryLimitError, allowed_memory, available_memory, require_memory
-from coilarray.errors import CoilarrayError
+from coilarray.compute.memory import allowed_memory, available_memory, require_memory
+from coilarray.errors import CoilarrayError, MemoryLimitError
 from coilarray.geometry import Conductor
 
 MEMINFO = "MemTotal:       16000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8000000 kB\n"

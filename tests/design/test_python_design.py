@@ -216,15 +216,15 @@ def test_the_origin_follows_its_coil():
     ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("coil1", 1),)),) * 2)}, "scan must give each state a different"),
 ])  # fmt: skip
 def test_what_cannot_be_is_one_clear_line(change, line):
-    refused(ca.DesignError, f"^{re.escape(line)}", replace, ca.load_design("gast2020"), **change)
+    refused(ca.errors.DesignError, f"^{re.escape(line)}", replace, ca.load_design("gast2020"), **change)
 
 
 def test_an_indentation_that_cannot_be():
     ball = ca.Hemisphere(1e-3)
-    refused(ca.DesignError, "at least one depth", ca.Indentation, ball, ())
-    refused(ca.DesignError, "must rise from above zero", ca.Indentation, ball, (2e-3, 1e-3))
+    refused(ca.errors.DesignError, "at least one depth", ca.Indentation, ball, ())
+    refused(ca.errors.DesignError, "must rise from above zero", ca.Indentation, ball, (2e-3, 1e-3))
     pressed = ((ca.Sheet("s", 1e-2, 1.0, 1e4),), ca.Indentation(ball, (1e-3,), origin="x"))
-    refused(ca.DesignError, "names no coil", ca.Design, ROW.array, *pressed)
+    refused(ca.errors.DesignError, "names no coil", ca.Design, ROW.array, *pressed)
 
 
 def test_a_map_covers_the_array_where_no_positions_are_given():
@@ -284,10 +284,13 @@ def test_a_file_stands_for_its_design_and_a_name_is_refused(compute):
     file = ca.load_design_file("starter")
     assert np.all(compute(file) == compute(file.design))
     refused(
-        ca.DesignError, r"must be a Design, .* as \.design; got 'starter'\. A name .* load_design", compute, "starter"
+        ca.errors.DesignError,
+        r"must be a Design, .* as \.design; got 'starter'\. A name .* load_design",
+        compute,
+        "starter",
     )
 
 
 def test_an_unknown_format_is_refused_before_any_work():
     words = "to must be one of kicad, gerber, dxf, svg, step, stl, glb; got 'kicad_pcb'"
-    refused(ca.OutputError, words, ca.export, ROW, "x", "kicad_pcb")
+    refused(ca.errors.OutputError, words, ca.export, ROW, "x", "kicad_pcb")

@@ -22,12 +22,11 @@ import coilarray.elastomer.finite_sample as finite_sample
 import coilarray.response.setup as pressing
 from coilarray import load_design
 from coilarray.circuit.coupling import design_circuit
-from coilarray.compute.memory import MemoryLimitError
 from coilarray.elastomer.box import Axis, Box, factorised, wide_field
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_grid import Stack, stack_of
 from coilarray.elastomer.finite_sample import DEFAULT_BOX_MESH, BoxMesh, Sample, SampleCorrection, sample_correction
-from coilarray.errors import ElastomerError, GeometryError
+from coilarray.errors import ElastomerError, GeometryError, MemoryLimitError
 from coilarray.geometry import EVEN, Hemisphere, Seat, Sheet, Unevenness
 from coilarray.response.map import inductance_changes, response_map
 from coilarray.response.setup import map_axes

@@ -45,7 +45,7 @@ def test_every_kind_of_source():
     np.testing.assert_array_equal(ca.couple_design(ROW).inductance, ca.couple_design(design).inductance)
     np.testing.assert_array_equal(ca.inductance_matrix([SPIRAL]), [[SPIRAL.inductance]])
     for nothing in (5, None, "gast2020", [None], [], [SPIRAL, 5]):
-        refused(ca.GeometryError, "path", ca.self_inductance, nothing)
+        refused(ca.errors.GeometryError, "path", ca.self_inductance, nothing)
 
 
 def test_coils_that_overlap_have_layers_of_their_own():
@@ -59,7 +59,7 @@ def test_coils_that_overlap_have_layers_of_their_own():
     two = ca.Stackup.uniform(("top", "bottom"))
     assert ca.Array.row(replace(SPIRAL, stackup=two), 2, pitch=20e-3).stackup == two
     refused(
-        ca.GeometryError,
+        ca.errors.GeometryError,
         "need 4 copper layers, as 2 neighbours overlap; .* has 2",
         ca.Array.row,
         SPIRAL,
@@ -67,7 +67,7 @@ def test_coils_that_overlap_have_layers_of_their_own():
         11e-3,
         stackup=two,
     )
-    refused(ca.GeometryError, "pitch must be positive", ca.Array.row, SPIRAL, 2, 0.0)
+    refused(ca.errors.GeometryError, "pitch must be positive", ca.Array.row, SPIRAL, 2, 0.0)
 
 
 def test_the_usual_construction():

@@ -19,14 +19,13 @@ from coilarray import load_design
 from coilarray.circuit.board_circuit import bare_network
 from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.state_sensitivity import state_sensitivity
-from coilarray.compute.memory import MemoryLimitError
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.resistance import dc_resistance
-from coilarray.errors import ElastomerError, NetworkError
+from coilarray.errors import ElastomerError, MemoryLimitError, NetworkError
 from coilarray.response.map import Imperfections, respond, response_map
 from coilarray.response.setup import contact_at
 
