@@ -284,11 +284,15 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
 
     HardwareError if the reading of the board failed.
     """
+    from coilarray.hardware.record.recorder import open_recorder
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.work import Shelf, work_on
 
     check_studio()
+    if options.out is not None:
+        with open_recorder(options.out):
+            pass  # one that exists is refused before the page is shown, not by it
     failures: list[str] = []
 
     def ready(url: str) -> None:
