@@ -97,7 +97,7 @@ def test_every_line_of_an_emulated_board_says_so(capsys, both):
     assert (page[:15], page[-7:]) == ("<!DOCTYPE html>", "</html>")
     assert sorted(Path().iterdir()) == [Path("page.html")]
     lead = page.split("<h2>")[0]
-    assert "quick.sqlite</strong> (from the emulator: no real board was read)" in lead
+    assert "quick.sqlite (from the emulator: no real board was read)" in lead
     assert lead.count("from the emulator") == 1
     out = good(capsys, both[1], both[1], *QUICKLY)
     assert ("emulator" in out, "1.0000" in out) == (False, True)
@@ -181,7 +181,7 @@ def test_an_unfinished_campaign_is_compared_as_far_as_it_is(capsys, both):
         (("text.sqlite", "published"), "text.sqlite"),
         (("a1.nc", "flat.toml"), "the design flat has no [indenter] and [indentation]"),
         (("a1.nc", "other.nc"), "no state in common: measured coil1, coil2, coil3; simulated a, b"),
-        (("a1.nc", "published", "--reach-mm", "-1"), "--largest-shift-mm must be 0 to 1000; got -1"),
+        (("a1.nc", "published", "--largest-shift-mm", "-1"), "--largest-shift-mm must be 0 to 1000; got -1"),
         (("a1.nc", "published", "--largest-shift-mm", "nan"), "--largest-shift-mm must be 0 to 1000; got nan"),
         (("a1.nc", "published", "--largest-shift-mm", "x"), "largest-shift-mm"),
         (("a1.nc", "published", "--replicates", "-1"), "--replicates must be 0 to 1000; got -1"),

@@ -159,7 +159,7 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         kept = recording.count()
     if number != signal.SIGKILL:
         assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume continues from there" in err
-        assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
+        assert sorted(one.name for one in tmp_path.iterdir()) == ["plan.toml", "run.sqlite"]
     code, out, _ = scan_info(capsys, path)
     assert (code, "of 20000 positions are measured" in out) == (0, True)
     assert "is not complete" in scan_info_refused(capsys, path, "--out", tmp_path / "run.nc")
