@@ -308,9 +308,6 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
         alone=True,
         failed=failures.append,
     )
-    if options.out is not None and options.out.exists():
-        with open_recorder(options.out):  # refuses a recording here rather than on the page
-            pass
     with bind(Address(LOOPBACK, 0)) as listening, suppress(KeyboardInterrupt):
         work = work_on(file, file.design.name)
         serve(work, Shelf(Path.cwd()), services, Address(LOOPBACK, 0), listening, linger=_LINGER, ready=ready)
