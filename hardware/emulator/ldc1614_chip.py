@@ -140,11 +140,6 @@ class Ldc1614:
         if self._run is not None:
             self._run.advance(self.clock.now(), changing=True)
 
-    def brown_out(self) -> None:
-        """Drop the supply for a moment."""
-        self.excuse()
-        self._reset()
-
     def excuse(self) -> None:
         """Ignore undocumented use until CLOCK_DIVIDERS0 is written again."""
         self._excused = True

@@ -31,6 +31,7 @@ READS = [
     ("board", "test", "two.toml", "--wiring", "wiring.toml"),
     ("board", "compare", "campaign.sqlite", "quick.nc", "--replicates", "0"),
     ("report", "bare.toml"),
+    ("keys", "pitch"),
 ]
 
 

@@ -70,7 +70,7 @@ def test_a_pad_without_a_hole_has_no_rule_of_holes():
 
 
 SHAPES = {
-    **{f"{sides} sides": partial(Spiral, sides, 6e-3 if sides == 3 else 8e-3) for sides in (3, 4, 5, 6, 8)},
+    **{f"{sides} sides": partial(Spiral, sides, 12e-3 if sides == 3 else 16e-3) for sides in (3, 4, 5, 6, 8)},
     "circle": partial(RoundedSpiral, 16e-3, 16e-3, corner_radius=8e-3),
     "rectangle": partial(RoundedSpiral, 13e-3, 20e-3),
     "racetrack": partial(RoundedSpiral, 20e-3, 14e-3, corner_radius=7e-3, direction=math.pi / 2),
@@ -92,9 +92,9 @@ def test_wound_coils_of_every_kind_are_free_of_violations(shape, winding, layers
     # nominal gap 10 µm above the limit: the turns of a triangle come up to 5 µm closer than nominal; with six layers
     # three vias lie at one corner
     rules = FabRules(min_gap=0.13e-3)
-    sides = SHAPES[shape](turns=1, trace_width=0.12e-3, gap=0.14e-3).sides
+    sides = SHAPES[shape](turns=1, width=0.12e-3, gap=0.14e-3).sides
     for turns in (6, 5 + 1 / sides):
-        spiral = SHAPES[shape](turns=turns, trace_width=0.12e-3, gap=0.14e-3, winding=winding)
+        spiral = SHAPES[shape](turns=turns, width=0.12e-3, gap=0.14e-3, winding=winding)
         for return_lead in (False, True)[: 1 + layers % 2]:
             coil = replace(spiral, layers=layers, return_lead=return_lead).coil()
             assert broken(one_coil(coil, rotation=1.234), rules) == []
@@ -105,7 +105,7 @@ def test_wound_coils_of_every_kind_are_free_of_violations(shape, winding, layers
 @given(rotation=st.floats(-7, 7), shape=st.sampled_from(list(SHAPES)))
 @settings(max_examples=15)
 def test_margins_do_not_depend_on_rotation(rotation, shape):
-    coil = SHAPES[shape](turns=3, trace_width=0.15e-3, gap=0.2e-3).coil()
+    coil = SHAPES[shape](turns=3, width=0.15e-3, gap=0.2e-3).coil()
     for rule in ("spacing within net", "annular ring", "hole spacing"):
         here = {key: m.margin for key, m in margins(one_coil(coil), rule).items()}
         turned = {key: m.margin for key, m in margins(one_coil(coil, rotation=rotation), rule).items()}

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from support.emulated_reader import plain, quick_settings, reader_of, settings_of
+from support.emulated_reader import brown_out, plain, quick_settings, reader_of, settings_of
 from support.quick_coils import plain_board
 from support.refusals import refused
 
@@ -285,7 +285,7 @@ def test_a_reset_is_found_in_the_scan_in_which_it_happens():
     board, reader, _ = configured(TWO)
     stream = reader.scans()
     next(stream)
-    board.chip.brown_out()
+    brown_out(board.chip)
     assert [sample.fault for sample in next(stream).samples] == [SampleFault.CONVERTER_RESET] * 2
     refused(BoardRestarted, "lost its settings", next, stream)
 

@@ -13,7 +13,7 @@ import time
 import pytest
 from support import patience
 from support.coupled_coils import coupled_board
-from support.emulated_reader import WIRING, plain, quick_settings
+from support.emulated_reader import WIRING, brown_out, plain, quick_settings
 
 if sys.platform == "win32":
     pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
@@ -88,7 +88,7 @@ def test_every_value_is_the_inductance_of_its_coil():
     stuck = [("stick", *place, state) for place in places for state in ("open", "closed")]
     others = {
         "hold": bus.hold, "refuse": lambda: bus.refuse(noise.randint(1, 60)),
-        "brown-out": chip.brown_out,
+        "brown-out": lambda: brown_out(chip),
         "loss": lambda: setattr(world, "resistance", noise.choice([200.0, 400.0])),
         "broken": lambda: setattr(bench.board.switches, "broken", True),
     }  # fmt: skip

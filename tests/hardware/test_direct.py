@@ -7,7 +7,7 @@ import dataclasses
 import itertools
 
 import pytest
-from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of, settings_of
+from support.emulated_reader import WIRING, at_rest, brown_out, plain, quick_settings, reader_of, settings_of
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
@@ -285,7 +285,7 @@ def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream(board
 @pytest.mark.parametrize("state", range(6))
 def test_a_converter_that_is_reset_in_a_scan_gives_no_value_of_it(board, state):
     board.misuse.strict = False  # woken with dividers 0, as after any reset
-    reader, _ = faulty_at(board, {state * TRANSFERS_OF_A_STATE + 3}, board.chip.brown_out)
+    reader, _ = faulty_at(board, {state * TRANSFERS_OF_A_STATE + 3}, lambda: brown_out(board.chip))
     stream = reader.scans()
     assert set(faults(next(stream))) == {SampleFault.CONVERTER_RESET}
     assert at_rest(board)
@@ -303,7 +303,7 @@ def test_a_reset_or_a_register_that_a_broken_transfer_changed_is_found_by_a_sing
         board.bus.refuse()
         board.chip._registers[register] ^= 0x0004
 
-    at, action = (8, board.chip.brown_out) if register is None else (2, spoil)
+    at, action = (8, lambda: brown_out(board.chip)) if register is None else (2, spoil)
     reader, _ = faulty_at(board, {at}, action)
     with pytest.raises(BoardRestarted):
         reader.scan()

@@ -55,3 +55,9 @@ def at_rest(board, wiring=WIRING):
 def plain(**options):
     """An emulated board without noise that refuses undocumented use."""
     return plain_board(WIRING, **{"noise": 0.0, "strict": True, **options})
+
+
+def brown_out(chip):
+    """Drop the supply of a converter for a moment, which resets it."""
+    chip.excuse()
+    chip.write(0x1C, 0x8000)

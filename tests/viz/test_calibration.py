@@ -45,7 +45,7 @@ def test_a_response_is_drawn_along_x_and_by_position():
 def test_of_many_states_those_with_the_largest_values_are_drawn(monkeypatch):
     data = calibration("response")
     assert viz.calibration_figure(data).get_suptitle() == ""
-    monkeypatch.setattr(drawing, "_MOST_STATES", 1)
+    monkeypatch.setattr(drawing, "MOST_STATES", 1)
     larger = data.assign(measured=data.measured * xr.where(data.state == "coil2", 10.0, 1.0))
     for dataset, drawn in ((data, "coil1"), (larger, "coil2")):
         figure = viz.calibration_figure(dataset)
