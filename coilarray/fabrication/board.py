@@ -38,7 +38,7 @@ class Hole:
     pad in m; for a pad that is not round it is the smaller side. `layers`: copper layers that it joins, top to bottom.
     `kind`: kind of hole; a net may begin and end at a pad. `number`: number of a pad in its footprint ("1", "A4");
     empty for vias, and if the file has no number. `shapes`: the pad in m on the layers where it exists; empty for a
-    disc of `pad` on all layers.
+    disc of `pad` on all layers. `net` and `where` are as in `Track`.
     """
 
     x: float
@@ -63,7 +63,8 @@ class SurfacePad:
     """Pad without a hole.
 
     `x`, `y`: centre in m. `size`: smaller side or diameter in m; a track that ends within half of it from the centre is
-    joined to the pad. `shape`: area that it covers, in m; by default a disc of diameter `size`.
+    joined to the pad. `shape`: area that it covers, in m; by default a disc of diameter `size`. `layer`, `net` and
+    `where` are as in `Track`, `number` is as in `Hole`.
     """
 
     x: float
@@ -86,7 +87,8 @@ class CopperArea:
     """Copper that is not a track.
 
     It is a filled zone, a region, a polygon, a drawn line or text. `shape`: the copper in m; for a zone without fill it
-    is the outline. `what`: name for messages: "a filled zone", "a drawn line".
+    is the outline. `what`: name for messages: "a filled zone", "a drawn line". `layer`, `net` and `where` are as in
+    `Track`.
     """
 
     layer: str

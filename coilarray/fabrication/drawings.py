@@ -1,4 +1,7 @@
-"""Drawings of a board: SVG for screens and DXF for other programs."""
+"""Drawings of a board: SVG for screens and DXF for other programs.
+
+Lengths are in mm. DXF is written through ezdxf.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,8 @@ _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 def write_svg(array: Array, path: Path, *, title: str = "") -> None:
     """Write the board as an SVG drawing.
 
-    It has the size of the board.
+    It has the size of the board. The name of the file ends in ``.svg``, and it is written completely or not at all.
+    `title` is the title of the drawing.
 
     Raises OutputError if the suffix is different, or the file cannot be written.
 
@@ -150,6 +154,8 @@ _NOT_IN_NAMES = '<>/\\":;?*|=`'
 
 def write_dxf(array: Array, path: Path) -> None:
     """Write the board as a DXF drawing in mm.
+
+    The name of the file ends in ``.dxf``, and it is written completely or not at all.
 
     Raises OutputError if the suffix is different, DXF cannot hold the names of the copper layers, or the file cannot be
     written. Raises MissingDependencyError if ezdxf is not installed or broken.

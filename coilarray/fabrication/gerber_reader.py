@@ -36,9 +36,13 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """Read the conductors of a board from fabrication data.
 
     `path` is a zip or folder with a Gerber file for every copper layer and, from two layers on, Excellon files. A given
-    `stackup` replaces that of the job file. Nets come from the attribute .N, and are None without it. Raises BoardError
-    with file, line and reason for data that are damaged, foreign or incomplete, and MissingDependencyError without
-    gerbonara.
+    `stackup` replaces the stack-up of the job file, and must have the same number of copper layers. The copper is in
+    the frame of the files. Nets come from the attribute .N, and are None without it. `assumed` lists the values that
+    neither a job file nor `stackup` gives.
+
+    Raises BoardError with file, line and reason if the path is not a zip or folder, a file is damaged or foreign,
+    copper layers are missing, a board of two layers or more has no plated hole, or data cannot be read as tracks.
+    Raises MissingDependencyError if gerbonara is not installed.
 
     Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled through them, otherwise
     surface pads. Regions are areas, which are no path for a current. A plated hole is a terminal's pad if an attribute

@@ -38,6 +38,10 @@ def write_gerbers(
 ) -> None:
     """Write the fabrication data as one zip.
 
+    The name of the zip ends in ``.zip``, and it is written completely or not at all. The names of the files in it begin
+    with `name`, the name of the project, and `revision` is the project's revision. `check` is called with the path of
+    the finished zip before it is moved to its place. If it raises, nothing is changed.
+
     Raises OutputError if the suffix is different, the name is empty, or a file cannot be written. Raises
     MissingDependencyError if gerbonara is not installed.
 

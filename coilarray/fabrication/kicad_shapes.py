@@ -1,4 +1,7 @@
-"""Layers of a KiCad board, and the areas of its pads, zones, drawings and texts."""
+"""Layers of a KiCad board, and the areas of its pads, zones, drawings and texts.
+
+The area of a text or dimension is a rectangle around it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""KiCad project folders: the board, its rules, and footprints of its coils."""
+"""KiCad project folders: the board, its rules, and footprints of its coils.
+
+A footprint holds the terminals of a coil on a board, or a whole winding as a part of a library.
+"""
 
 from __future__ import annotations
 
@@ -363,6 +366,12 @@ def write_kicad(
     """Write a KiCad project folder for KiCad 6 and later.
 
     It was tried with 6.0.11 and 9.0.2.
+
+    `path` is the folder, made completely or not at all. In an existing folder the files of the project are replaced,
+    all or none, and all other files stay. `name`, the name of the project, has letters, digits and ``_ . + -``, with
+    ``-`` not first. `rules` are the limits of KiCad's own check. `title` stands on the sheet, by default the name.
+    `check` is called with the path of the finished board before any file is moved to its place. If it raises, nothing
+    is changed.
 
     Returns ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint
     ``<name>.pretty/<coil>.kicad_mod`` for every coil shape and set of layers. Raises OutputError if the path cannot be

@@ -87,7 +87,8 @@ def connected_pieces(
     """Sort copper into connected pieces.
 
     Copper is connected on a layer by touching, and between layers through plated holes. `layers`: copper of each layer
-    in m, in any number of parts, which may overlap.
+    in m, in any number of parts, which may overlap. A hole joins the layers it names if copper meets its wall. Returns
+    the united copper of each piece, on every layer where it has copper.
 
     >>> import shapely
     >>> layers = {"top": [shapely.box(0, 0, 1e-3, 1e-4), shapely.box(1e-3, 0, 2e-3, 1e-4)],
@@ -144,9 +145,12 @@ def check_nets(
 ) -> NetCheck:
     """Compare the copper of a file with its coils.
 
-    `layers`: copper of the file in m by name of the layer; a layer that is left out has no copper. `tolerance`: length
-    in m by which shapes may differ, because of rounding and polygons of arcs in files. Raises GeometryError if the
-    stack-up does not have a layer.
+    The check has passed if both terminals of every coil are in one piece, no two coils are in one piece, all copper and
+    holes of every coil are present, also if they carry no current, and nothing else is present.
+
+    `layers`: copper of the file in m by name of the layer; a layer that is left out has no copper. `holes`: plated
+    holes of the file. `tolerance`: length in m by which shapes may differ, because of rounding and polygons of arcs in
+    files. Raises GeometryError if the stack-up does not have a layer.
 
     Corners and ends of traces may be mitred, round or flat, anything between the two outlines of `_Coil`. Copper that
     joins neighbouring turns of one coil is foreign: the pieces alone would not show it.

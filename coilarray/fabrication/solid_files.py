@@ -1,4 +1,7 @@
-"""Solids as files: STL and PLY for slicers, GLB for viewers, STEP for mechanical design."""
+"""Solids as files: STL and PLY for slicers, GLB for viewers, STEP for mechanical design.
+
+GLB is in m, the others are in mm. STEP is written through Open CASCADE.
+"""
 
 from __future__ import annotations
 
@@ -93,7 +96,9 @@ _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
     """Write a board and its sheets as STEP.
 
-    Lengths are in mm. The format is AP214.
+    Lengths are in mm. The format is AP214. The name of the file ends in ``.step`` or ``.stp``, and it is written
+    completely or not at all. `name` is the name of the assembly. `sheets` are in order from the board upwards, and
+    their names differ.
 
     Raises OutputError if the suffix is different, or the file cannot be written. Raises MissingDependencyError if
     cadquery-ocp-novtk is not installed or broken. Raises GeometryError if two sheets have the same name.

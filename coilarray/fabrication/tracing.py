@@ -63,6 +63,13 @@ class Tracing:
 def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracing:
     """Find the coils of a board.
 
+    `nets` are the names of the nets that are coils. By default every net, and every piece of copper without a net, is a
+    coil if it is a single path from end to end with at least `LEAST_TURNS` turns. The others are left out.
+
+    Raises BoardError with file, line and position. With `nets`, it is raised if a net is unknown, has no track,
+    branches, is closed, comes in several pieces, crosses itself, has a pad or hole across its turns, has copper that is
+    not a track, or is touched by copper without a net. Without `nets`, it is raised if there is no coil at all.
+
     The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end has a numbered pad,
     the current enters there, but a lone pad 2 is the end. If neither end has a number, or both have the same, it enters
     at the end whose track comes first in the file. Pads and holes are conductors too. A net is not a coil if a pad or
@@ -386,7 +393,8 @@ class TracedArray:
 def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
     """Place traced coils on the board's stack-up.
 
-    Raises BoardError if a coil is impossible, because a pad is no larger than its hole or a line touches itself.
+    There must be at least one coil. Raises BoardError if a coil is impossible, because a pad is no larger than its hole
+    or a line touches itself.
 
     A coil's origin is the centre of the area that its path runs around. The gap is the usual distance of its turns, see
     `turn_gap`. Without turns beside each other it is the trace width. A coil has one size of via and one size of
