@@ -39,11 +39,12 @@ _PER_M = 1e3  # numbers in the file are in mm
 
 
 def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
-    """Read the conductors of a KiCad board, into the frame of the design.
+    """Read the conductors of a KiCad board.
 
-    The auxiliary origin of the file ("drill and place file origin") is (0, 0), and y points up. Arcs are divided into
-    pieces within 0.9 µm of them. A given `stackup` replaces the board's own, and must have the same number of copper
-    layers. `assumed` lists the values that the file lacks: thicknesses and permittivities if it has no stack-up.
+    The copper is in the frame of the design. The auxiliary origin of the file ("drill and place file origin") is
+    (0, 0), and y points up. Arcs are divided into pieces within 0.9 µm of them. A given `stackup` replaces the board's
+    own, and must have the same number of copper layers. `assumed` lists the values that the file lacks: thicknesses and
+    permittivities if it has no stack-up.
 
     Raises BoardError with file, line and reason if the file is not a KiCad board, is truncated, comes from KiCad 5 or
     older, or holds impossible values.
