@@ -427,18 +427,17 @@ def table_text(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str
     return text_table(headers, rows, title).text(terminal_width())
 
 
-def terminal_width() -> int | None:
-    """Characters of a line of the terminal, None if the output is no terminal."""
-    return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
+def terminal_width(*, err: bool = False) -> int | None:
+    """Characters of a line of the terminal, None if the output, or standard error, is no terminal."""
+    stream = sys.stderr if err else sys.stdout
+    return shutil.get_terminal_size().columns if stream is not None and stream.isatty() else None
 
 
 def say(text: str, *, err: bool = False) -> None:
     """Print lines of words, wrapped at the width of the terminal."""
     from coilarray.compute.table import fill
 
-    stream = sys.stderr if err else sys.stdout
-    width = shutil.get_terminal_size().columns if stream is not None and stream.isatty() else None
-    typer.echo(fill(text, width), err=err)
+    typer.echo(fill(text, terminal_width(err=err)), err=err)
 
 
 def drop_output() -> None:

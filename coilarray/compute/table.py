@@ -163,7 +163,7 @@ class Table:
         cells = self.cells()
         marked = [bool(self.mark) and self.mark in row for row in cells]
         blocks = _blocks(self.headers, cells, width or 10**6)
-        lines = [self.title] if title and self.title else []
+        lines = [fill(self.title, width)] if title and self.title else []
         for number, columns in enumerate(blocks):
             lines += [""] * bool(number) + _lines(columns, marked)
         return "\n".join([*lines, *(fill(note, width) for note in self.notes)])

@@ -24,6 +24,7 @@ from coilarray.cli.shared import (
     print_result,
     replacing,
     table_text,
+    terminal_width,
     write_numbers,
 )
 from coilarray.compute.display_units import PER_MILLION
@@ -251,7 +252,7 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
         "budget": budget.to_record(),
     }
     shown = (tables[0], averages_table(found))
-    parts = [f"{table.title}\n{table_text(table.headers, table.cells())}" for table in shown]
+    parts = [table.text(terminal_width()) for table in shown]
     parts += [*stability_lines(found), *budget_lines(budget)]
     parts += [] if plot is None else [f"wrote {plot}"]
     print_marked(data, parts, as_json=as_json, emulated=emulated)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.special import ndtri
 from scipy.stats import binomtest, qmc
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance.tolerances import Contributor, Limit
 
@@ -30,7 +30,6 @@ _WELL_PAIRED = 6  # errors of which 64 Sobol points correlate by 0.2 at the most
 _MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be uncorrelated to all before
 STEPS = (1.0, 0.5)
 """Half widths of the central differences in standard deviations. The second gives the derivative, both its check."""
-BoolArray = npt.NDArray[np.bool_]
 LEAST_SAMPLES = 8
 """Smallest number of boards for a sampled spread."""
 _ENOUGH = 32  # values whose fourth moment is known to better than its own size, in a normal distribution
