@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 from coilarray.circuit.state_sensitivity import StateSensitivity
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.memory import require_memory
-from coilarray.compute.threads import Progress, ranges, run_blocks
+from coilarray.compute.threads import Progress, part_of, ranges, run_blocks
 from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dented_layer import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
@@ -104,7 +104,7 @@ def _add_levels(
     for turn, ((k, shares, dent), scattering) in enumerate(zip(moving, solved.scatterings, strict=True)):
         strengths, fields = _fields(solved, scattering, dent.motion, points, coils)
         respond = partial(_add_delta, delta[k], shares, _padded(states), near, coils, strengths, fields)
-        run_blocks(respond, blocks, progress=progress and _part(progress, turn, len(moving)))
+        run_blocks(respond, blocks, progress=part_of(progress, turn, len(moving)))
     return solved.cutoff
 
 
@@ -294,8 +294,3 @@ def _add_delta(
     values = (states.weights[near[rows]] * (strengths @ (real + 1j * imaginary) ** 2)).real * shares[rows, None]
     point, which = np.nonzero(near[rows] < delta.shape[1])
     delta[rows][point, near[rows][point, which]] += values[point, which]
-
-
-def _part(progress: Progress, turn: int, turns: int) -> Progress:
-    """Count a pass of several equal passes."""
-    return lambda done, total: progress(turn * total + done, turns * total)
