@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BarycentricInterpolator
 from scipy.linalg import eigh
 from scipy.sparse import csc_array, eye_array
@@ -42,7 +41,7 @@ from coilarray.circuit.network import (
     resonate,
     susceptance_slope,
 )
-from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import serial_algebra
 from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
@@ -176,7 +175,7 @@ def _is_bare(network: Network) -> bool:
     return bool(diagonal and not capacitance and not switches.lead_inductance and switches.tank_at == "converter")
 
 
-def _closed(network: Network, state: ScanState) -> npt.NDArray[np.bool_]:
+def _closed(network: Network, state: ScanState) -> BoolArray:
     """Mask (coils,) of coils measured or grounded at both ends."""
     passive = {**state.exceptions, **{name: "ground" for name, _ in state.measured}}
     return np.array([passive.get(name, state.others) == "ground" for name in network.names], dtype=np.bool_)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, forward_model
@@ -406,7 +406,7 @@ class LevelCurves:
 
     values: FloatArray
     deviations: FloatArray
-    undetermined: npt.NDArray[np.bool_]
+    undetermined: BoolArray
     problem: str = ""
 
 

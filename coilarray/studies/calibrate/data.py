@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.network import Network
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.store import Store
 from coilarray.design.model import Design, build_design
 from coilarray.elastomer.scattering import LayerMesh
@@ -157,7 +156,7 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
     return Measurement(values.ravel(), std, known.ravel().astype(np.float64), coords, request, freedom)
 
 
-def _noise_freedom(data: xr.Dataset, known: npt.NDArray[np.bool_]) -> float:
+def _noise_freedom(data: xr.Dataset, known: BoolArray) -> float:
     """Degrees of freedom of a recording's ``delta_std``, all states together.
 
     For repeats it is one less than the repeats at every position. For differences of N successive baselines it is 2 (N

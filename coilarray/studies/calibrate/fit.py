@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.errors import GoalError
 
 Asking = Generator[list[FloatArray], list["FloatArray | str"], "Fit"]
@@ -141,7 +140,7 @@ def gradient(problem: Problem, fit: Fit) -> FloatArray:
     return np.asarray(from_data + problem.prior_residuals(fit.point) / problem.prior_std)
 
 
-def at_bound(problem: Problem, point: FloatArray) -> npt.NDArray[np.bool_]:
+def at_bound(problem: Problem, point: FloatArray) -> BoolArray:
     """Whether each unknown is at a bound."""
     return np.minimum(point - problem.low, problem.high - point) < _AT_BOUND * problem.span
 

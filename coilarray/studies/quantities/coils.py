@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from coilarray.circuit.converter_limits import DRIVE_WINDOW, check_channel
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GoalError
 from coilarray.studies.quantities.evaluation import Evaluation, outlines
 from coilarray.studies.quantities.quantity import Option, Quantity, read_name, read_pair
@@ -64,7 +64,7 @@ def _inductance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return float(evaluation.inductance[place, place]) * 1e6
 
 
-def _pairs(evaluation: Evaluation) -> npt.NDArray[np.float64]:
+def _pairs(evaluation: Evaluation) -> FloatArray:
     """Coupling coefficients of all pairs."""
     count = len(evaluation.design.array.names)
     if count < 2:

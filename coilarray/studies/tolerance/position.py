@@ -13,17 +13,14 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IndexArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import locate_all
 from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.tolerance.tolerances import Positions
-
-IntArray = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +66,7 @@ class Shifts:
                 rows[-1][k * states : (k + 1) * states] = row
         return np.array(rows).reshape(-1, len(self.points) * states)
 
-    def located(self, changes: FloatArray) -> tuple[FloatArray, IntArray]:
+    def located(self, changes: FloatArray) -> tuple[FloatArray, IndexArray]:
         """Locate readings with the real solver.
 
         `changes` is Δδ of n boards relative to the board without errors, finite, shape (n, places · states). The first
