@@ -411,7 +411,7 @@ class LevelCurves:
 
 
 def level_curves(
-    response: xr.Dataset, noise: npt.ArrayLike | None = None, *, replicates: int = 16, seed: int = 0
+    response: xr.Dataset, noise: npt.ArrayLike | None = None, *, replicates: int = REPLICATES, seed: int = 0
 ) -> LevelCurves:
     """Fit the ellipses of a map and of noisy copies.
 
