@@ -54,22 +54,21 @@ def board_circuit(
     design: Design | DesignFile,
     *,
     accuracy: Accuracy = "full",
-    keep: Keep = kept_dataset,
     progress: Progress | None = None,
 ) -> BoardCircuit:
     """Return the circuit of a design, the same object for the same design.
 
-    Slow results go through `keep`, by default to the default store. `progress` counts the work on the inductances.
+    Slow results are kept in the default store. `progress` counts the work on the inductances.
     """
     design = design_of(design)
     above = design.circuit.elastomer_permittivity if design.sheets else 1.0
     key = (digest_of(design.array, design.sheets, above), accuracy)
-    windings = _KEPT.get(key, lambda: _windings(design, above, accuracy, keep, progress))
+    windings = _KEPT.get(key, lambda: _windings(design, above, accuracy, progress))
     circuit: BoardCircuit = _KEPT.get((design.digest, accuracy), lambda: BoardCircuit(design, windings))
     return circuit
 
 
-def _windings(design: Design, above: float, accuracy: Accuracy, keep: Keep, progress: Progress | None) -> Windings:
+def _windings(design: Design, above: float, accuracy: Accuracy, progress: Progress | None) -> Windings:
     """Compute the inductances of an array under its flat sheets."""
     array, sheets = design.array, design.sheets
 
@@ -80,13 +79,14 @@ def _windings(design: Design, above: float, accuracy: Accuracy, keep: Keep, prog
         pair = ("coil", "other")
         return xr.Dataset({"inductance": (pair, L + by_sheets), "by_sheets": (pair, by_sheets)})
 
-    few = accuracy == "full" and len(array.names) <= _MOST_TOGETHER
-    keep_few = keep if few else not_kept
-    found = keep_few(("inductance", digest_of(array, sheets)), compute)
-    return Windings(
-        array=array, sheets=sheets, above=above, accuracy=accuracy, keep=keep, keep_few=keep_few,
-        inductance=found.inductance.values, by_sheets=found.by_sheets.values,
-    )  # fmt: skip
+    found = _keep_few(array, accuracy)(("inductance", digest_of(array, sheets)), compute)
+    L, by_sheets = found.inductance.values, found.by_sheets.values
+    return Windings(array=array, sheets=sheets, above=above, accuracy=accuracy, inductance=L, by_sheets=by_sheets)
+
+
+def _keep_few(array: Array, accuracy: Accuracy) -> Keep:
+    """Return how results are kept: those of few coils at full accuracy only."""
+    return kept_dataset if accuracy == "full" and len(array.names) <= _MOST_TOGETHER else not_kept
 
 
 Owner = TypeVar("Owner", bound="_Locked")
@@ -122,15 +122,13 @@ class Windings(_Locked):
     """Coils under flat sheets, which circuits of different switches share.
 
     `inductance` (n, n) in H is without plates. `by_sheets` is its part due to the magnetic sheets. `above` is the
-    relative permittivity above the board. `keep_few` keeps results of few coils at full accuracy.
+    relative permittivity above the board.
     """
 
     array: Array
     sheets: tuple[Sheet, ...]
     above: float
     accuracy: Accuracy
-    keep: Keep = field(repr=False)
-    keep_few: Keep = field(repr=False)
     inductance: FloatArray
     by_sheets: FloatArray
 
@@ -138,7 +136,7 @@ class Windings(_Locked):
     def capacitance(self) -> tuple[xr.Dataset | None, str]:
         """Return the result of `coil_capacitance`, or None and the reason why a coil has no model."""
         try:
-            return self.keep(
+            return kept_dataset(
                 ("capacitance", digest_of(self.array, self.sheets, self.above)),
                 lambda: coil_capacitance(self.array, self.sheets, relative_permittivity=self.above),
             ), ""
@@ -152,7 +150,7 @@ class Windings(_Locked):
         """
         if len(self.array.names) > _MOST_TOGETHER:
             return _own_resistance(self.array, frequencies, resistivity)
-        return self.keep_few(
+        return _keep_few(self.array, self.accuracy)(
             ("resistance", digest_of(self.array, frequencies.tolist(), resistivity)),
             lambda: resistance_matrix(self.array, frequencies, resistivity),
         )

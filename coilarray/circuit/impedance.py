@@ -26,6 +26,7 @@ from coilarray.circuit.readability import RESONATOR, readability
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
+from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design, DesignFile, design_of
@@ -165,7 +166,7 @@ def scan_design(
     if elastomer and design.sheets and capacitance is not None:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
         above = circuit.windings.above
-        effect = circuit.windings.keep(
+        effect = kept_dataset(
             ("elastomer effect", digest_of(design.array, design.sheets, above, design.circuit.capacitance)),
             lambda: elastomer_effect(design.array, above, design.circuit.capacitance, design.sheets, undisturbed=below),
         )
