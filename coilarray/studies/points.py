@@ -17,7 +17,8 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError
 from coilarray.studies.quantities import canonical, evaluate
 
-_SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no quantity
+SAYS_NOTHING = ("title", "source", "assumed")
+"""Tables and values of a design that enter no result."""
 Outcome = dict[str, float] | str
 """Quantities of a point by name, or one line with the reason why it has none."""
 
@@ -39,10 +40,15 @@ def evaluate_points(
     an unknown quantity, ClusterError if workers are lost, and OutputError if the store cannot be written.
     """
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
-    document = {key: plain(value) for key, value in as_file(design).document.items() if key not in _SAYS_NOTHING}
+    document = decisive(as_file(design).document)
     items = (_item(document, change, how) for change in changes)
     total = len(changes) if isinstance(changes, Sized) else None
     return run_cached(evaluate_point, items, executor, cache, progress=progress, total=total)
+
+
+def decisive(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a design's document as plain data, without `SAYS_NOTHING`."""
+    return {key: plain(value) for key, value in document.items() if key not in SAYS_NOTHING}
 
 
 def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:

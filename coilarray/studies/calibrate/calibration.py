@@ -18,7 +18,7 @@ from coilarray.compute.table import html_card, html_table
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import open_executor
 from coilarray.design.model import Design, DesignFile, build_design, build_design_file
-from coilarray.design.vary import no_longer_assumed, plain, vary_document
+from coilarray.design.vary import no_longer_assumed, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
 from coilarray.paper.ellipse_model import EllipseModel
@@ -29,9 +29,8 @@ from coilarray.studies.calibrate.fit import Fit, Problem, fit, together
 from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, DataTable, Plan, Unknown, separated, simple_plan
 from coilarray.studies.calibrate.result import Case, Solution, Unsolved, result_dataset, solution
 from coilarray.studies.optimize.space import value_of
-from coilarray.studies.points import run_cached
+from coilarray.studies.points import SAYS_NOTHING, decisive, run_cached
 
-_SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no response
 _GUESSED_STEPS = 6  # of a fit, for a progress bar
 CALIBRATION = Schema(
     GoalError,
@@ -224,7 +223,7 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
     """Make the case of a combination, or the reason why it is impossible."""
     name = ", ".join(choice.name for choice in choices) or "as designed"
     unknowns = tuple(plan.unknowns_of(choices))
-    document: dict[str, Any] = {key: plain(value) for key, value in file.document.items() if key not in _SAYS_NOTHING}
+    document = decisive(file.document)
     changes = {key: value for choice in choices for key, value in choice.set.items()}
     try:
         for key in (key for choice in choices for key in choice.without):
@@ -238,7 +237,7 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
 
 def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[str]) -> DesignFile:
     """Return a file with the document of a case, with title, source and remaining assumptions."""
-    says = {key: file.document[key] for key in file.document if key in document or key in _SAYS_NOTHING}
+    says = {key: file.document[key] for key in file.document if key in document or key in SAYS_NOTHING}
     whole = no_longer_assumed({**says, **document}, found)
     values = build_design_file(document, file.design.name).values
     assumed = {key: reason for key, reason in whole.pop("assumed", {}).items() if key in values}
