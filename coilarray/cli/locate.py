@@ -97,7 +97,7 @@ def _csv_readings(content: str, path: Path) -> Iterator[Reading | LocalizeError]
     from coilarray.compute.checksum import checked_rows, has_checksums  # it loads NumPy
 
     try:
-        rows = checked_rows(content, path)[0] if has_checksums(content) else list(csv.reader(content.splitlines()))
+        rows = checked_rows(content, path) if has_checksums(content) else list(csv.reader(content.splitlines()))
     except DamagedError as error:
         raise LocalizeError(str(error)) from None
     except csv.Error as error:

@@ -13,10 +13,8 @@ from __future__ import annotations
 import csv
 import dataclasses
 import hashlib
-import io
 import json
 import re
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -45,30 +43,15 @@ def checksum(*parts: Any) -> str:
     return hashlib.blake2b(canonical(*parts), digest_size=_VALUE_BYTES).hexdigest()
 
 
-class TableSeal:
-    """Checksums of the lines of a CSV, in the order in which they are written.
-
-    Examples
-    --------
-    >>> seal = TableSeal()
-    >>> print(seal.line(["a", "b"]) + seal.line([1, 2]) + seal.end(), end="")
-    a,b,checksum
-    1,2,c2b2943baeea3e28
-    # coilarray checksum of 2 lines: 0c491b64314daa7d
-    """
+class _TableSeal:
+    """Checksums of the lines of a CSV, in the order in which they are written."""
 
     def __init__(self) -> None:
         self._digest = hashlib.blake2b(digest_size=_VALUE_BYTES)
         self._lines = 0
 
-    def line(self, cells: Iterable[object]) -> str:
+    def line(self, text: str) -> str:
         """Return the next line with its checksum and its end. The first line is the head."""
-        buffer = io.StringIO()
-        csv.writer(buffer, lineterminator="").writerow(cells)
-        return self.text_line(buffer.getvalue())
-
-    def text_line(self, text: str) -> str:
-        """Return the next line, from its text with commas."""
         self._digest.update(f"{text}\n".encode())
         self._lines += 1
         return f"{text},{COLUMN if self._lines == 1 else self._digest.hexdigest()}\n"
@@ -81,35 +64,43 @@ class TableSeal:
 
 
 def with_checksums(table: str) -> str:
-    """Return a CSV with the checksums of `TableSeal`. No cell may have a line break."""
-    seal = TableSeal()
-    return "".join(map(seal.text_line, table.splitlines())) + seal.end()
+    r"""Return a CSV with the checksums of its lines. No cell may have a line break.
+
+    Examples
+    --------
+    >>> print(with_checksums("a,b\n1,2\n"), end="")
+    a,b,checksum
+    1,2,c2b2943baeea3e28
+    # coilarray checksum of 2 lines: 0c491b64314daa7d
+    """
+    seal = _TableSeal()
+    return "".join(map(seal.line, table.splitlines())) + seal.end()
 
 
 def has_checksums(table: str) -> bool:
-    """Whether a CSV has checksums of `TableSeal`, cut or not."""
+    """Whether a CSV has checksums of its lines, cut or not."""
     return table.split("\n", 1)[0].endswith(f",{COLUMN}") or _LAST_LINE in table
 
 
-def checked_rows(table: str, name: object, *, cut: bool = False) -> tuple[list[list[str]], bool]:
-    """Check a CSV of `TableSeal`; return its cells without checksums, and whether it is whole.
+def checked_rows(table: str, name: object) -> list[list[str]]:
+    """Check a CSV of `with_checksums` and return its cells without checksums.
 
     Raises DamagedError, which names the file, if anything has changed, or if the last line is missing, as a killed
-    program leaves it, unless `cut` requests the whole lines.
+    program leaves it.
     """
     *lines, rest = table.split("\n")
     last = lines.pop() if lines and not rest and lines[-1].startswith(_LAST_LINE) else None
-    if last is None and not cut:
+    if last is None:
         raise DamagedError(f"{name} is cut: its last line, which has the number of lines and a checksum, is missing.")
-    seal, texts = TableSeal(), [line.rpartition(",")[0] for line in lines]
+    seal, texts = _TableSeal(), [line.rpartition(",")[0] for line in lines]
     for number, (line, text) in enumerate(zip(lines, texts, strict=True), start=1):
-        if seal.text_line(text) != f"{line}\n":
+        if seal.line(text) != f"{line}\n":
             raise DamagedError(
                 f"{name}, line {number} is damaged, or lines before it are missing or swapped: its checksum is wrong."
             )
-    if last is not None and seal.end() != f"{last}\n":
+    if seal.end() != f"{last}\n":
         raise DamagedError(f"{name} is damaged, or lines at its end are missing: the checksum of all lines is wrong.")
-    return list(csv.reader(texts)), last is not None
+    return list(csv.reader(texts))
 
 
 def sealed(data: bytes) -> bytes:
