@@ -198,9 +198,9 @@ class Table:
         return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
 
 
-def text_table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", mark: str = "") -> Table:
+def text_table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> Table:
     """Return a table of texts."""
-    return Table("", title, tuple(Column(header, header) for header in headers), tuple(map(tuple, rows)), mark=mark)
+    return Table("", title, tuple(Column(header, header) for header in headers), tuple(map(tuple, rows)))
 
 
 def dataset_table(
