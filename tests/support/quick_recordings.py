@@ -1,6 +1,5 @@
 """Recordings of the quick board of two coils, for the tests of calibration, comparison and live display."""
 
-import shutil
 from contextlib import contextmanager
 
 import numpy as np
@@ -42,17 +41,6 @@ def stream_file(path, scans, *, oscillator=None, settings=None, path_of_finger=N
         if path_of_finger is not None:
             opened.emulator.indenter.follow(path_of_finger)
         record_stream(opened.reader, recorder, scans=scans)
-    return path
-
-
-def killed_file(path, scans):
-    """A stream whose recorder was killed: the last scans are in the log beside the file."""
-    whole = path.with_name("whole.sqlite")
-    with _recorded(whole, [], None, None, {"noise": 1e-6}) as (opened, recorder):
-        record_stream(opened.reader, recorder, scans=scans)
-        for end in ("", "-wal"):
-            shutil.copy(f"{whole}{end}", f"{path}{end}")
-    whole.unlink()
     return path
 
 

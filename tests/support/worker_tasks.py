@@ -3,7 +3,6 @@
 import os
 import signal
 import time
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 from threadpoolctl import threadpool_info
@@ -45,17 +44,6 @@ def lack(x):
     raise MissingDependencyError("install it.")
 
 
-class UnportableError(Exception):
-    """An error that cannot be pickled and read again."""
-
-    def __init__(self, one, two):
-        super().__init__(one)
-
-
-def raise_unportable(x):
-    raise UnportableError(x, x)
-
-
 def die_once(item):
     """End the process as the kernel does where memory is short, the first time that the marker is not there."""
     number, marker = item
@@ -63,20 +51,6 @@ def die_once(item):
         Path(marker).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return number
-
-
-def die_while_sending(marker):
-    """End the process in the middle of a result, the first time that the marker is not there."""
-    send = Connection._send
-
-    def send_half(self, data, *rest):
-        send(self, data[: len(data) // 2], *rest)
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    if not Path(marker).exists():
-        Path(marker).touch()
-        Connection._send = send_half
-    return bytes(1_000_000)
 
 
 def die(x):
