@@ -187,7 +187,8 @@ def analyse(
         model = forward_model(table_for(design) if table is None else table)
         thickness = sum(sheet.thickness for sheet in design.sheets)
         shifts = shifts_at(model, outputs.positions, _LEAST_KNOWN * thickness)
-    names = (*outputs.names(design), *(() if shifts is None else shifts.names(outputs.places())))
+    outs = outputs.names(design)
+    names = (*outs, *(() if shifts is None else shifts.names(outputs.places())))
     _check_limits(limits, names)
 
     steps = error_steps(found)
@@ -201,9 +202,8 @@ def analyse(
                 raise GoalError(outcome)  # no board at all
             outcomes[k] = outcome
     near, taken = outcomes[: 1 + len(around)], outcomes[1 + len(around) :]
-    values = _near_values(near, boards, outputs.names(design))
+    values = _near_values(near, boards, outs)
     nominal, linear = values[0], sensitivity(found, steps, values[1:])
-    outs = outputs.names(design)
     sampled = np.array([[np.nan] * len(nominal) if isinstance(o, str) else [o[name] for name in outs] for o in taken])
     sampled = sampled.reshape(samples, len(nominal))
     located: dict[str, str] = {}
