@@ -25,8 +25,6 @@ from coilarray.viz.studio.services import Document, Summary
 from coilarray.viz.studio.session import Circuit, Panel, Session
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from coilarray.viz.studio.work import Work
 
 
