@@ -240,7 +240,7 @@ _LISTED = 50  # number shown in the list
 _MARKED = 12  # number shown on the board
 _TRAIL = 60  # places
 _SPAN = 60.0  # s
-_LOG_SUFFIXES = (".sqlite",)
+_RECORDING = ".sqlite"  # suffix of a recording, also of a log
 _SPAN_NAMES = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}
 _NOTHING = History(())
 
@@ -315,9 +315,9 @@ class LivePanel(Panel):
                 session.work.opened.document,
                 design.name,
                 port=str(state.live_port).strip(),
-                recording=None if recording is None else str(self._file(recording, services.recording, (".sqlite",))),
+                recording=None if recording is None else str(self._file(recording, services.recording)),
                 reference=tuple(map(str, state.live_reference)),
-                log=str(self._file(log, services.log, _LOG_SUFFIXES)) if log else None,
+                log=str(self._file(log, services.log)) if log else None,
             )
         except CoilarrayError as error:
             state.live_problem = str(error)
@@ -332,12 +332,12 @@ class LivePanel(Panel):
                 "live_temperature": "",
             })  # fmt: skip
 
-    def _file(self, name: str, given: str | None, suffixes: Sequence[str]) -> Path:
-        """File of the folder with a name."""
-        return Path(name) if name == given else self._session.setup.shelf.file(name, suffixes)
+    def _file(self, name: str, given: str | None) -> Path:
+        """Find a recording of the folder by its name."""
+        return Path(name) if name == given else self._session.setup.shelf.file(name, (_RECORDING,))
 
     def _list(self) -> None:
-        self._session.state.live_recordings = self._session.setup.shelf.files(".sqlite")
+        self._session.state.live_recordings = self._session.setup.shelf.files(_RECORDING)
 
     def _zero(self) -> None:
         self._session.tell_job(_JOB, ZERO)
