@@ -73,9 +73,6 @@ class Summary:
 Tell = Callable[[Any], None]
 """Sends a message from the process of a job. After a stop it raises `coilarray.viz.studio.job.Cancelled`."""
 
-Stopped = Callable[[], bool]
-"""Returns whether the job should end."""
-
 ZERO = "z"
 """Order to a watched board to measure the baseline again."""
 
@@ -84,7 +81,7 @@ class Orders(Protocol):
     """Orders of the page to a job while it runs."""
 
     def __call__(self) -> bool:
-        """Check if the job should end, as `Stopped`."""
+        """Check if the job should end."""
 
     def take(self) -> list[str]:
         """Take the orders that came since the last call."""

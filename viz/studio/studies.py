@@ -26,7 +26,7 @@ from coilarray.studies.tolerance.analysis import default_quantities
 from coilarray.viz.studio.entries import Entry, entries_of, number_of, text_of
 from coilarray.viz.studio.job import progress_of, with_progress
 from coilarray.viz.studio.messages import Axis
-from coilarray.viz.studio.services import Document, Stopped, Tell
+from coilarray.viz.studio.services import Document, Orders, Tell
 from coilarray.viz.studio.session import Panel, Session, image_of
 from coilarray.viz.studio.work import Work
 
@@ -67,7 +67,7 @@ class Row:
     broken: bool = False  # breaks fabrication rules
 
 
-def sweep_entries(item: SweepRequest, tell: Tell, _: Stopped) -> SweepResult:
+def sweep_entries(item: SweepRequest, tell: Tell, _: Orders) -> SweepResult:
     """Sweep as ``coilarray sweep`` does, with the same store."""
     file = build_design_file(item.document, item.name)
     wanted = item.quantities or default_quantities(file.design)[:1]
