@@ -285,8 +285,7 @@ class _Making:
     def _name_heights(self) -> npt.NDArray[np.float64] | float:
         if not self._covered:
             return 0.0
-        thickness = sum(sheet.thickness for sheet in self.design.sheets)
-        return name_heights(self.design.array, thickness, self._on_board)
+        return name_heights(self.design.array, self.design.top, self._on_board)
 
     def _response(self) -> Scene:
         """Make the scene of a draped response."""
@@ -336,7 +335,7 @@ class _Making:
         return scene_of_location(
             found,
             bounds=self.design.array.bounds,
-            top=sum(sheet.thickness for sheet in self.design.sheets),
+            top=self.design.top,
             truth=self._at if self.view.reading is None else None,
         )
 

@@ -158,8 +158,7 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
     x_min, y_min, x_max, y_max = design.array.bounds
     if x_min < x < x_max and y_min < y < y_max:
         scene += scene_of_dent(design.array, design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
-    top = sum(sheet.thickness for sheet in design.sheets)
-    return scene + scene_of_location(touch.location, bounds=design.array.bounds, top=top, truth=touch.at)
+    return scene + scene_of_location(touch.location, bounds=design.array.bounds, top=design.top, truth=touch.at)
 
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
