@@ -14,7 +14,7 @@ from coilarray.compute.display_units import number_text
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
 from coilarray.viz.datasets.results import semi_axis_factor
-from coilarray.viz.palette import coil_colours
+from coilarray.viz.palette import INK, coil_colours
 from coilarray.viz.scenes.board import CoilColours, recoloured
 from coilarray.viz.scenes.results import CONFIDENCE, colours_of_delta
 from coilarray.viz.scenes.scene import Part, Scene
@@ -80,6 +80,12 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
         "line": round(0.0022 * view.width, 3),
         "coils": coils,
     }
+
+
+def state_colours(design: Design) -> dict[str, str]:
+    """Colour of each state, that of its first coil."""
+    colours = coil_colours(design.array.names, design.array.centres)
+    return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
 
 
 def pins(view: TopView, location: Location) -> list[dict[str, Any]]:

@@ -23,7 +23,7 @@ from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError
 from coilarray.localize.inverse import Location, location_lines
 from coilarray.localize.presses import Press, baseline_text
-from coilarray.viz.palette import INK, coil_colours
+from coilarray.viz.palette import INK
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.drawing import (
     LEAST,
@@ -34,6 +34,7 @@ from coilarray.viz.studio.drawing import (
     delta_bars,
     delta_fills,
     pins,
+    state_colours,
     top_view,
 )
 from coilarray.viz.studio.job import Outcome
@@ -104,12 +105,6 @@ _LEFT, _RIM, _TOP, _FOOT = 64.0, 10.0, 16.0, 44.0  # about the axes
 _LEAST_RANGE = 2e-6  # of δ, so that noise of a board at rest does not fill the picture
 _ROOM = 0.06  # of the range of δ, above and below
 _TICKS = 6
-
-
-def state_colours(design: Design) -> dict[str, str]:
-    """Colour of each state."""
-    colours = coil_colours(design.array.names, design.array.centres)
-    return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
 
 
 def curves(

@@ -19,7 +19,7 @@ from coilarray.paper.ellipse import Ellipse, fit_ellipses
 from coilarray.paper.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.response.dataset import on_board
 from coilarray.response.setup import indentation_of
-from coilarray.viz.palette import INK, coil_colours
+from coilarray.viz.palette import INK
 from coilarray.viz.scenes.board import VEILED, scene_of_dent
 from coilarray.viz.scenes.results import scene_of_location
 from coilarray.viz.scenes.scene import Scene
@@ -32,6 +32,7 @@ from coilarray.viz.studio.drawing import (
     delta_bars,
     delta_fills,
     pins,
+    state_colours,
     top_view,
 )
 from coilarray.viz.studio.entries import number_of, place_text
@@ -163,10 +164,9 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
     """Draw the marks of a touch."""
-    colours = coil_colours(design.array.names, design.array.centres)
+    colours = state_colours(design)
     x, y = view.point(*touch.at)
     radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
-    coil_of = {state.name: state.measured[0][0] for state in design.plan}
     ellipses = []
     for state, one in touch.ellipses.items():
         cx, cy = view.point(one.x0 + touch.row[0], touch.row[1])
@@ -176,7 +176,7 @@ def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, An
                 "y": cy,
                 "rx": round(one.A * 1e3, 3),
                 "ry": round(one.B * 1e3, 3),
-                "colour": colours.get(coil_of.get(state, ""), INK),
+                "colour": colours.get(state, INK),
             }
         )
     crossing = None
