@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from coilarray.design.keys import entry_unit, key_in_si, keys_of
 from coilarray.design.model import DesignFile
@@ -111,7 +112,7 @@ def text_of(value: float) -> str:
 
 def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     """Go through the entries of all tables."""
-    meanings = {key.dotted: key.meaning for key in reversed(keys_of(Document))}
+    meanings = _meanings()
     without = _NOT_OF.get(str(values.get("array.lattice")), ())
     names = dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils."))
     for name in names:
@@ -125,6 +126,12 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
             k += 1
         chosen = [key for key in keys if path != "array" or key not in without]
         yield from _table(values, path, group, chosen, meanings, path)
+
+
+@cache
+def _meanings() -> Mapping[str, str]:
+    """Meanings of all keys; to collect them takes longer than all the rest of a change of an entry."""
+    return {key.dotted: key.meaning for key in reversed(keys_of(Document))}
 
 
 def _table(
