@@ -11,6 +11,7 @@ import difflib
 import inspect
 import json
 import math
+import sys
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -314,14 +315,19 @@ def meaning_of(table: type[Table], key: str) -> str:
 
 @cache
 def _meanings(table: type[Table]) -> dict[str, str]:
-    (node,) = ast.parse(inspect.getsource(table)).body
-    assert isinstance(node, ast.ClassDef)
     found = {}
-    for statement, following in pairwise(node.body):
+    for statement, following in pairwise(_classes(table.__module__)[table.__name__].body):
         match statement, following:
             case ast.AnnAssign(target=ast.Name(id=key)), ast.Expr(value=ast.Constant(value=str(text))):
                 found[key] = " ".join(text.split())
     return found
+
+
+@cache
+def _classes(module: str) -> dict[str, ast.ClassDef]:
+    """Return the classes of a module by their names, as written."""
+    body = ast.parse(inspect.getsource(sys.modules[module])).body
+    return {node.name: node for node in body if isinstance(node, ast.ClassDef)}
 
 
 def _tables(annotation: Any) -> Iterator[type[Table]]:
