@@ -68,7 +68,7 @@ _AX = """ax : matplotlib.axes.Axes, optional
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
     """Draw in `STYLE`, keep the caller's settings, and explain the parameter `ax`, which most plots have."""
     explained = inspect.getdoc(draw)
-    if explained and "ax" in inspect.signature(draw).parameters and "\nax : " not in explained:
+    if explained and "ax" in inspect.signature(draw).parameters:
         sections = re.split(r"(?<=\n)\n(?=\w+\n-+\n)", explained + "\n")
         draw.__doc__ = "\n".join(text + _AX * text.startswith("Parameters\n") for text in sections)
 
