@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.display_units import MILLI_DELTA, MM, DisplayUnit, true_minus
 from coilarray.viz.datasets.results import of_state
-from coilarray.viz.palette import BLUE, COILS, GREY, INK, VERMILLION, curve_look
+from coilarray.viz.palette import BLUE, COILS, DIVERGING, GREY, INK, VERMILLION, curve_look
 from coilarray.viz.plots import style
 
 MOST_STATES = 6
@@ -243,10 +243,9 @@ def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
         shown: dict[str, Any] = {"color": INK, "markersize": 3.0, "markerfacecolor": "none"}
         left.plot(MM.of(row.x), MILLI_DELTA.of(row.measured), "o", label="measured" if not k else None, **shown)
         left.plot(MM.of(row.x), MILLI_DELTA.of(row.model), "-", color=BLUE, label=None if k else "fitted")
-    dots = right.scatter(
-        MM.of(deepest.x), MM.of(deepest.y), c=deepest.residual.values, cmap="RdBu_r",
-        vmin=-style.largest(deepest.residual.values), vmax=style.largest(deepest.residual.values), s=18.0,
-    )  # fmt: skip
+    limit = style.largest(deepest.residual.values)
+    colours: dict[str, Any] = {"c": deepest.residual.values, "cmap": DIVERGING, "vmin": -limit, "vmax": limit}
+    dots = right.scatter(MM.of(deepest.x), MM.of(deepest.y), s=18.0, **colours)
     style.colour_bar(right, dots, "fitted − measured (noise)")
     left.set(xlabel=MM.label("x"), ylabel=MILLI_DELTA.label("δ"), title=f"{state}, {MM.text(deepest.depth[0])} deep")
     right.set(xlabel=MM.label("x"), ylabel=MM.label("y"), title=f"{state}: residuals")
