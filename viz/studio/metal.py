@@ -223,10 +223,8 @@ class MetalPanel(Panel):
         compute = partial(moved, design, self._place)
         return [Step("target", compute, self._show, partial(self._fail, design), rest=_REST)]
 
-    def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Board with its metal and the target, made in a thread."""
-        if not design.plates and design.target is None:
-            return None
+    def scene(self, design: Design, board: BoardParts) -> Scene:
+        """Board of a design with metal, made in a thread."""
         known = self._moved if self._moved is not None and self._moved.design is design else None
         circuit = self._circuit()
         coupling = None if circuit is None or not self._session.state.show_eddies else circuit.coupling
