@@ -377,17 +377,11 @@ class PathCoil(Table):
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
-        via, width = self.via.build(), self.trace_width_mm
+        via = self.via.build()
         plating = via.plating if self.terminal_plating_um is None else self.terminal_plating_um * UM
         terminal = PlatedHole(self.terminal_drill_mm * MM, self.terminal_pad_mm * MM, plating)
-        coil = path_coil(
-            [[(x * MM, y * MM) for x, y in line] for line in self.lines_mm],
-            [[each * MM for each in line] for line in width] if isinstance(width, list) else width * MM,
-            self.gap_mm * MM,
-            via,
-            terminal if self.terminals else None,
-            name=name,
-        )
+        paths = self.in_si("lines_mm", "trace_width_mm", "gap_mm")
+        coil = path_coil(**paths, via=via, terminal=terminal if self.terminals else None, name=name)
         return coil if self.outline_mm is None else replace(coil, outline=np.array(self.outline_mm) * MM)
 
     @classmethod
@@ -397,9 +391,9 @@ class PathCoil(Table):
         uniform = {width for line in widths for width in line}
         table: dict[str, Any] = {
             "shape": "path",
-            "lines_mm": [_points(line.tolist()) for line in coil.lines],
+            **cls.entries_of(coil, "lines_mm"),
             "trace_width_mm": uniform.pop() if len(uniform) == 1 else widths,
-            "gap_mm": entry_of(coil.gap, MM),
+            **cls.entries_of(coil, "gap_mm"),
             "terminals": coil.terminal is not None,
         }
         if coil.terminal is not None:
@@ -409,12 +403,8 @@ class PathCoil(Table):
             table |= {f"terminal_{key}": entry for key, entry in hole.items()}
         hull = hull_outline(coil)
         if hull.shape != coil.outline.shape or not np.allclose(hull, coil.outline, rtol=0, atol=_PICOMETRE):
-            table["outline_mm"] = _points(coil.outline.tolist())
+            table |= cls.entries_of(coil, "outline_mm")
         return table | {"via": ViaTable.entries_of(coil.via)}
-
-
-def _points(points: Sequence[Sequence[float]]) -> list[list[float]]:
-    return [[entry_of(x, MM), entry_of(y, MM)] for x, y in points]
 
 
 AnyCoil = PolygonCoil | CircleCoil | RectangleCoil | RacetrackCoil | PathCoil

@@ -9,7 +9,7 @@ import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 import shapely
@@ -61,7 +61,6 @@ from coilarray.geometry.elastomer import KPA_PER_MM, Base, Strain
 if TYPE_CHECKING:
     from coilarray.design.model import Indentation
 
-_MS = 1e6  # S/m
 _WHOLE_STEPS = 1e-6  # part of a step by which a range may miss a whole number of steps
 _FEMTOMETRE = 1e-15
 
@@ -120,7 +119,8 @@ class MaterialTable(Table):
             return MATERIALS[self.material]
         if self.conductivity_MS_per_m is None and self.relative_permeability is None:
             return None
-        return Material(name, (self.conductivity_MS_per_m or 0.0) * _MS, self.relative_permeability or 1.0)
+        conductivity = self.in_si("conductivity_MS_per_m")["conductivity"]
+        return Material(name, conductivity or 0.0, self.relative_permeability or 1.0)
 
     @classmethod
     def of_material(cls, material: Material) -> dict[str, Any]:
@@ -136,6 +136,8 @@ class MaterialTable(Table):
 
 class FlatTable(MaterialTable):
     """Keys of a flat piece: shape and sizes, thickness and material; without a shape it is wide."""
+
+    ATTRIBUTES: ClassVar = {"corners_mm": "exterior"}
 
     shape: Shape = "plate"
     """Outline; a plate is infinite."""
@@ -181,12 +183,12 @@ class FlatTable(MaterialTable):
         """Return the piece in SI, with its lower face, below its centre, at `x`, `y` and `lower` in m."""
         material = self.substance(name)
         assert material is not None  # the validator has checked it
-        outline = _OUTLINES[self.shape]([getattr(self, key) for key in _SIZES[self.shape]], self.holes_mm)
-        thickness = self.thickness_mm * MM
+        sizes = self.in_si(*FlatTable.model_fields)
+        outline, thickness = _OUTLINES[self.shape](sizes), sizes["thickness"]
         if outline is None:
             return Plate(name, lower, thickness, material)
-        tilt = (self.tilt_deg * DEG, self.tilt_direction_deg * DEG)
-        return FinitePlate(name, outline, (x, y, lower + thickness / 2), thickness, material, *tilt)
+        centre = (x, y, lower + thickness / 2)
+        return FinitePlate(name, outline, centre, thickness, material, sizes["tilt"], sizes["tilt_direction"])
 
     @classmethod
     def of_piece(cls, plate: Plate | FinitePlate) -> dict[str, Any]:
@@ -197,14 +199,14 @@ class FlatTable(MaterialTable):
         match plate.outline:
             case Disc(radius):
                 table |= {"shape": "disc", "diameter_mm": entry_of(radius, MM / 2)}
-            case Rectangle(width, height):
-                table |= {"shape": "rectangle", "width_mm": entry_of(width, MM), "height_mm": entry_of(height, MM)}
+            case Rectangle():
+                table |= {"shape": "rectangle"} | cls.entries_of(plate.outline, "width_mm", "height_mm")
             case Ring(radius, inner):
                 sizes = {"diameter_mm": entry_of(radius, MM / 2), "inner_diameter_mm": entry_of(inner, MM / 2)}
                 table |= {"shape": "ring"} | sizes
-            case Polygon(exterior, holes):
-                table |= {"shape": "polygon", "corners_mm": _corner_entries(exterior)}
-                table |= {"holes_mm": list(map(_corner_entries, holes))} if holes else {}
+            case Polygon(_, holes):
+                keys = ("corners_mm", "holes_mm") if holes else ("corners_mm",)
+                table |= {"shape": "polygon"} | cls.entries_of(plate.outline, *keys)
         angles = {"tilt_deg": plate.tilt, "tilt_direction_deg": math.remainder(plate.tilt_direction, 2 * math.pi)}
         return table | {key: entry_of(angle, DEG) for key, angle in angles.items() if angle}
 
@@ -217,21 +219,14 @@ _SIZES: Mapping[Shape, tuple[str, ...]] = {
     "polygon": ("corners_mm",),
 }
 """Keys of the sizes that each shape needs. A polygon may have holes too."""
-_OUTLINES: Mapping[Shape, Callable[[list[Any], list[Any]], Outline | None]] = {
-    "plate": lambda sizes, holes: None,
-    "disc": lambda sizes, holes: Disc(sizes[0] * MM / 2),
-    "rectangle": lambda sizes, holes: Rectangle(sizes[0] * MM, sizes[1] * MM),
-    "ring": lambda sizes, holes: Ring(sizes[0] * MM / 2, sizes[1] * MM / 2),
-    "polygon": lambda sizes, holes: Polygon(_corners(sizes[0]), tuple(map(_corners, holes))),
+_OUTLINES: Mapping[Shape, Callable[[Mapping[str, Any]], Outline | None]] = {
+    "plate": lambda sizes: None,
+    "disc": lambda sizes: Disc(sizes["diameter"] / 2),
+    "rectangle": lambda sizes: Rectangle(sizes["width"], sizes["height"]),
+    "ring": lambda sizes: Ring(sizes["diameter"] / 2, sizes["inner_diameter"] / 2),
+    "polygon": lambda sizes: Polygon(sizes["exterior"], sizes["holes"]),
 }
-
-
-def _corners(entries: Sequence[Sequence[float]]) -> tuple[tuple[float, float], ...]:
-    return tuple((x * MM, y * MM) for x, y in entries)
-
-
-def _corner_entries(corners: Sequence[Sequence[float]]) -> list[list[float]]:
-    return [[entry_of(x, MM), entry_of(y, MM)] for x, y in corners]
+"""Outlines of each shape from its sizes in SI."""
 
 
 class PlateTable(FlatTable):
@@ -349,8 +344,7 @@ class PunchTable(MaterialTable):
 
     def build(self) -> FlatPunch:
         """Return the indenter in SI."""
-        sizes = self.in_si()
-        return FlatPunch(sizes["radius"], sizes["edge_radius"])
+        return FlatPunch(**self.in_si("radius_mm", "edge_radius_mm"))
 
 
 class ConeTable(MaterialTable):
@@ -563,12 +557,10 @@ class IndentationTable(PlacesTable):
         if self.seat_stiffness_kPa_per_mm is not None:
             base = Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM)
         return {
-            "depths": tuple(depth * MM for depth in self.depths_mm),
+            **self.in_si("depths_mm", "sample_radius_mm", "strain"),
             "base": base,
-            "sample_radius": None if self.sample_radius_mm is None else self.sample_radius_mm * MM,
             "sample_bounds": _bounds(self.sample_x_mm, self.sample_y_mm),
             "ellipse_bounds": _bounds(self.ellipse_x_mm, self.ellipse_y_mm),
-            "strain": self.strain,
             "unevenness": self._unevenness(),
             **self.places(),
         }

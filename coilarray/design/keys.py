@@ -20,6 +20,7 @@ from functools import cache
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
@@ -127,7 +128,7 @@ class Table(BaseModel):
 
     @classmethod
     def entries_of(cls, value: object, *keys: str, without: Sequence[str] = ()) -> dict[str, Any]:
-        """Entries that are read as the attributes of a value in SI; None is left out.
+        """Entries that are read as the attributes of a value in SI, arrays as lists; None is left out.
 
         They are those of `keys`, by default of all keys but `without`. `in_si` reads them back, see `entry_of`.
         """
@@ -153,6 +154,8 @@ def _times(value: Any, scale: float) -> Any:
 
 
 def _entry(value: Any, scale: float, *, whole: bool) -> Any:
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, tuple | list):
         return [_entry(item, scale, whole=whole) for item in value]
     if value is None or whole or isinstance(value, bool | str):
