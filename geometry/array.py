@@ -634,9 +634,7 @@ def array_words(array: Array) -> str:
     size = f" of {' × '.join(sizes.pop())} mm{copper}" if len(sizes) == 1 else ""
     if len(outlines) == 1:
         return f"1 {shape}coil{size}"
-    apart = np.hypot(*(array.centres[:, None] - array.centres).transpose(2, 0, 1))
-    np.fill_diagonal(apart, np.inf)
-    return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.4g} mm apart"
+    return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(array.least_distance):.4g} mm apart"
 
 
 def copper_words(coil: Coil) -> str:
