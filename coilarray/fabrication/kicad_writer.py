@@ -201,7 +201,7 @@ def library_footprints(array: Array) -> dict[str, str]:
 def _winding(array: Array, alike: Sequence[Placement]) -> str:
     """Footprint of equal coils, in the frame of their shape. The coils differ in place and rotation only."""
     name = alike[0].name
-    placement = replace(alike[0], name="REF**", x=0.0, y=0.0, rotation=0.0)
+    placement = replace(alike[0].at_origin(), name="REF**")
     single = replace(array, placements=(placement,), through_holes=True)
     drawing = Drawing(f"footprint/{name}", copper_names(array.stackup))
     users = ", ".join(user.name for user in alike)

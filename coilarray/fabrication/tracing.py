@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,7 +30,7 @@ from coilarray.fabrication.track_graph import (
 )
 from coilarray.geometry.arcs import place_in_mm
 from coilarray.geometry.array import Array, Placement
-from coilarray.geometry.coil import PlatedHole, path_coil
+from coilarray.geometry.coil import VIA, PlatedHole, path_coil
 from coilarray.geometry.copper import groups
 from coilarray.geometry.stackup import Stackup
 
@@ -127,7 +126,7 @@ class _NetCopper:
     @property
     def stands(self) -> list[Copper]:
         """Copper that may join paths but is no path itself. It is holes, pads, and tracks without a length."""
-        dots = [track for track in self.tracks if math.dist(track.start, track.end) <= JOINED]
+        dots = [track for track in self.tracks if dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
 
 
@@ -373,7 +372,6 @@ _GAP_GRID = 1e-6  # m: to which the gap of the turns is given
 _PLATING = 25e-6
 _ALONG = 0.9  # cosine of the angle between traces from which they run side by side
 _MARGIN = 2e-3
-_UNUSED_VIA = PlatedHole(0.2e-3, 0.45e-3, _PLATING)  # of coils on one layer
 
 
 @dataclass(frozen=True)
@@ -474,7 +472,7 @@ def _on_grid(point: FloatArray) -> FloatArray:
 
 
 def _via(traced: TracedCoil) -> PlatedHole:
-    return _commonest(traced, traced.vias) or _UNUSED_VIA
+    return _commonest(traced, traced.vias) or VIA  # which a coil on one layer does not use
 
 
 def _terminal(traced: TracedCoil) -> PlatedHole | None:
