@@ -16,9 +16,10 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from threadpoolctl import ThreadpoolController
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -113,6 +114,8 @@ def serial_algebra() -> Iterator[None]:
 @cache
 def _controller(with_scipy: bool) -> ThreadpoolController:
     """Find the linear algebra libraries once, in milliseconds. SciPy brings its own."""
+    from threadpoolctl import ThreadpoolController  # slow to import, and a design is read without it
+
     return ThreadpoolController()
 
 
