@@ -25,7 +25,7 @@ from coilarray.errors import OutputError
 from coilarray.fabrication.silk import Label, silk_labels
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import Array, Placement
-from coilarray.geometry.copper import Drill, drills
+from coilarray.geometry.copper import Drill, drills_of
 from coilarray.geometry.rules import FabRules
 from coilarray.geometry.stackup import Stackup
 
@@ -264,7 +264,7 @@ def holes_of(
     array: Array, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
 ) -> list[tuple[Drill, IntArray]]:
     """Holes of one coil with places in nm. The places are on the sheet. They are in the order of the path."""
-    own = drills(array.with_placements((placement,)))
+    own = drills_of(array, placement)
     return [(hole, drawing.point(hole.x, hole.y)) for hole in own if hole.kind == kind]
 
 
@@ -541,29 +541,29 @@ def _project_text(array: Array, name: str, rules: FabRules) -> str:
     `FabRules.min_gap` holds between nets only. The distance of foreign copper to a hole's wall has the same limit.
     """
 
-    def mm(metres: float) -> float:
+    def in_mm(metres: float) -> float:
         return round(metres * 1e3, 6)  # to 1 nm
 
     coil = array.placements[0].coil
-    gap = mm(rules.min_gap)
+    gap = in_mm(rules.min_gap)
     limits = {
         "allow_blind_buried_vias": not array.through_holes,
         "allow_microvias": False,
         "min_clearance": gap,
-        "min_copper_edge_clearance": mm(rules.min_edge_clearance),
+        "min_copper_edge_clearance": in_mm(rules.min_edge_clearance),
         "min_hole_clearance": gap,
-        "min_hole_to_hole": mm(rules.min_hole_spacing),
-        "min_through_hole_diameter": mm(rules.min_drill),
-        "min_track_width": mm(rules.min_trace),
-        "min_via_annular_width": mm(rules.min_annular_ring),
-        "min_via_diameter": mm(rules.min_drill + 2 * rules.min_annular_ring),
+        "min_hole_to_hole": in_mm(rules.min_hole_spacing),
+        "min_through_hole_diameter": in_mm(rules.min_drill),
+        "min_track_width": in_mm(rules.min_trace),
+        "min_via_annular_width": in_mm(rules.min_annular_ring),
+        "min_via_diameter": in_mm(rules.min_drill + 2 * rules.min_annular_ring),
     }
     default_class = {
         "name": "Default",
         "clearance": gap,
-        "track_width": mm(coil.trace_width),
-        "via_diameter": mm(coil.via.pad),
-        "via_drill": mm(coil.via.drill),
+        "track_width": in_mm(coil.trace_width),
+        "via_diameter": in_mm(coil.via.pad),
+        "via_drill": in_mm(coil.via.drill),
     }
     project = {
         "board": {"design_settings": {"meta": {"version": 2}, "rules": limits}},
