@@ -99,7 +99,7 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> CubicSpline:
     """Spline of δ of every state over x in m. Raises GoalError if it does not reach `through`."""
-    thickness = sum(sheet.thickness for sheet in evaluation.design.sheets)
+    thickness = evaluation.design.top
     low, high, _, _ = evaluation.window(depth, beyond=thickness)
     if not low <= through <= high:
         raise GoalError(
@@ -136,7 +136,7 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
     else:
         edges, origin = [edge * 1e-3 for edge in given], evaluation.indentation.origin_point
         (x_min, x_max), (y_min, y_max) = from_board(edges[:2], origin[0]), from_board(edges[2:], origin[1])
-    step = sum(sheet.thickness for sheet in evaluation.design.sheets) / _TABLE_STEPS
+    step = evaluation.design.top / _TABLE_STEPS
     table = evaluation.response(depth * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step))
     bound = identifiability(
         forward_model(table),

@@ -185,8 +185,7 @@ def analyse(
     shifts = None
     if outputs.positions is not None:
         model = forward_model(table_for(design) if table is None else table)
-        thickness = sum(sheet.thickness for sheet in design.sheets)
-        shifts = shifts_at(model, outputs.positions, _LEAST_KNOWN * thickness)
+        shifts = shifts_at(model, outputs.positions, _LEAST_KNOWN * design.top)
     outs = outputs.names(design)
     names = (*outs, *(() if shifts is None else shifts.names(outputs.places())))
     _check_limits(limits, names)
