@@ -11,7 +11,7 @@ import shapely
 from coilarray.circuit.converter_limits import DRIVE_WINDOW, check_channel
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GoalError
-from coilarray.studies.quantities.evaluation import Evaluation, outlines
+from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, Quantity, read_name, read_pair
 
 LENGTH_RULES = (
@@ -33,6 +33,11 @@ def coil_or(says: str) -> Option:
 def _board_area(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     x_min, y_min, x_max, y_max = evaluation.design.array.bounds
     return (x_max - x_min) * (y_max - y_min) * 1e6
+
+
+def _span(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    x_min, _, x_max, _ = evaluation.design.array.outline_bounds
+    return (x_max - x_min) * 1e3
 
 
 def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
@@ -104,10 +109,7 @@ def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 COILS = (
     Quantity("board_area_mm2", "mm²", "geometry", "area of the rectangular board", _board_area),
-    Quantity(
-        "span_mm", "mm", "geometry", "extent of the windings' outlines along x",
-        lambda evaluation, _: float(np.ptp(outlines(evaluation.design)[:, 0])) * 1e3,
-    ),
+    Quantity("span_mm", "mm", "geometry", "extent of the windings' outlines along x", _span),
     Quantity("covered_mm2", "mm²", "geometry", "area within the outline of at least one winding", _covered),
     Quantity(
         "fab_margin_mm", "mm", "geometry",

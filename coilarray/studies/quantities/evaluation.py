@@ -16,6 +16,7 @@ from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError, MetalError
 from coilarray.geometry import Margin, Target, check_rules
+from coilarray.response.interpolation import coil_extent
 from coilarray.response.map import response_map
 from coilarray.response.setup import no_indentation, target_of
 from coilarray.response.target import target_map
@@ -145,15 +146,9 @@ class Evaluation:
         It extends up to `beyond` the coils' outlines, with the contact inside the sample. Raises GoalError if the
         sample is too small for the contact.
         """
-        setup, points = self.indentation, outlines(self.design)
-        low, high = points.min(axis=0) - setup.origin_point, points.max(axis=0) - setup.origin_point
-        least, greatest = setup.reachable(_CONTACT_ENDS * depth)
+        least, greatest = self.indentation.reachable(_CONTACT_ENDS * depth)
+        low, high = coil_extent(self.design)
         low, high = np.maximum(low - beyond, least), np.minimum(high + beyond, greatest)
         if not (low < high).all():
             raise GoalError(f"the sample of {self.design.name} leaves no room for the indenter over the coils.")
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
-
-
-def outlines(design: Design) -> FloatArray:
-    """Corners of all windings' outlines in m on the board, shape (n, 2)."""
-    return np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
