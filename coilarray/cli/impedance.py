@@ -64,6 +64,7 @@ def impedance(
     """
     if out is not None and not re.fullmatch(_FILES, out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
+    shared.check_file("--out", out, None)
     _require_range(1e-6 if from_mhz is None else from_mhz, 1e6 if to_mhz is None else to_mhz)  # before any work
     if reference and not noise:
         raise GeometryError("--reference is for --noise.")

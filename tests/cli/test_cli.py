@@ -31,8 +31,8 @@ good, answer = successes()
 PICTURES = ".png, .svg or .pdf"
 FILES = {
     "--out": {
-        "check": ".csv", "paper distortion": ".nc or .csv", "paper fit": ".json", "response": ".nc or .csv",
-        "sweep": ".nc or .csv", "tolerance": ".nc, .json or .csv",
+        "check": ".csv", "impedance": ".nc, .csv, .cir, .sub, .sNp or .inp", "paper distortion": ".nc or .csv",
+        "paper fit": ".json", "response": ".nc or .csv", "sweep": ".nc or .csv", "tolerance": ".nc, .json or .csv",
     },
     "--plot": dict.fromkeys(
         ("paper distortion", "paper fit", "impedance", "response", "sweep", "tolerance"), PICTURES
