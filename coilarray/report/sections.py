@@ -81,6 +81,16 @@ class Results:
         return self.circuit.result()[0]
 
     @cached_property
+    def close_states(self) -> list[tuple[str, str, float]]:
+        """Pairs of states with close frequencies."""
+        return close_channels(self.scan.state.values.tolist(), self.scan.frequency)
+
+    @cached_property
+    def pairs(self) -> Table:
+        """Table of the coupling of every pair of coils."""
+        return tables.pair_table(self.coupling.result())
+
+    @cached_property
     def shown(self) -> xr.Dataset | None:
         """Response with positions on the board."""
         response = self.responding.result()
@@ -178,20 +188,19 @@ def _coils(r: Results) -> Section:
         )
     if r.several:
         blocks.append(r.draw(figures.effective_inductance_picture, coupling))
-    return Section("Coils", tuple(blocks), (full, tables.pair_table(coupling)))
+    return Section("Coils", tuple(blocks), (full, r.pairs))
 
 
 def _coupling(r: Results) -> Section | None:
     if not r.several:
         return None
     coupling = r.coupling.result()
-    pairs = tables.pair_table(coupling)
     beside = "two" if len(r.design.array.names) <= _MANY else "pairs"
     return Section("Coupling", (
         Group(beside, (r.draw(figures.matrix_pictures, coupling),)),
         r.draw(figures.current_picture, coupling),
-        Details("All pairs", (pairs.brief(),)),
-    ), (pairs,))  # fmt: skip
+        Details("All pairs", (r.pairs.brief(),)),
+    ), (r.pairs,))  # fmt: skip
 
 
 def _field(r: Results) -> Section:
@@ -212,6 +221,7 @@ def _field(r: Results) -> Section:
 def _circuit_section(r: Results) -> Section:
     scan, sweep = r.circuit.result()
     windings, limits = circuit_tables.winding_table(scan), circuit_tables.limit_table(scan)
+    shown = windings.brief()
     drives, currents = circuit_tables.drive_table(scan), circuit_tables.state_current_table(scan)
     blocks: list[Block] = [
         f"Each state of the scan plan where the converter oscillates, with {r.strays}: the circuit of the table of "
@@ -219,9 +229,9 @@ def _circuit_section(r: Results) -> Section:
         f"the tank capacitor{r.beside_q}. The limits of the converter refer to Q of the whole resonator.",
         circuit_tables.state_table(scan),
     ]
-    if line := circuit_tables.close_line(close_states(scan)):
+    if line := circuit_tables.close_line(r.close_states):
         blocks.append(line)
-    blocks += [windings.brief(), *_elastomer_words(windings.brief())]
+    blocks += [shown, *_elastomer_words(shown)]
     blocks.append(Group("two", (r.draw(figures.sweep_pictures, sweep),)))
     if limits.rows:
         over = sum(row[-1] is False for row in limits.rows)
@@ -460,11 +470,6 @@ def model_words(design: Design, r: Results) -> str:
         "the positions have one circuit, with skin and proximity effect and the capacitance of the windings; numbers "
         "without them are called ideal. All numbers: folder `report`."
     )
-
-
-def close_states(scan: xr.Dataset) -> list[tuple[str, str, float]]:
-    """Return pairs of states with close frequencies."""
-    return close_channels(scan.state.values.tolist(), scan.frequency)
 
 
 def _circuit(design: Design) -> tuple[xr.Dataset, xr.Dataset]:

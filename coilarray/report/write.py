@@ -24,7 +24,7 @@ from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.report import circuit_tables, figures, position
 from coilarray.report.drawing import drawing_beside
 from coilarray.report.page import html_page, now, provenance_section
-from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, both_planes, close_states, lead, model_words
+from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, both_planes, lead, model_words
 from coilarray.report.summary import summary_table, verdicts
 from coilarray.response.dataset import coils_outside
 
@@ -183,7 +183,6 @@ def write_report(
 def _data(r: Results, broken: list[str]) -> dict[str, object]:
     """Numbers and words of the page that are in no table."""
     design, coupling = r.design, r.coupling.result()
-    close = close_states(r.scan)
     indentation = r.problems.get("Indentation") or r.problems.get("Response") or ""
     return {
         "schema": 1,
@@ -197,8 +196,8 @@ def _data(r: Results, broken: list[str]) -> dict[str, object]:
         "short_resistance_ohm": design.circuit.short_resistance,
         "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
         "left_out": coupling.attrs["left_out"],
-        "close_channels": [{"states": [a, b], "relative_distance": distance} for a, b, distance in close],
-        "close_channels_line": circuit_tables.close_line(close),
+        "close_channels": [{"states": [a, b], "relative_distance": distance} for a, b, distance in r.close_states],
+        "close_channels_line": circuit_tables.close_line(r.close_states),
         "indentation_problem": indentation,
         "coils_outside_map": [] if r.shown_or_none is None else coils_outside(r.shown_or_none),
         "position_problem": r.problems.get("Position", ""),
