@@ -149,17 +149,17 @@ def write_report(
         all_tables = {summary.name: summary}
         for section in sections:
             all_tables |= section.tables()
-        data = _data(results, broken) | {table.name: table.records() for table in all_tables.values()}
+        made_with = {**provenance(design), "date": now()}
+        data = _data(results, broken, made_with) | {table.name: table.records() for table in all_tables.values()}
         texts = {f"{table.name}.csv": table.csv() for table in all_tables.values()}
         texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
         contents = {name: netcdf_of(found) for name, found in _datasets(results).items() if found is not None}
         drawing.finish()
     # everything that can fail on the numbers comes before the first file
-    origin = {**provenance(design), "date": str(data["provenance"]["date"])}  # type: ignore[index]
     page = html_page(
         design.title or design.name,
         [*lead(results), *map(Warn, broken), Group("summary", (summary.brief(),))],
-        [*sections, provenance_section(origin, model_words(design, results))],
+        [*sections, provenance_section(made_with, model_words(design, results))],
         title=f"{design.title or design.name} – {'coupling ' if results.several else ''}report",
         top=[board],
         scene=scene.result(),
@@ -180,13 +180,13 @@ def write_report(
     )  # fmt: skip
 
 
-def _data(r: Results, broken: list[str]) -> dict[str, object]:
+def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str, object]:
     """Numbers and words of the page that are in no table."""
     design, coupling = r.design, r.coupling.result()
     indentation = r.problems.get("Indentation") or r.problems.get("Response") or ""
     return {
         "schema": 1,
-        "provenance": {**provenance(design), "date": now()},
+        "provenance": made_with,
         "title": design.title or design.name,
         "verdicts": broken,
         "board": array_words(design.array),
