@@ -167,13 +167,14 @@ def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
 def _print_noise(design: Design, reference: list[str], *, as_json: bool) -> None:
     """Print the noise budget of a design."""
     from coilarray.circuit.noise_budget import noise_budget
-    from coilarray.report.circuit_tables import budget_lines, budget_tables
+    from coilarray.report.circuit_tables import budget_lines, noise_table, sigma_table
 
     budget = noise_budget(design)
     if reference:
         budget = budget.referenced(reference)
     data = {**shared.design_record(design), **budget.to_record()}
-    shared.print_result(data, as_json=as_json, tables=budget_tables(budget), lines=budget_lines(budget))
+    tables = (noise_table(budget), sigma_table(budget))
+    shared.print_result(data, as_json=as_json, tables=tables, lines=budget_lines(budget))
 
 
 def _require_range(low: float, high: float) -> None:

@@ -183,7 +183,15 @@ def locate(
             "`coilarray paper fit` (.json), or `published` for Table A1."
         ),
     ] = None,
-    table: shared.TableFile = None,
+    table: Annotated[
+        Path | None,
+        shared.file_option(
+            ("--table",),
+            "File of the design's response table (.nc); computed if it does not exist.",
+            (".nc",),
+            kept=True,
+        ),
+    ] = None,
     coil: Annotated[
         list[str] | None,
         typer.Option(help="Use this coil, for example to leave out a broken one; may be repeated. All by default."),

@@ -69,11 +69,6 @@ def number_option(names: Sequence[str], low: float, high: float, text: str, *, a
     return typer.Option(*names, help=text, callback=check)
 
 
-def noise_option(text: str) -> Any:
-    """Return the option --noise for a standard deviation of δ."""
-    return number_option(("--noise",), 0.0, 1.0, text, above=True)
-
-
 def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:
     """Return the option --out with its help text."""
     return file_option(("--out", "-o"), text, suffixes, printed=printed)
@@ -154,18 +149,17 @@ Ideal = Annotated[
 ]
 Noise = Annotated[
     float | None,
-    noise_option("Standard deviation of δ of a reading; that of the design's noise budget by default."),
+    number_option(
+        ("--noise",),
+        0.0,
+        1.0,
+        "Standard deviation of δ of a reading; that of the design's noise budget by default.",
+        above=True,
+    ),
 ]
-_UNLESS_PRINTED = "with --json only if it is given."
 NumbersFile = Annotated[
     Path | None,
-    out_option(f"File to write: .nc (netCDF) or .csv; {_UNLESS_PRINTED}", ".nc", ".csv", printed=True),
-]
-TableFile = Annotated[
-    Path | None,
-    file_option(
-        ("--table",), "File of the design's response table (.nc); computed if it does not exist.", (".nc",), kept=True
-    ),
+    out_option("File to write: .nc (netCDF) or .csv; with --json only if it is given.", ".nc", ".csv", printed=True),
 ]
 
 SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0

@@ -241,8 +241,3 @@ def stability_lines(found: xr.Dataset) -> list[str]:
 
 def _largest_value(values: FloatArray) -> float:
     return float(values[np.abs(values).argmax()])
-
-
-def budget_tables(budget: NoiseBudget) -> Sequence[Table]:
-    """Return both tables."""
-    return noise_table(budget), sigma_table(budget)
