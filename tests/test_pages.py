@@ -108,6 +108,7 @@ def test_bounds_are_written_with_all_their_digits():
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_a_page_with_an_example(name):
     page = command_pages.page(name)
+    assert name_pages._Links._command.fullmatch(f"coilarray {name} --help")[1] == name  # which links lead to
     assert f"```sh\ncoilarray {name}" in page
     options = [line for line in page.splitlines() if line.startswith("| ``")]
     assert options

@@ -228,7 +228,7 @@ class _Links(SphinxTransform):
     """Public names and commands that stand as code in a page of words lead to their pages."""
 
     default_priority = 500
-    _command = re.compile(r"coilarray ((?:board )?[\w-]+)\b.*")
+    _command = re.compile(rf"coilarray ({'|'.join(COMMANDS)})(?![\w-]).*")
 
     def apply(self, **_: object) -> None:
         """Put a reference about each of them."""
@@ -241,7 +241,7 @@ class _Links(SphinxTransform):
             if page.startswith("guide/"):  # which leave the program's name out
                 command = command or self._command.fullmatch(f"coilarray {text}")
             what: dict[str, object]
-            if command and command[1] in COMMANDS:
+            if command:
                 what = {
                     "refdomain": "",
                     "reftype": _COMMAND,
