@@ -1,4 +1,4 @@
-"""Tables and sections that print themselves on a terminal, as HTML, CSV and JSON.
+"""Tables that print themselves on a terminal, as HTML, CSV and JSON, and sections of pages.
 
 Numbers are in SI in rows and files, and in customary units where people read them.
 """
@@ -310,14 +310,6 @@ class Section:
         """Return all tables with a name, those for files last."""
         return {table.name: table for table in (*_tables(self.blocks), *self.files) if table.name}
 
-    def html(self) -> str:
-        """Return the section as HTML."""
-        return f"<h2>{escape(self.title)}</h2>\n{html_blocks(self.blocks)}"
-
-    def text(self, width: int | None = None) -> str:
-        """Return the section for a terminal, without pictures."""
-        return "\n".join([self.title, "", *_texts(self.blocks, width)])
-
 
 def html_blocks(blocks: Sequence[Block]) -> str:
     """Return blocks as HTML."""
@@ -366,17 +358,6 @@ def _tables(blocks: Sequence[Block]) -> Iterator[Table]:
             yield block
         elif isinstance(block, (Group, Details)):
             yield from _tables(block.blocks)
-
-
-def _texts(blocks: Sequence[Block], width: int | None) -> Iterator[str]:
-    for block in blocks:
-        if isinstance(block, Table):
-            yield f"{block.text(width)}\n"
-        elif isinstance(block, (str, Warn)):
-            text = block if isinstance(block, str) else f"⚠ {block.text}"
-            yield fill(text.replace("**", ""), width) + "\n"
-        elif isinstance(block, (Group, Details)):
-            yield from _texts(block.blocks, width)
 
 
 def _unit(variable: xr.DataArray) -> str:
