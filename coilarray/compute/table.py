@@ -37,14 +37,14 @@ _KEYS = 0.4  # part of the width for columns that are repeated in every block
 _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
 
 
-def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str | None = None) -> str:
+def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str = "") -> str:
     """Return a table as HTML, with all text escaped.
 
     `headers` may be empty. Rows with a cell of the text `mark` get the class ``mark``.
     """
     many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
     head = f"\n<thead><tr>{_cells('th', headers)}</tr></thead>" if headers else ""
-    body = [(' class="mark"' if mark is not None and mark in row else "", _cells("td", row)) for row in rows]
+    body = [(' class="mark"' if mark and mark in row else "", _cells("td", row)) for row in rows]
     lines = "".join(f"<tr{kind}>{cells}</tr>\n" for kind, cells in body)
     return f"<table{many}>{head}\n<tbody>\n{lines}</tbody></table>"
 
@@ -152,7 +152,7 @@ class Table:
     def html(self) -> str:
         """Return the table and its notes as HTML."""
         notes = "".join(f"<p>{html_text(note)}</p>" for note in self.notes)
-        return f'<div class="wide">{html_table(self.headers, self.cells(), self.mark or None)}</div>{notes}'
+        return f'<div class="wide">{html_table(self.headers, self.cells(), self.mark)}</div>{notes}'
 
     def text(self, width: int | None = None, *, title: bool = True) -> str:
         """Return the table for a terminal of `width` characters, or of any width.

@@ -142,8 +142,7 @@ def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
     return tables
 
 
-MOST_SHOWN = 3
-"""Number of contributors of an output in the table of spreads."""
+_MOST_SHOWN = 3  # contributors of an output in the table of spreads
 
 _PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
     DisplayUnit(symbol, factor, 3, significant=True)
@@ -253,7 +252,7 @@ def sample_table(result: xr.Dataset) -> Table:
 
 def _largest(at: xr.Dataset) -> str:
     """Name the largest contributors of an output with their shares."""
-    shown = [(str(at.contributor.values[m]), float(at.share[m])) for m in _ranking(at)[:MOST_SHOWN]]
+    shown = [(str(at.contributor.values[m]), float(at.share[m])) for m in _ranking(at)[:_MOST_SHOWN]]
     return "; ".join(f"{name} {share * 100:.0f} %" for name, share in shown if share >= 0.005)
 
 
