@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import stat
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -433,17 +432,13 @@ def _read(board: Path, stackup: str | None) -> BoardCopper:
     from coilarray.fabrication.kicad_reader import read_kicad
 
     try:
-        is_folder = stat.S_ISDIR(board.stat().st_mode)
+        board.stat()
     except (FileNotFoundError, NotADirectoryError):
         raise BoardError(f"{board}: there is no such file or folder.") from None
     except OSError as error:
         raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
     layers = None if stackup is None else load_design(stackup).array.stackup
-    if board.suffix == ".kicad_pcb":
-        return read_kicad(board, layers)
-    if is_folder or board.suffix.lower() == ".zip":
-        return read_gerbers(board, layers)
-    raise BoardError(f"{board}: not a board; it must be a .kicad_pcb file, or Gerber files in a .zip or a folder.")
+    return (read_kicad if board.suffix.lower() == ".kicad_pcb" else read_gerbers)(board, layers)
 
 
 def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
