@@ -234,7 +234,7 @@ def init(
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if source is not None and chosen:
         raise DesignError("--from takes a design or a board as it is; it cannot be given with other choices.")
-    is_board = source is not None and (Path(source).suffix.lower() in (".kicad_pcb", ".zip") or Path(source).is_dir())
+    is_board = source is not None and _is_board(source)
     if not is_board and (nets is not None or stackup is not None):
         raise DesignError("--nets and --stackup are for --from with a board.")
     if source is not None and is_board:
@@ -247,6 +247,17 @@ def init(
     quoted = shlex.quote(str(target))
     lines.append(f"next: coilarray check {quoted}, coilarray report {quoted}")
     shared.print_result({"design": str(target), **data}, as_json=as_json, lines=lines)
+
+
+def _is_board(source: str) -> bool:
+    """Whether a source is a board; a bundled design is none, even if a folder has its name."""
+    from coilarray.design import bundled
+
+    path = Path(source)
+    try:
+        return source not in bundled.names() and (path.suffix.lower() in (".kicad_pcb", ".zip") or path.is_dir())
+    except OSError:  # which the board's reader tells
+        return True
 
 
 def _copy(name: str, target: Path) -> _Told:

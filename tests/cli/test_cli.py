@@ -161,7 +161,8 @@ def test_version(capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_init_copies_a_bundled_design(capsys):
-    Path("d").mkdir()  # is in nobody's way
+    for folder in ("d", "gast2020"):  # are in nobody's way
+        Path(folder).mkdir()
     assert "wrote d.toml\nnext: " in good(capsys, "init", "d", "--from", "gast2020")
     assert load_design("d.toml").name == "gast2020"
     good(capsys, "init", "d.toml", "--from", "starter")  # the command's own file

@@ -101,6 +101,7 @@ def test_folders_that_cannot_be_searched_are_named(capsys, monkeypatch):
 
     monkeypatch.setattr(Path, "stat", refuse)
     assert "closed/b.kicad_pcb: cannot be read: Permission denied" in refused(capsys, "closed/b.kicad_pcb")
+    assert "closed/gerbers: cannot be read: Permission denied" in refused(capsys, "closed/gerbers")
     assert "closed/d.toml" in refused(capsys, file, "closed/d.toml")
 
 
