@@ -10,6 +10,8 @@ from types import MappingProxyType
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import DesignError, require_finite
 
+SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
+"""Range of RCOUNT, the length of a conversion."""
 INTERNAL_CLOCK = 43.4e6
 """Typical frequency of the converter's internal oscillator in Hz."""
 DRIVE_DELAY = 5e-9
@@ -91,7 +93,7 @@ class Readout:
     """
 
     converter: bool = True
-    rcount: int = 0xFFFF
+    rcount: int = LARGEST_RCOUNT
     clock: float = INTERNAL_CLOCK
     external_clock: bool = False
     reference_divider: int = 2
@@ -120,8 +122,8 @@ class Readout:
                 raise DesignError(f"{one.name} of a read-out must be positive; got {value}.")
             if one.name in _NOT_NEGATIVE and value < 0:
                 raise DesignError(f"{one.name} of a read-out must not be negative; got {value}.")
-        if not 5 <= self.rcount <= 0xFFFF:
-            raise DesignError(f"rcount of a read-out must be 5 to 65535; got {self.rcount}.")
+        if not SMALLEST_RCOUNT <= self.rcount <= LARGEST_RCOUNT:
+            raise DesignError(f"rcount of a read-out must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {self.rcount}.")
 
     def size(self, name: str) -> float:
         """Return the given or usual size of a `name`.

@@ -26,7 +26,7 @@ from coilarray.design.body_tables import (
 )
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.keys import Name, Position, Relative, Table
-from coilarray.design.readout import INTERNAL_CLOCK, Readout
+from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT, Readout
 from coilarray.design.scan_states import Passive, ScanState, Switches, terminated_state
 from coilarray.design.switch_parts import PARTS, PartName
 
@@ -153,7 +153,7 @@ class ReadoutTable(Table):
 
     converter: bool = True
     """Whether an LDC1614 or FDC2214 reads the coils; without one its limits are not checked."""
-    rcount: Annotated[int, Field(ge=5, le=0xFFFF)] = 0xFFFF
+    rcount: Annotated[int, Field(ge=SMALLEST_RCOUNT, le=LARGEST_RCOUNT)] = LARGEST_RCOUNT
     """RCOUNT, the length of a conversion."""
     clock_MHz: Annotated[float, Field(ge=1, le=100)] = INTERNAL_CLOCK * 1e-6  # noqa: N815 - the unit
     """Clock of the converter."""

@@ -36,7 +36,7 @@ from coilarray.circuit.converter_limits import (
     drive_for as drive_for,
 )
 from coilarray.design import readout
-from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK
+from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT
 from coilarray.errors import HardwareError, require_positive
 
 Family = Literal["LDC", "FDC"]
@@ -64,7 +64,7 @@ class FamilyLimits:
 
 
 FAMILIES = MappingProxyType({
-    "LDC": FamilyLimits(5, 15, True, True, (
+    "LDC": FamilyLimits(SMALLEST_RCOUNT, 15, True, True, (
         "UR_ERR2OUT", "OR_ERR2OUT", "WD_ERR2OUT", "AH_ERR2OUT", "AL_ERR2OUT",
         "UR_ERR2INT", "OR_ERR2INT", "WD_ERR2INT", "AH_ERR2INT", "AL_ERR2INT", "ZC_ERR2INT", "DRDY_2INT",
     )),
@@ -104,7 +104,6 @@ EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Smallest and largest frequency at the pin CLKIN in Hz."""
 SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
 """Slowest and fastest clock of the I²C bus in Hz. `coilarray.hardware.wire.ports.bus_rate` returns a board's clock."""
-SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
 CHANNELS = 4
 """Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
@@ -413,7 +412,7 @@ def check_clock(
     divider: int,
     *,
     external: bool = False,
-    rcount: int = 0xFFFF,
+    rcount: int = LARGEST_RCOUNT,
     settle_count: int = 0xFFFF,
     channels: int = 1,
     family: Family = "LDC",

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib import resources
 from types import MappingProxyType
 
+from coilarray.design.readout import LARGEST_RCOUNT, SMALLEST_RCOUNT
 from coilarray.errors import HardwareError
 
 MANUFACTURER = 0x5449
@@ -24,7 +25,7 @@ ASLEEP = 0x2000
 
 # Values of a field that the data sheet allows, by the name of the field without the number of the channel.
 _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
-    "RCOUNT": (range(5, 0x10000), "5 to 65535"),
+    "RCOUNT": (range(SMALLEST_RCOUNT, LARGEST_RCOUNT + 1), f"{SMALLEST_RCOUNT} to {LARGEST_RCOUNT}"),
     "FIN_DIVIDER": (range(1, 0x10), "1 to 15"),
     "FREF_DIVIDER": (range(1, 0x400), "1 to 1023"),
     "DEGLITCH": ((1, 4, 5, 7), "1, 4, 5 or 7 (1, 3.3, 10, 33 MHz)"),

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from coilarray.compute.store import open_store
-from coilarray.design.readout import Readout
+from coilarray.design.readout import LARGEST_RCOUNT, Readout
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import CONVERTERS, LARGEST_RCOUNT, Converter
+from coilarray.hardware.chips.ldc1614 import CONVERTERS, Converter
 from coilarray.hardware.emulator.conditions import Conditions, Indenter, Place, VirtualClock
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Ldc1614, Misuse

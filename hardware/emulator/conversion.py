@@ -20,12 +20,11 @@ from coilarray.circuit.converter_limits import (
     DRIVE_CURRENTS,
     SENSOR_FREQUENCY,
 )
-from coilarray.design.readout import conversion_time
+from coilarray.design.readout import LARGEST_RCOUNT, conversion_time
 from coilarray.hardware.chips.ldc1614 import (
     DEGLITCH,
     EXTERNAL_CLOCK_RANGE,
     FULL_SCALE,
-    LARGEST_RCOUNT,
     LEAST_SETTLE_COUNT,
     SWITCH_CYCLES,
     SWITCH_TIME,

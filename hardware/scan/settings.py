@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from coilarray.design.readout import INTERNAL_CLOCK
+from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.design.toml_file import first_error
 from coilarray.errors import HardwareError, require_positive
@@ -25,7 +25,6 @@ from coilarray.hardware.chips.ldc1614 import (
     EXTERNAL_CLOCK_RANGE,
     FAMILIES,
     INTERNAL_CLOCK_RANGE,
-    LARGEST_RCOUNT,
     MOST_DISCARDED,
     Family,
     StateTime,
@@ -51,10 +50,6 @@ SCHEMA = 2
 """Version of the settings in JSON."""
 MOST_STATES = 255
 """Largest number of states of a scan."""
-
-
-FULL_RESOLUTION = LARGEST_RCOUNT
-"""RCOUNT of the longest conversion."""
 REFERENCE_DRIVE = 6
 """IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
 _LARGEST_DRIVE = 31
@@ -545,7 +540,7 @@ def scan_settings(
         wiring=wiring.encode(),
         clock=clock.hertz,
         external_clock=clock.external,
-        rcount=FULL_RESOLUTION if rcount is None else rcount,
+        rcount=LARGEST_RCOUNT if rcount is None else rcount,
         settle_count=max(settle_counts),
         fin_divider=max(dividers),
         fref_divider=fref_divider,

@@ -16,12 +16,12 @@ from coilarray.circuit.converter_limits import REFERENCE
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
 from coilarray.design.model import Circuit, build_design
-from coilarray.design.readout import Readout
+from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, Readout
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.design.tables import ReadoutTable
 from coilarray.design.write import design_document
 from coilarray.errors import DesignError, NetworkError
-from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK, LARGEST_RCOUNT, conversion_time, reference_divider
+from coilarray.hardware.chips.ldc1614 import conversion_time, reference_divider
 
 PAPER = load_design("gast2020")
 NAMES = tuple(state.name for state in PAPER.plan)
