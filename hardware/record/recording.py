@@ -45,9 +45,6 @@ from coilarray.hardware.scan.settings import ScanSettings
 if TYPE_CHECKING:
     from coilarray.hardware.record.campaign import Campaign
 
-_PLACE = ("place", "repeat", "depth", "y", "x")
-"""Columns of a position that are the fields of its `GridPlace`."""
-
 
 @dataclass(frozen=True)
 class GridPlace:
@@ -148,7 +145,7 @@ class Recording:
         """Return the finished places by position number."""
         rows = [row for row in self.rows("position") if row["finished"] is not None]
         rows.sort(key=lambda row: row["place"])
-        return {row["id"]: GridPlace(*(row[name] for name in _PLACE)) for row in rows}
+        return {row["id"]: _place(row) for row in rows}
 
     def scans(self, *, after: int = 0, finished: bool = False) -> Generator[RecordedScan]:
         """Read the scans in the order of measurement."""
@@ -253,10 +250,14 @@ class _Positions(dict[int, tuple[GridPlace, bool]]):
 
     def __missing__(self, number: int) -> tuple[GridPlace, bool]:
         for row in self._recording.rows("position", "WHERE id = ?", number):
-            place, repeat, *where = (row[name] for name in _PLACE)
-            self[number] = GridPlace(place, repeat, *where), row["finished"] is not None
+            self[number] = _place(row), row["finished"] is not None
             return self[number]
         raise ValueError(f"its position {number} is missing")
+
+
+def _place(row: Mapping[str, Any]) -> GridPlace:
+    """Return the place in the row of a position."""
+    return GridPlace(row["place"], row["repeat"], row["depth"], row["y"], row["x"])
 
 
 @contextmanager
