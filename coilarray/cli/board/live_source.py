@@ -166,7 +166,9 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
     from coilarray.hardware.scan.readings import read_scan
 
     options = asked.board
-    lifted = replace(options, emulate=[text for text in options.emulate or () if text not in _held_back(options)])
+    lifted = options
+    if _held_back(options):
+        lifted = replace(options, emulate=[text for text in options.emulate or () if not text.startswith("press=")])
     with ExitStack() as opened:
         recorder = None if asked.out is None else opened.enter_context(open_recorder(asked.out))
         board, settings = opened.enter_context(opened_board(lifted, design, real_time=True, progress=progress))
@@ -225,9 +227,9 @@ def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[],
     return lambda: emulator.indenter.follow(tour(setup, emulator.clock.now()))
 
 
-def _held_back(options: BoardOptions) -> list[str]:
-    """Return the options of the emulator that wait for the baseline: a finger that presses from the start."""
-    return [text for text in options.emulate or () if text.startswith("press=")]
+def _held_back(options: BoardOptions) -> bool:
+    """Whether the finger of the emulator waits for the baseline, as it presses from the start."""
+    return "press" in options.emulation
 
 
 @contextmanager
