@@ -11,7 +11,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.board.options import marked
+from coilarray.cli.board.options import print_marked
 from coilarray.cli.maps import is_map, is_recording, read_response, recorded_map
 from coilarray.cli.shared import remember, require_own
 from coilarray.errors import LocalizeError
@@ -109,16 +109,15 @@ def compare(
     files = [str(path) for path in (*written, picture) if path is not None]
     emulated = any(bool(one.attrs.get("emulated", 0)) for one in (first, second))
     tables, notes = comparison_tables(result), comparison_notes(result)
-    if as_json:
-        said = {key: result.attrs[key] for key in ("noise_from", "points_left_out", "points_missing")}
-        lacking = {key: [name for name in result.attrs[key].split(", ") if name] for key in _LACKING}
-        shared.print_json({
-            "emulated": emulated, "measured": measured, "simulated": simulated, **said,
-            **lacking, "notes": notes, **{table.name: table.records() for table in tables}, "files": files,
-        })  # fmt: skip
-        return
+    said = {key: result.attrs[key] for key in ("noise_from", "points_left_out", "points_missing")}
+    lacking = {key: [name for name in result.attrs[key].split(", ") if name] for key in _LACKING}
+    data = {
+        "emulated": emulated, "measured": measured, "simulated": simulated, **said,
+        **lacking, "notes": notes, **{table.name: table.records() for table in tables}, "files": files,
+    }  # fmt: skip
     parts = [shared.table_text(table.headers, table.cells(), table.title) for table in tables if table.name != "curves"]
-    typer.echo(marked("\n".join((*parts, *notes, *(f"wrote {path}" for path in files))), emulated=emulated))
+    parts += [*notes, *(f"wrote {path}" for path in files)]
+    print_marked(data, parts, as_json=as_json, emulated=emulated)
 
 
 def _is_page(out: Path) -> bool:
