@@ -128,7 +128,12 @@ def design_campaign(
     if setup is None:
         raise HardwareError(f"the design {design.name} has no [indenter] and [indentation]; a campaign needs them.")
     setup = setup.in_ellipse_window()
-    return Campaign(tuple(x or setup.x), tuple(y or setup.y), tuple(depths or setup.depths), **sequence)
+    return Campaign(
+        setup.x if x is None else tuple(x),
+        setup.y if y is None else tuple(y),
+        setup.depths if depths is None else tuple(depths),
+        **sequence,
+    )
 
 
 def run_campaign(
