@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import CHANNELS
 from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
-from coilarray.hardware.scan.readings import RawSample, SampleFault
+from coilarray.hardware.scan.readings import RawSample, SampleFault, ready_status
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock, RegisterBus, SwitchChain
 
@@ -175,7 +175,7 @@ class ChipDriver:
             return RawSample(msb, lsb, looks[-1] | errors, drive=drive)
         # The bits of unread results freeze with an error of any channel. DRDY shows that all channels have a new
         # result.
-        status = _DATA_READY | 1 << CHANNELS - 1 - channel
+        status = ready_status(channel)
         for look in looks:
             if look & _ERROR_FLAGS and look >> 14 == channel:
                 status |= look & _ERRORS

@@ -77,9 +77,9 @@ class Oscillator:
         Relative change of the frequency with time in 1/s.
     """
 
-    frequency: float = INTERNAL_CLOCK  # frequency at room temperature in Hz
+    frequency: float = INTERNAL_CLOCK
     temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN
-    ageing: float = 0.0  # relative change of the frequency with time in 1/s
+    ageing: float = 0.0
 
     def at(self, time: float, temperature: float) -> float:
         """Return the frequency in Hz."""

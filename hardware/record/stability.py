@@ -212,9 +212,9 @@ class AllanDeviation:
     """Overlapping Allan deviation of a row of values."""
 
     factors: npt.NDArray[np.intp]  # numbers of neighbouring values that are averaged
-    deviation: FloatArray  # the deviation, and the ends of its confidence interval
-    low: FloatArray  # the deviation, and the ends of its confidence interval
-    high: FloatArray  # the deviation, and the ends of its confidence interval
+    deviation: FloatArray
+    low: FloatArray  # ends of its confidence interval
+    high: FloatArray
 
 
 def allan_deviation(

@@ -154,12 +154,12 @@ _FAULTS = {fault: Reason[fault.name] for fault in SampleFault if fault is not Sa
 # Flags of the upper word, and fields of STATUS.
 _FLAGS = {Reason.UNDER_RANGE: 1 << 15, Reason.OVER_RANGE: 1 << 14, Reason.WATCHDOG: 1 << 13, Reason.AMPLITUDE: 1 << 12}
 _STATUS = {
-    Reason.UNDER_RANGE: ("ERR_UR",),
-    Reason.OVER_RANGE: ("ERR_OR",),
-    Reason.WATCHDOG: ("ERR_WD",),
-    Reason.AMPLITUDE_HIGH: ("ERR_AHE",),
-    Reason.AMPLITUDE_LOW: ("ERR_ALE",),
-    Reason.ZERO_COUNT: ("ERR_ZC",),
+    Reason.UNDER_RANGE: "ERR_UR",
+    Reason.OVER_RANGE: "ERR_OR",
+    Reason.WATCHDOG: "ERR_WD",
+    Reason.AMPLITUDE_HIGH: "ERR_AHE",
+    Reason.AMPLITUDE_LOW: "ERR_ALE",
+    Reason.ZERO_COUNT: "ERR_ZC",
 }
 
 
@@ -225,7 +225,7 @@ def _of_status(status: int, channel: int) -> set[Reason]:
         fields = decode("STATUS", status)
     except HardwareError:  # a reserved bit is set
         return {Reason.IMPOSSIBLE}
-    reasons = {reason for reason, names in _STATUS.items() if any(fields[name] for name in names)}
+    reasons = {reason for reason, name in _STATUS.items() if fields[name]}
     if status & _UNREAD & ~ready or (fields["ERR_CHAN"] != channel and (reasons or fields["ERR_CHAN"])):
         reasons.add(Reason.ANOTHER_CHANNEL)
     return reasons if status & ready == ready else reasons | {Reason.NOT_READY}

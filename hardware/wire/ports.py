@@ -21,7 +21,7 @@ from coilarray.hardware.chips.ldc1614 import (
 )
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.direct_buses import I2C_SPEED, SwitchPins, ft232h_adapters, i2c_clock, linux_buses
-from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
+from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS, list_serial_ports
 
 _UNITS = MappingProxyType({"mhz": 1e6, "khz": 1e3, "hz": 1.0})
 
@@ -258,8 +258,6 @@ def found_ports() -> Mapping[str, tuple[str, ...]]:
 
 def _serial_ports() -> tuple[str, ...]:
     """Return the serial ports, none without pyserial."""
-    from coilarray.hardware.wire.serial_ports import list_serial_ports
-
     try:
         return tuple(map(str, list_serial_ports()))
     except MissingDependencyError:
