@@ -194,6 +194,22 @@ def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(page):
     assert right < bars["x"]
 
 
+def test_a_frame_that_gets_its_size_late_shows_the_scene(chromium, opened):
+    context = browser.profile(chromium, offline=True, viewport={"width": WIDTH, "height": HEIGHT})
+    page = context.new_page()
+    page.set_content('<iframe sandbox="allow-scripts" style="display: none"></iframe>')
+    page.locator("iframe").evaluate("(frame, text) => { frame.srcdoc = text; }", opened[3].read_text(encoding="utf-8"))
+    scene = page.frame_locator("iframe")
+    scene.locator("canvas").wait_for(state="attached")
+    assert scene.locator("canvas").evaluate("one => one.clientWidth") == 0
+    page.locator("iframe").evaluate("frame => { frame.style = 'width: 800px; height: 500px'; }")
+    scene.locator("body[data-ready=yes]").wait_for()
+    scene.locator("canvas").wait_for()
+    until(lambda: (np.ptp(pixels(page), axis=2) > 150).mean() > 0.05)  # the plates have strong colours
+    expect(scene.locator(".words span", has_text="left")).to_be_visible()
+    context.close()
+
+
 @pytest.mark.usefixtures("without_trame_vtk")
 def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path):
     with pytest.raises(MissingDependencyError, match=r'pages need trame-vtk, .* -m pip install .*\[3d\]"'):
