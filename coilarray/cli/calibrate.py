@@ -10,7 +10,6 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.maps import is_recording, read_ellipses, read_map, recorded_map
-from coilarray.cli.shared import remember, require_own
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -49,11 +48,10 @@ def calibrate(
     out: Annotated[
         Path | None,
         shared.file_option(
-            ("--out", "-o"), "Folder for page, tables, netCDF and the calibrated design (calibrated.toml).", kept=True
+            ("--out", "-o"), "Folder for page, tables, netCDF and the calibrated design (calibrated.toml)."
         ),
     ] = None,
     plot: Annotated[Path | None, shared.plot_option("data, model and residuals")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -81,7 +79,6 @@ def calibrate(
     measured = _measured(data, calibration)
     if out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
-        require_own("calibrate", [out / name for name in _FILES], force=force)
     kept = open_store(cache)
     with (
         shared.resumable(lambda done: f"{done} evaluations are kept in {kept.folder}") as counting,
@@ -92,7 +89,6 @@ def calibrate(
     result = found.dataset
     tables, notes = report.calibration_tables(result), report.calibration_notes(result)
     written = [] if out is None else _write(found, out, data)
-    remember("calibrate", written)
     shared.draw(plot, lambda: viz.calibration_figure(result))
     best = str(result.combination.values[0])
     record = {"best": best, "values": dict(found.values), "notes": notes}

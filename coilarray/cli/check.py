@@ -37,7 +37,6 @@ def check(
     list_fabs: Annotated[bool, typer.Option("--list-fabs", help="Print the bundled profiles and exit.")] = False,
     picture: Annotated[Path | None, shared.plot_option("the worst places", "--picture")] = None,
     out: Annotated[Path | None, shared.out_option("Also write every margin: .csv.", ".csv")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

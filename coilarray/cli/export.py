@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.shared import remember, require_own
-from coilarray.compute.files import remove_left
 from coilarray.design.export import SUFFIXES, Format
 from coilarray.errors import OutputError
 
@@ -39,15 +36,19 @@ def export(
     """
     from coilarray.design.export import export as write
 
-    if out is not None:
-        _check(out, to, force=force)
     opened = shared.open_design(design, allow_violations=allow_violations)
-    target = Path(_default_name(opened.name, to)) if out is None else out
-    if out is None:
-        _check(target, to, force=force)
+    target = out or Path(
+        {"kicad": f"{opened.name}-kicad", "gerber": f"{opened.name}-gerber.zip"}.get(to, f"{opened.name}.{to}")
+    )
+    if to != "kicad":
+        shared.check_file("--out", target, SUFFIXES[to])
+    elif target.suffix.startswith(".kicad"):
+        raise OutputError(f"--out must be a folder, as kicad has several files; got {target}.")
+    else:
+        shared.check_folder(target)
+        shared.require_new(target, force=force)
     exported = write(opened, target, to, sheets=not no_sheets, allow_faults=allow_violations)
     written, faults = exported.files, exported.net_faults
-    remember("export", written)
     sizes = [path.stat().st_size for path in written]
     lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
     lines += [f"warning: {fault}" for fault in faults]
@@ -61,37 +62,6 @@ def export(
         as_json=as_json,
         lines=lines,
     )
-
-
-def _default_name(name: str, to: Format) -> str:
-    if to == "kicad":
-        return f"{name}-kicad"
-    return f"{name}-gerber.zip" if to == "gerber" else f"{name}.{to}"
-
-
-def _check(target: Path, to: Format, *, force: bool) -> None:
-    """Refuse before any work a target that could not be written."""
-    try:
-        if to == "kicad":
-            _check_project_folder(target)
-        else:
-            shared.check_file("--out", target, SUFFIXES[to])
-        folder = target if target.is_dir() else target.parent
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise OutputError(f"cannot write {target}: the folder {folder} is not writable.")
-        remove_left(folder)
-        require_own("export", [target, *target.rglob("*")], force=force)
-    except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror}.") from None
-
-
-def _check_project_folder(target: Path) -> None:
-    if target.suffix.startswith(".kicad"):
-        raise OutputError(f"--out must be a folder, as kicad has several files; got {target}.")
-    if target.exists() and not target.is_dir():
-        raise OutputError(f"cannot write {target}: a file has that name, and kicad needs a folder.")
-    if not target.parent.is_dir():
-        raise OutputError(f"cannot write {target}: there is no folder {target.parent}.")
 
 
 def _readable(size: int) -> str:

@@ -44,7 +44,6 @@ def impedance(
         shared.out_option("Also write the sweep: .nc, .csv; the network: .cir, .sub (SPICE), .sNp, .inp (FastHenry)."),
     ] = None,
     plot: Annotated[Path | None, shared.plot_option("L, R and Q over frequency, with both resonances")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

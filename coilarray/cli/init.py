@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.shared import remember, require_own
 from coilarray.compute.files import writing
 from coilarray.errors import BoardError, DesignError, OutputError
 
@@ -225,7 +224,7 @@ def init(
             raise OutputError(f"{file} is a folder; name a file in it.")
     target = file if file.suffix else file.with_suffix(".toml")
     shared.check_file("NAME", target, (".toml",))
-    require_own("init", [target], force=force)
+    shared.require_new(target, force=force)
     given = {
         "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
         "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz,
@@ -243,7 +242,6 @@ def init(
         lines, data = _copy(source, target)
     else:
         lines, data = _create(target, chosen)
-    remember("init", [target])
     quoted = shlex.quote(str(target))
     lines.append(f"next: coilarray check {quoted}, coilarray report {quoted}")
     shared.print_result({"design": str(target), **data}, as_json=as_json, lines=lines)

@@ -189,7 +189,6 @@ def locate(
             ("--table",),
             "File of the design's response table (.nc); computed if it does not exist.",
             (".nc",),
-            kept=True,
         ),
     ] = None,
     coil: Annotated[

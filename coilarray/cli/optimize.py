@@ -52,9 +52,9 @@ def optimize(
         ),
     ] = None,
     force: shared.Force = False,
-    out: Annotated[
-        Path, shared.file_option(("--out", "-o"), "Folder for the results and the points.", kept=True)
-    ] = Path("optimization"),
+    out: Annotated[Path, shared.file_option(("--out", "-o"), "Folder for the results and the points.")] = Path(
+        "optimization"
+    ),
     trials: Annotated[
         int | None, shared.number_option(("--trials",), 1, 1_000_000, "Number of points to try; the goal's by default.")
     ] = None,
@@ -93,6 +93,7 @@ def optimize(
     derived = _goal(opened, goal, wish or (), vary or (), keep or ())
     axes_of(derived.goal, opened)  # mistakes before anything is made and any process is started
     if template is not None:
+        shared.require_new(template, force=force)
         _write_template(template, derived, design)
         return
     from coilarray.compute.store import open_store

@@ -26,7 +26,6 @@ def fit(
     ] = None,
     out: Annotated[Path | None, shared.out_option("Also write the model: .json.", ".json")] = None,
     plot: Annotated[Path | None, shared.plot_option("A, B and x0 over δ")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -66,7 +65,6 @@ def distortion(
     draws: Annotated[int, typer.Option(min=2, help="Number of designs drawn from that posterior.")] = 16,
     out: Annotated[Path | None, shared.out_option("Also write every number: .nc or .csv.", ".nc", ".csv")] = None,
     plot: Annotated[Path | None, shared.plot_option("x0 and its causes over δ")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.shared import remember, require_own
-from coilarray.errors import OutputError
 from coilarray.report.drawing import drawing_beside
 
 if TYPE_CHECKING:
@@ -53,13 +51,10 @@ def compiling_beside() -> Iterator[None]:
 
 def report(
     design: shared.DesignArgument = None,
-    out: Annotated[
-        Path, shared.file_option(("--out", "-o"), "Folder for report.html and the folder report.", kept=True)
-    ] = Path(),
+    out: Annotated[Path, shared.file_option(("--out", "-o"), "Folder for report.html and the folder report.")] = Path(),
     distortion: Annotated[
         Path | None, typer.Option(help="Result of `coilarray paper distortion --out` (.nc), to be included.")
     ] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -69,9 +64,7 @@ def report(
 
     Example: coilarray report gast2020 --out results
     """
-    if out.is_file():
-        raise OutputError(f"cannot make the folder {out}: a file has that name.")
-    require_own("report", (out / "report.html", out / "report" / "report.json"), force=force)
+    shared.check_folder(out)
     with compiling_beside(), drawing_beside():
         from coilarray.report.write import write_report
 
@@ -79,7 +72,6 @@ def report(
         causes = None if distortion is None else _causes(distortion)
         with shared.progress_bar(f"report of {opened.design.name}") as progress:
             made = write_report(opened, out, distortion=causes, progress=progress)
-    remember("report", (made.page, made.folder / "report.json"))
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:

@@ -53,7 +53,6 @@ def response(
     dent: Annotated[bool, typer.Option("--dent", help="Compute the dent and the force alone, without coils.")] = False,
     out: shared.NumbersFile = Path("response.nc"),
     plot: Annotated[Path | None, shared.plot_option("the maps of the deepest dent, or with --dent the dent")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

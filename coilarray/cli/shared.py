@@ -6,10 +6,9 @@ import itertools
 import json
 import os
 import shutil
-import stat
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from coilarray.compute.store import Keep, Store
+    from coilarray.compute.store import Keep
     from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile, Indentation
@@ -34,12 +33,9 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-def file_option(
-    names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False, printed: bool = False
-) -> Any:
+def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, printed: bool = False) -> Any:
     """Return an option for a file, checked before any work.
 
-    If the command has --force, `replacing` checks it too, unless the file is `kept`: a file that is read, or a folder.
     If it is `printed`, --json prints its content, and the file is written only if it is named.
     """
 
@@ -49,9 +45,6 @@ def file_option(
             return None
         if suffixes:
             check_file(names[0], path, suffixes)
-        if path is not None and path.suffix and not kept and "force" in context.params:  # without one: a folder
-            command = context.command_path.removeprefix("coilarray ")
-            context.with_resource(replacing(command, path, force=context.params["force"]))
         return path
 
     return typer.Option(*names, help=text, callback=check)
@@ -93,9 +86,7 @@ AllowViolations = Annotated[
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.", is_eager=True)
 ]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that the command did not write itself.", is_eager=True)
-]
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
 Accuracy = Annotated[
     Literal["full", "screen"], typer.Option("--accuracy", help="Accuracy of the inductances; screen is much faster.")
 ]
@@ -251,80 +242,40 @@ def lengths(option: str, text: str | None, *, positive: bool = False) -> list[fl
     return [value * 1e-3 for value in values]
 
 
-@contextmanager
-def replacing(command: str, *paths: Path, force: bool) -> Iterator[None]:
-    """Refuse as `require_own` before the block, and remember the files that it wrote."""
-    require_own(command, paths, force=force)
-    before = [_state(path) for path in paths]
-    try:
-        yield
-    finally:
-        remember(command, [path for path, state in zip(paths, before, strict=True) if _state(path) != state])
-
-
-def require_own(command: str, paths: Iterable[Path], *, force: bool) -> None:
-    """Raise OutputError for a file that exists and is not as the command left it, without `force`.
-
-    A command knows its own file by size and time of modification, which are kept in the store.
-    """
-    for path in () if force else paths:
-        state = _state(path)
-        if state is not None and _remembered(path) != [command, *state]:
-            raise OutputError(f"{path} exists and is not as `coilarray {command}` left it; --force replaces it.")
-
-
-def remember(command: str, paths: Iterable[Path]) -> None:
-    """Keep in the store that the command wrote these files."""
-    for path in paths:
-        state = _state(path)
-        if state is not None:
-            with suppress(OutputError, OSError):
-                store, key = _entry(path)
-                store.put(key, [command, *state])
-
-
-def _state(path: Path) -> list[int] | None:
-    """Size and time of a file, None if there is none."""
-    try:
-        found = path.stat()
-    except (OSError, ValueError):  # ValueError: a name with a zero byte
-        return None
-    return [found.st_size, found.st_mtime_ns] if stat.S_ISREG(found.st_mode) else None
-
-
-def _remembered(path: Path) -> object:
-    with suppress(OutputError, OSError):
-        store, key = _entry(path)
-        return store.get(key)
-    return None
-
-
-def _entry(path: Path) -> tuple[Store, str]:
-    """Return the store, and its key for a file, the same for all versions of the code."""
-    import hashlib
-
-    from coilarray.compute.store import Store, open_store
-
-    return Store(open_store().folder / "written"), hashlib.sha256(b"written " + os.fsencode(path.resolve())).hexdigest()
+def require_new(path: Path, *, force: bool) -> None:
+    """Refuse without `force` a file that exists, or a folder with files."""
+    if not force and (any(path.iterdir()) if path.is_dir() else path.exists()):
+        raise OutputError(f"{path} exists; --force replaces it.")
 
 
 def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
     """Refuse before any work a file that could not be written."""
+    from coilarray.compute.files import writing
+
     if path is None:
         return
     if suffixes is not None and path.suffix.lower() not in suffixes:
         listed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
         raise OutputError(f"{option} must end in {listed}; got {path}.")
-    from coilarray.compute.files import writing
-
     with writing(path):
         taken, placed = path.is_dir(), path.parent.is_dir()
     if taken:
         raise OutputError(f"cannot write {path}: it is a folder.")
     if not placed:
         raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
-    if not os.access(path.parent, os.W_OK):
-        raise OutputError(f"cannot write {path}: the folder {path.parent} is not writable.")
+    check_folder(path.parent)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse before any work a folder that could not be made or written in."""
+    from coilarray.compute.files import writing
+
+    with writing(path):
+        there = next(folder for folder in (path, *path.parents) if folder.exists())  # at last . or /
+    if not there.is_dir():
+        raise OutputError(f"cannot make the folder {there}: a file has that name.")
+    if not os.access(there, os.W_OK):
+        raise OutputError(f"cannot write in {path}: the folder {there} is not writable.")
 
 
 def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str]) -> None:

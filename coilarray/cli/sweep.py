@@ -50,7 +50,6 @@ def sweep(
     cache: shared.Cache = None,
     out: shared.NumbersFile = Path("sweep.nc"),
     plot: Annotated[Path | None, shared.plot_option("the quantities")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
     """Compute quantities of a design on a grid or at samples.

@@ -47,7 +47,6 @@ def target(
     out: shared.NumbersFile = Path("target.nc"),
     plot: Annotated[Path | None, shared.plot_option("δ, L, Q and f against the distance")] = None,
     maps: Annotated[Path | None, shared.plot_option("the maps of δ at the least distance", "--maps")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

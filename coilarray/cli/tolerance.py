@@ -80,6 +80,7 @@ def tolerance(
     from coilarray.studies.tolerance import analyse, check_analysis, load_tolerances, typical_text
 
     if template is not None:
+        shared.require_new(template, force=force)
         write_text(template, typical_text())
         typer.echo(f"wrote {template}")
         return

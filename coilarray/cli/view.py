@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -87,7 +86,6 @@ def view(
         str | None,
         typer.Option(help="Height of .nc and .vtr above the board, or FROM:TO for a volume; the design's by default."),
     ] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
     """Show a design in three dimensions, or its magnetic field.
@@ -170,15 +168,8 @@ def _kind(out: Path | None) -> Kind:
         raise OutputError(f"--out must end in {', '.join(filter(None, _KINDS))}, or be a folder; got {out}.")
     if out.suffix:
         shared.check_file("--out", out, None)
-        return kind
-    try:
-        there = next(folder for folder in (out, *out.parents) if folder.exists())  # at last . or /
-    except OSError as error:
-        raise OutputError(f"cannot make the folder {out}: {error.strerror}.") from None
-    if not there.is_dir():
-        raise OutputError(f"cannot make the folder {there}: a file has that name.")
-    if not os.access(there, os.W_OK):
-        raise OutputError(f"cannot write {out}: the folder {there} is not writable.")
+    else:
+        shared.check_folder(out)
     return kind
 
 

@@ -41,11 +41,6 @@ def test_ellipses_of_table_a1_or_of_a_file(capsys, quick):
     assert [line.split(" = ")[0] for line in gone] == ["gap_mm", f'"{GAP}"']
     (fitted,) = [line for line in after if line not in before]
     assert float(fitted.removeprefix("gap_mm = ")) == pytest.approx(0.08, rel=1e-3)
-    kept.write_text("mine", encoding="utf-8")
-    line = refused(capsys, "gast2020", "published", *options, "--out", "fit")
-    assert f"{kept} exists and is not as `coilarray calibrate` left it; --force replaces it" in line
-    assert kept.read_text(encoding="utf-8") == "mine"
-    assert run(capsys, "gast2020", "published", *options, "--out", "fit", "--force")[0] == 0
     Path("model.json").write_text(model_to_json(published_model()), encoding="utf-8")
     code, again, _ = run(capsys, "gast2020", "model.json", *options)
     assert code == 0

@@ -89,10 +89,6 @@ def test_every_line_of_an_emulated_board_says_so(capsys, both):
     out = good(capsys, *reversed(both), *QUICKLY, "--out", "page.html")  # on either side, and over its own page
     assert marked(out)
     assert "wrote page.html" in out
-    Path("mine.html").write_text("mine", encoding="utf-8")
-    line = refused(capsys, *both, *QUICKLY, "--out", "mine.html")
-    assert "mine.html exists and is not as `coilarray board compare` left it; --force replaces it" in line
-    Path("mine.html").unlink()
     page = Path("page.html").read_text(encoding="utf-8").strip()
     assert (page[:15], page[-7:]) == ("<!DOCTYPE html>", "</html>")
     assert sorted(Path().iterdir()) == [Path("page.html")]

@@ -103,13 +103,11 @@ def test_every_command(monkeypatch, command, encoding):
 
 
 def test_every_command_is_looked_at():
-    assert set(map(command_of, quickest())) | {"docs", "studio"} == set(COMMANDS)
+    assert set(map(command_of, quickest())) | {"studio"} == set(COMMANDS)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize(
-    "arguments", [("check", "δ.toml"), ("check", "starter", "--Ω"), ("−",), ("view", ODD), ("docs", "Ω")]
-)
+@pytest.mark.parametrize("arguments", [("check", "δ.toml"), ("check", "starter", "--Ω"), ("−",), ("view", ODD), ("Ω")])
 def test_error_lines(monkeypatch, arguments, encoding):
     code, out, err = run(monkeypatch, encoding, *arguments)
     assert (code, out, err.count(b"\n")) == (2, b"", 1)

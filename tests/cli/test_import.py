@@ -121,16 +121,6 @@ def test_a_stackup_from_a_design(capsys):
 
 
 @pytest.mark.slow
-def test_a_file_that_exists_is_only_replaced_when_told(capsys):
-    file, design = write(board(path(*SPIRAL))), Path("design.toml")
-    design.write_text("precious")
-    assert "design.toml exists and is not as `coilarray init` left it; --force replaces it" in refused(capsys, file)
-    assert design.read_text() == "precious"
-    good(capsys, file, "--force")
-    assert load_design("design.toml").array.names == ("A",)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

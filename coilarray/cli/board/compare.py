@@ -13,7 +13,6 @@ from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.board.options import print_marked
 from coilarray.cli.maps import is_map, is_recording, read_response, recorded_map
-from coilarray.cli.shared import remember, require_own
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -61,12 +60,9 @@ def compare(
     ] = 16,
     out: Annotated[
         Path | None,
-        shared.file_option(
-            ("--out", "-o"), "Also write: one page (.html), or a folder with page, tables and netCDF.", kept=True
-        ),
+        shared.file_option(("--out", "-o"), "Also write: one page (.html), or a folder with page, tables and netCDF."),
     ] = None,
     picture: Annotated[Path | None, shared.plot_option("the residuals and x0 of both", "--picture")] = None,
-    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -89,8 +85,6 @@ def compare(
         shared.check_file("--out", out, (_PAGE,))
     elif out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
-    if out is not None:
-        require_own("board compare", _own(out), force=force)
     largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
     first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
     if simulated == "published":  # which is known there alone
@@ -104,7 +98,6 @@ def compare(
     with shared.progress_bar("comparison") as progress:
         result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)
-    remember("board compare", written)
     shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
     files = [str(path) for path in (*written, picture) if path is not None]
     emulated = any(bool(one.attrs.get("emulated", 0)) for one in (first, second))

@@ -15,14 +15,12 @@ from coilarray.cli.maps import campaign_response, is_recording
 from coilarray.cli.shared import (
     AsJson,
     BoardConstants,
-    Force,
     References,
     check_file,
     design_record,
     draw,
     plot_option,
     print_result,
-    replacing,
     table_text,
     terminal_width,
     write_numbers,
@@ -70,7 +68,6 @@ def info(
     verify: Annotated[
         bool, typer.Option("--verify", help="Only check the file against its checksums; also .toml and .csv.")
     ] = False,
-    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Show a summary of a recording, and convert it.
@@ -109,8 +106,7 @@ def info(
     from coilarray.hardware.record.recorded_response import recorded_series, series_csv
     from coilarray.hardware.record.recording import open_recording, summarize_recording
 
-    written = [] if out is None else [out]
-    with replacing("board info", *written, force=force), open_recording(run) as recording:
+    with open_recording(run) as recording:
         recording.check()
         summary = summarize_recording(recording)
         as_series = series or recording.campaign is None
