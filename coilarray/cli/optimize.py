@@ -99,8 +99,7 @@ def optimize(
     from coilarray.compute.store import open_store
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.optimize.derive import keeping_rules
-    from coilarray.studies.optimize.run import optimize_design, require_coils
-    from coilarray.studies.optimize.search import points_found
+    from coilarray.studies.optimize.run import optimize_design, points_found, require_coils
     from coilarray.studies.optimize.write import result_data, write_optimization
 
     wanted = derived.goal
@@ -118,12 +117,6 @@ def optimize(
         _progress(wanted) as show,
     ):
         result = optimize_design(opened, wanted, out, used, kept, progress=counting(show))
-    if result.goal.search.trials > wanted.search.trials:
-        typer.echo(
-            f"coilarray: an earlier run in {out} tried {result.goal.search.trials} points, more than "
-            f"{wanted.search.trials}; all are kept",
-            err=True,
-        )
     files = (*write_optimization(result, out), write_optimization_report(result, out))
     data = {**result_data(result), "files": [str(path) for path in files]}
     shared.print_result(data, as_json=as_json, lines=[] if as_json else _lines(result), files=files)
@@ -175,7 +168,6 @@ def _print_quantities(*, as_json: bool) -> None:
 
 def _lines(result: Optimization) -> list[str | Table]:
     """Describe the search, and compare given and best designs."""
-    from coilarray.geometry import check_rules
     from coilarray.report.optimization import (
         at_ends,
         chosen_designs,
@@ -196,15 +188,6 @@ def _lines(result: Optimization) -> list[str | Table]:
     chosen = chosen_designs(result)
     lines: list[str | Table] = [tried, "", quantity_table(result, chosen, result.goal.quantities).without("says"), ""]
     lines += [variable_table(result, chosen), "", *at_ends(result, chosen)]
-    broken = [
-        one.label
-        for one in chosen
-        if not all(margin.kept for margin in check_rules(one.design.array, one.design.rules))
-    ]
-    if broken:
-        lines.append(
-            f"{', '.join(broken)} break fabrication rules (coilarray check), which the sampler cmaes does not know"
-        )
     lines += [f"{one.label}: {words}" for one in chosen if (words := unread_words(one.design))]
     if len(result.goal.objectives) > 1:
         lines.append(f"Pareto front: {len(result.front)} designs")

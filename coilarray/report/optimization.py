@@ -79,7 +79,7 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
         [name, _search_words(result), *_warnings(result)],
         [*sections, provenance_section(
             {**provenance(result.design), "date": now()},
-            "The goal, the trials and all numbers: `result.json` and `trials.csv`. The study for Optuna: `study.db`.",
+            "The goal, the trials and all numbers: `result.json` and `trials.csv`.",
         )],
         title=f"{name} – optimisation",
     )  # fmt: skip

@@ -35,7 +35,7 @@ from coilarray.viz.studio.design import DesignPanel, NewPanel, choices_of
 from coilarray.viz.studio.drawing import board_drawing, delta_bars, delta_fills, pins, top_view
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
-from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders, run_lines
+from coilarray.viz.studio.runs import front_rows, read_runs, run_folders, run_lines, run_of
 from coilarray.viz.studio.session import Trail
 from coilarray.viz.studio.switches import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touch_drawing, touched
@@ -682,13 +682,15 @@ def test_layers_and_pitch_of_a_new_design_are_chosen_where_they_matter():
     ],
 )
 def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key, values, target, name, found):
+    goal = {"objectives": [{"quantity": key, "direction": None, "target": target}]}
+    point = {**goal, "kind": "search", "changes": {}, "violations": {}, "reason": ""}
     points = [
-        RunPoint(f"search {k}", {"span_mm": 7.0, key: value}, {}, (abs(value - target),), True, k == 0)
+        {**point, "place": k, "quantities": {key: value}, "scores": [abs(value - target)], "start": k == 0}
         for k, value in enumerate(values)
     ]
-    run = Run("mine", (False,), tuple(points), 3, refined=1)
+    run = run_of("mine", [*points, {**point, "kind": "polish", "place": 0, "reason": "no board"}])
     assert run.objectives == (name,)
-    assert run.values(name) == [point.scores[0] for point in points]
+    assert run.values(name) == [abs(value - target) for value in values]
     lines = run_lines(run)
     assert lines[:2] == ["3 points computed, 1 of them to refine the best; 2 keep all bounds", found]
     assert lines[2].startswith(f"{key}: ")
@@ -765,13 +767,11 @@ def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
 
 
 def test_what_is_no_study_is_one_line(tmp_path):
-    pytest.importorskip("optuna")
-    with pytest.raises(OutputError, match=r"there is no study\.db"):
+    with pytest.raises(OutputError, match=r"there is no points\.jsonl"):
         read_runs(tmp_path)
-    for content in (b"", b"no database" * 500):
-        (tmp_path / "study.db").write_bytes(content)
-        with pytest.raises(OutputError, match="it is no study of an optimisation"):
-            read_runs(tmp_path)
+    (tmp_path / "points.jsonl").write_text("no points")
+    with pytest.raises(OutputError, match="it has no points of an optimisation"):
+        read_runs(tmp_path)
     assert run_folders(Path("/nowhere")) == []
 
 

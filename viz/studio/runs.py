@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-
 from coilarray.compute.display_units import value_text
-from coilarray.compute.extras import import_extra
 from coilarray.compute.threads import Progress
 from coilarray.design.keys import entry_unit
 from coilarray.design.model import Design, build_design_file
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.studies.optimize.derive import NAMES, unfit_goals
 from coilarray.studies.optimize.goal import unbeaten
-from coilarray.studies.optimize.search import FILE, quiet, storage_on
+from coilarray.studies.optimize.run import FILE, read_studies
 from coilarray.studies.quantities import QUANTITIES
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import Step, with_progress
@@ -30,8 +25,6 @@ from coilarray.viz.studio.session import Panel, Session, image_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from optuna.study import Study
-    from optuna.trial import FrozenTrial
 
 
 _MOST_SHOWN = 200
@@ -54,6 +47,7 @@ class Run:
     """Study of a design and a goal."""
 
     name: str  # of the study; it begins with the name of the design
+    objectives: tuple[str, ...]  # names of the scores
     maximized: tuple[bool, ...]  # for each objective
     points: tuple[RunPoint, ...]  # with a possible board, in the order in which they were written
     tried: int  # number of all points
@@ -63,24 +57,6 @@ class Run:
     def quantities(self) -> tuple[str, ...]:
         """Names of all quantities, with the objectives first."""
         return tuple(dict.fromkeys(name for point in self.points for name in point.quantities))
-
-    @cached_property
-    def objectives(self) -> tuple[str, ...]:
-        """Names of the scores."""
-        return tuple(self._objective(k) for k in range(len(self.maximized)))
-
-    def _objective(self, k: int) -> str:
-        """Find the quantity that a score stands for."""
-        scores = np.array([point.scores[k] for point in self.points])
-        for name in self.quantities if len(scores) else ():
-            values = np.array([point.quantities.get(name, math.nan) for point in self.points])
-            if np.array_equal(values, scores):
-                return name
-            for target in (0.0, *(values[0] + sign * scores[0] for sign in (-1, 1))):
-                # The distance is known only to rounding.
-                if np.allclose(abs(values - target), scores, rtol=1e-9, atol=1e-12 * abs(values).max()):
-                    return f"|{name} − {target:.6g}|" if target else f"|{name}|"
-        return f"score {k + 1}"
 
     def values(self, name: str) -> list[float]:
         """Values of every point, NaN if a point has none."""
@@ -167,27 +143,36 @@ def run_folders(folder: Path) -> list[str]:
 
 
 def read_runs(folder: Path) -> tuple[Run, ...]:
-    """Read all studies of a folder with a ``study.db``.
+    """Read all studies of a folder with a ``points.jsonl``.
 
-    A missing file or a file that is not a study raises an OutputError. Without Optuna it raises a
-    MissingDependencyError.
+    A missing file or a file without such points raises an OutputError.
     """
-    path = folder / FILE
-    if not path.is_file():
+    if not (folder / FILE).is_file():
         raise OutputError(f"there is no {FILE} in {folder}: coilarray optimize --out {folder} makes one.")
-    optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
+    return tuple(run_of(name, points) for name, points in read_studies(folder).items())
 
-    with quiet():
-        try:
-            storage = storage_on(_address(path), as_it_is=True)
-            try:
-                names = optuna.get_all_study_names(storage)
-                return tuple(_run(optuna.load_study(study_name=name, storage=storage)) for name in names)
-            finally:
-                storage.remove_session()
-                storage.engine.dispose()
-        except Exception:  # Optuna passes on errors of SQLAlchemy without useful text
-            raise OutputError(f"cannot read {path}: it is no study of an optimisation.") from None
+
+def run_of(name: str, points: Sequence[Mapping[str, Any]]) -> Run:
+    """Return the run of a study's points."""
+    names, maximized = [], []
+    for objective in points[0]["objectives"]:
+        target, quantity = objective["target"], objective["quantity"]
+        names.append(quantity if target is None else f"|{quantity} − {target:.6g}|" if target else f"|{quantity}|")
+        maximized.append(objective["direction"] == "maximize")
+    possible = tuple(
+        RunPoint(
+            f"{point['kind']} {point['place']}",
+            point["quantities"],
+            point["changes"],
+            tuple(point["scores"]),
+            all(violation <= 0 for violation in point["violations"].values()),
+            point["start"],
+        )
+        for point in points
+        if not point["reason"]
+    )
+    refined = sum(point["kind"] == "polish" for point in points)
+    return Run(name, tuple(names), tuple(maximized), possible, len(points), refined)
 
 
 def front_rows(run: Run) -> list[dict[str, Any]]:
@@ -200,51 +185,6 @@ def front_rows(run: Run) -> list[dict[str, Any]]:
         }
         for p in points
     ]  # fmt: skip
-
-
-def _address(path: Path) -> str:
-    """Read-only address of a database.
-
-    With it SQLite does not wait for a search that writes the database. Without a journal no search is running, and the
-    database is opened as immutable, which creates no files.
-    """
-    journal = path.with_name(f"{path.name}-wal").exists()
-    return f"{path.resolve().as_uri()}?{'mode=ro' if journal else 'immutable=1'}"
-
-
-def _run(study: Study) -> Run:
-    """Read a run from a study."""
-    from optuna.study import StudyDirection
-
-    trials = study.get_trials(deepcopy=False)
-    maximized = tuple(direction == StudyDirection.MAXIMIZE for direction in study.directions)
-    points = tuple(_point(trial) for trial in trials if trial.values is not None)
-    refined = sum(trial.user_attrs.get("point", {}).get("kind") == "polish" for trial in trials)
-    return Run(study.study_name, maximized, points, len(trials), refined)
-
-
-def _point(trial: FrozenTrial) -> RunPoint:
-    """Read a point from a trial."""
-    known = trial.user_attrs.get("point", {})
-    violations: Sequence[float] = tuple(trial.constraints.values())
-    return RunPoint(
-        f"{known.get('kind', 'trial')} {known.get('place', trial.number)}",
-        dict(trial.user_attrs.get("quantities", {})),
-        dict(trial.user_attrs.get("changes") or {key: _value(value) for key, value in trial.params.items()}),
-        tuple(trial.values),
-        all(violation <= 0 for violation in violations),
-        known.get("start", False),
-    )
-
-
-def _value(parameter: object) -> Any:
-    """Value of a parameter."""
-    if not isinstance(parameter, str):
-        return parameter
-    try:
-        return json.loads(parameter)
-    except ValueError:
-        return parameter
 
 
 def _list(values: Mapping[str, object]) -> str:
@@ -278,7 +218,7 @@ class RunsPanel(Panel):
     def __init__(self, session: Session) -> None:
         self._runs: tuple[Run, ...] = ()
         self._name = ""  # of the folder that is read, as the state of the page may contain any text
-        self._stamp: tuple[int, ...] = ()
+        self._stamp = 0
         self._started: dict[str, str] = {}  # digests of the designs of this page's searches, by folder
         self._watching: asyncio.Task[None] | None = None
         self._starting: asyncio.Task[None] | None = None
@@ -441,15 +381,12 @@ def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
     return [{"value": name, "title": name, "props": props} for name, props in items.items()]
 
 
-def _stamp(folder: Path) -> tuple[int, ...]:
-    """Read the times of the last changes of a study."""
-    times = []
-    for name in (FILE, f"{FILE}-wal"):
-        try:
-            times.append((folder / name).stat().st_mtime_ns)
-        except OSError:
-            times.append(0)
-    return tuple(times)
+def _stamp(folder: Path) -> int:
+    """Read the time of the last change of a study."""
+    try:
+        return (folder / FILE).stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _picture(run: Run, x: str, y: str) -> str:

@@ -171,10 +171,8 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
 
     The margin of the fabrication rules is kept, or broken no more than by the design. If the goal has a quantity that
     an LDC1614 reads, and the design has such a converter, the converter must be able to read all of it. A bound is left
-    out if the goal already treats its quantity. Both are left out for the sampler cmaes, which takes no bounds.
+    out if the goal already treats its quantity.
     """
-    if goal.search.sampler == "cmaes":
-        return goal
     file, names = as_file(design), goal.quantities
     more = [] if any(name.startswith(RULES) for name in names) else [_fab(file).table]
     read = any(request(name).quantity.is_read for name in names)

@@ -25,7 +25,7 @@ _POLISH = 60  # evaluations of the local solver by default
 _WHOLE_STEPS = 1e-9  # of a step: tolerance of a range for a whole number of steps
 _MOST_STEPS = 1e9
 _ROUNDING = 1e-9  # of a bound: less is not a violation
-Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
+Sampler = Literal["tpe", "nsga2", "random"]
 
 _SCORE_ROUNDING = 1e-9  # of a score: less is not a gain
 RULES = ("fab_margin_mm", "fab_broken")
@@ -181,7 +181,7 @@ class Search(Table):
     batch: Annotated[int, Field(ge=1, le=10_000)] = 8
     """Number of designs that are chosen together, for workers to share."""
     population: Annotated[int, Field(ge=2, le=10_000)] = 24
-    """Number of designs in a generation of nsga2 and cmaes."""
+    """Number of designs in a generation of nsga2."""
     polish: Annotated[int, Field(ge=0, le=100_000)] | None = None
     """Evaluations of the local solver, which refines the best design. None for several objectives."""
     accuracy: Accuracy = "full"
@@ -204,18 +204,13 @@ class Goal(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Goal:
-        """Require different variables and objectives, and a fit sampler."""
+        """Require different variables and objectives."""
         for one, other in itertools.permutations([variable.entry for variable in self.variables], 2):
             if one == other or other.startswith(f"{one}."):
                 raise ValueError(f"names the entry {one} in more than one variable")
         wanted = [objective.quantity for objective in self.objectives]
         if len(set(wanted)) != len(wanted):
             raise ValueError(f"needs a different quantity in every objective; got {', '.join(wanted)}")
-        if self.search.sampler == "cmaes":
-            if len(self.objectives) > 1 or self.constraints:
-                raise ValueError("has the sampler cmaes, which takes one objective and no constraints")
-            if all(variable.choices is not None for variable in self.variables):
-                raise ValueError("has the sampler cmaes, which needs a variable with low and high")
         return self
 
     @property

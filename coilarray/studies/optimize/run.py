@@ -1,37 +1,61 @@
-"""Optimization of a design: the start, the search, the local solver and the result."""
+"""Optimization of a design: the search with its points on disk, the local solver, and the result.
+
+The sampler of Optuna chooses all points of a batch before any of them is evaluated, and gets their results together, in
+the order of the batch. A new sampler with its own seed is made for each point. A point therefore depends only on the
+goal, its place and the batches before it, but not on the workers. A run that is resumed chooses the same points again,
+and takes the outcomes that it finds on disk.
+
+The best point is refined by SciPy's COBYQA, which needs no derivatives (T. M. Ragonneau, Model-Based Derivative-Free
+Optimization Methods and Software, PhD thesis, Hong Kong Polytechnic University, 2022): quadratic models in a trust
+region, bounds always kept, constraints by sequential quadratic programming. Variables are scaled to the unit box, and
+scores by the score of the first point. A distance to a target is squared, which makes it smooth. Whole numbers, steps
+and choices are not changed.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from coilarray.compute.store import Store
+import numpy as np
+from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.extras import import_extra
+from coilarray.compute.files import make_folder, writing
+from coilarray.compute.store import Store, content_key, locked_database
 from coilarray.compute.workers import open_executor
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.vary import vary
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import CoilarrayError, GoalError
+from coilarray.errors import CoilarrayError, GoalError, OutputError
 from coilarray.studies import quantities
 from coilarray.studies.optimize.derive import keeping_rules
 from coilarray.studies.optimize.goal import Goal, Trial, best_of, better_than, trial_of
-from coilarray.studies.optimize.search import (
-    Evaluate,
-    Outcome,
-    open_study,
-    polish,
-    polish_problem,
-    search,
-    stored_trial,
-)
-from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
-from coilarray.studies.points import evaluate_points
+from coilarray.studies.optimize.space import Axis, axes_of, changes_of, distributions_of, start_parameters
+from coilarray.studies.points import Outcome, evaluate_points
 
+if TYPE_CHECKING:
+    from optuna.samplers import BaseSampler
+
+FILE = "points.jsonl"
+"""File of the points in the folder of the results, a line for each."""
+Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]
+"""Function of the changes of several points and an accuracy. It yields the index and outcome of each, in any order."""
 SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
 """Function of the number of known points, their largest number, and the best point of a single objective."""
+_FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
+_LAST_RADIUS = 1e-7
+_WORSE = 10.0  # cost of an impossible point, relative to the first point
+_INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that points which it allows are allowed
+_MOST_EVALUATIONS = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +63,10 @@ class Optimization:
     """Result of an optimization.
 
     `axes` are the variables. `file` and `start` are the design from which the search started, and `start_inside` is
-    whether it lies within the bounds of the variables. `goal` has at least as many trials as an earlier run. `trials`
-    are of the search, then of the local solver, including the `found` trials of earlier runs. `front` are the trials
-    that are better than the start by the first objective, with one objective the best alone, and empty if no trial
-    keeps all bounds. `polish_problem` is the reason why the local solver did not run.
+    whether it lies within the bounds of the variables. `trials` are of the search, then of earlier runs and of the
+    local solver, and `found` of them were known at the start. `front` are the trials that are better than the start by
+    the first objective, with one objective the best alone, and empty if no trial keeps all bounds. `polish_problem` is
+    the reason why the local solver did not run.
     """
 
     file: DesignFile
@@ -98,10 +122,10 @@ def optimize_design(
     """Search from a design for better designs, and continue a killed run.
 
     Entries that are not variables of the goal stay unchanged. Boards that cannot be made are excluded, see
-    `keeping_rules`. `folder` has the study, ``study.db``. `workers` are a number of local processes or an executor, on
-    which the points do not depend. `cache` keeps evaluated points. `progress` is a `SearchProgress`. Raises GoalError
-    if a variable does not fit the design or it lacks a quantity, OutputError if the study cannot be used, and
-    MissingDependencyError without Optuna.
+    `keeping_rules`. Every point is written to ``points.jsonl`` in `folder` as soon as it is known. `workers` are a
+    number of local processes or an executor, on which the points do not depend. `cache` keeps evaluated points.
+    `progress` is a `SearchProgress`. Raises GoalError if a variable does not fit the design or it lacks a quantity,
+    OutputError if the file cannot be used, and MissingDependencyError without Optuna.
 
     Returns
     -------
@@ -140,13 +164,8 @@ def optimize_with(
     """Search as `optimize_design` does, with any `Evaluate` function."""
     file = as_file(design)
     axes = axes_of(goal, file)
-    inside = start_parameters(axes) is not None
-    with open_study(Path(folder), file.design, goal) as store:
-        points = [trial.user_attrs["point"] for trial in store.trials()]
-        found = len(points)
-        known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
-        if known > goal.search.trials:  # no known point is left out
-            goal = goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
+    with _open_points(Path(folder), file.design, goal, axes) as points:
+        found = len(points.trials)
         ((_, outcome),) = evaluate([{}], "full")
         start = trial_of(goal, "start", 0, {}, outcome)
         single = len(goal.objectives) == 1
@@ -162,14 +181,15 @@ def optimize_with(
             if progress is not None:
                 progress(len(seen), total, best)
 
-        tried = search(goal, axes, outcome, store, evaluate, count)
+        tried = _search(goal, axes, points, outcome, evaluate, count)
         best = best_of(tried, goal) if single else None
-        problem = polish_problem(goal, axes, best)
+        problem = _polish_problem(goal, axes, best)
         if not problem and best is not None:
-            polish(goal, axes, best, store, evaluate, count)
-        stored = (stored_trial(goal, axes, frozen) for frozen in store.trials())  # also of runs with another start
-        polished = sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
-        tried = _confirmed(goal, start, tried + polished, evaluate)
+            _polish(goal, axes, best, points, evaluate, count)
+        names = {trial.name for trial in tried}
+        tried += [trial for trial in points.trials.values() if trial.name not in names]
+        tried = _confirmed(goal, start, tried, evaluate)
+    inside = start_parameters(axes) is not None
     return Optimization(file, goal, axes, start, inside, tuple(tried), better_than(start, tried, goal), found, problem)
 
 
@@ -179,6 +199,235 @@ def require_coils(design: Design, goal: Goal) -> None:
     for key in goal.quantities:
         for coil in quantities.request(key).coils:
             evaluation.coil(coil)
+
+
+def study_name(design: Design, goal: Goal) -> str:
+    """Name of a study: of the design, with a hash of everything that determines the points."""
+    key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
+    return f"{design.name}-{key[:16]}"
+
+
+def read_studies(folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Return the points of every study in a folder by its name. Raises OutputError.
+
+    A point has the ``objectives`` of the goal, ``start``, whether it is the given design, and the values of a `Trial`.
+    """
+    path = folder / FILE
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot read {path}: {error}.") from None
+    studies: dict[str, list[dict[str, Any]]] = {}
+    for line in filter(None, lines):
+        with suppress(ValueError, TypeError, KeyError, RecursionError):  # a killed run may leave part of a line
+            point = json.loads(line)
+            studies.setdefault(str(point["study"]), []).append(point)
+    if any(lines) and not studies:
+        raise OutputError(f"cannot use {path}: it has no points of an optimisation.")
+    return studies
+
+
+def points_found(folder: Path, design: Design, goal: Goal) -> int:
+    """Return the number of points left by an earlier run."""
+    return len(read_studies(folder).get(study_name(design, goal), []))
+
+
+class _Points:
+    """Points of a study in a file, by `_key`."""
+
+    def __init__(self, path: Path, study: str, goal: Goal, start: Mapping[str, Any] | None) -> None:
+        self._path, self._start = path, start
+        self._head = {"study": study, "objectives": goal.model_dump(mode="json", by_alias=True)["objective"]}
+        self.trials: dict[str, Trial] = {}
+        for point in read_studies(path.parent).get(study, []):
+            outcome = point["reason"] or point["quantities"]
+            accuracy = point["accuracy"]
+            trial = trial_of(goal, point["kind"], point["place"], point["changes"], outcome, accuracy)
+            self.trials[_key(trial.changes, accuracy)] = trial
+
+    def add(self, trial: Trial) -> None:
+        """Write a point. Raises OutputError."""
+        start = trial.name == "search 0" and trial.changes == self._start
+        line = json.dumps({**self._head, "start": start, **vars(trial)})
+        with writing(self._path), self._path.open("a", encoding="utf-8") as file:
+            file.write(f"\n{line}\n")  # on a line of its own, also after part of a line
+        self.trials[_key(trial.changes, trial.accuracy)] = trial
+
+
+def _key(changes: Mapping[str, Any], accuracy: Accuracy) -> str:
+    return json.dumps([accuracy, changes])
+
+
+@contextmanager
+def _open_points(folder: Path, design: Design, goal: Goal, axes: Sequence[Axis]) -> Iterator[_Points]:
+    """Open the points of a goal and a design in a folder, for a ``with`` block.
+
+    The folder may hold studies of other designs and goals too. A study is identified by the code and by the whole goal
+    except its trials, polish and watch. Raises OutputError if the file cannot be used, or if another search is running
+    in the folder, and MissingDependencyError if Optuna is not installed.
+    """
+    import_extra("optuna", "optimisations", package="Optuna", extra="optimize")
+    make_folder(folder)
+    busy = f"another search is running in {folder}; wait for it or give another folder."
+    with locked_database(folder / "points.lock", busy), quiet():
+        parameters = start_parameters(axes)
+        start = None if parameters is None else changes_of(axes, parameters)
+        yield _Points(folder / FILE, study_name(design, goal), goal, start)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Silence Optuna's notes and warnings on standard error."""
+    from optuna import logging
+
+    before = logging.get_verbosity()
+    logging.set_verbosity(logging.ERROR)
+    try:
+        yield
+    finally:
+        logging.set_verbosity(before)
+
+
+def _search(
+    goal: Goal,
+    axes: Sequence[Axis],
+    points: _Points,
+    start: Outcome,
+    evaluate: Evaluate,
+    report: Callable[[Trial], None],
+) -> list[Trial]:
+    """Choose and evaluate the points of a goal, and return them in their order.
+
+    The first point is the design itself, with the outcome `start`, if it lies within the bounds. `report` is called
+    with each trial once it is known. Raises OutputError.
+    """
+    from optuna import create_study
+    from optuna.trial import TrialState
+
+    study = create_study(directions=goal.directions)
+    distributions, first, accuracy = distributions_of(axes), start_parameters(axes), goal.search.accuracy
+    trials: list[Trial] = []
+    for begin in range(0, goal.search.trials, goal.search.batch):
+        places = range(begin, min(begin + goal.search.batch, goal.search.trials))
+        asked = []
+        for place in places:
+            study.sampler = _sampler(goal, place)
+            if place == 0 and first is not None:
+                study.enqueue_trial(first)
+            asked.append(study.ask(distributions))
+        changes = [changes_of(axes, one.params) for one in asked]
+        keys = [_key(change, accuracy) for change in changes]
+        if begin == 0 and first is not None and accuracy == "full" and keys[0] not in points.trials:
+            points.add(trial_of(goal, "search", 0, changes[0], start))
+        known = [k for k in range(len(keys)) if keys[k] in points.trials]
+        missing = [k for k in range(len(keys)) if keys[k] not in points.trials]
+        batch = {}
+        for k in known:
+            old = points.trials[keys[k]]
+            batch[begin + k] = trial_of(goal, "search", begin + k, changes[k], old.reason or old.quantities, accuracy)
+            report(batch[begin + k])
+        for index, outcome in evaluate([changes[k] for k in missing], accuracy) if missing else ():
+            place = begin + missing[index]
+            batch[place] = trial_of(goal, "search", place, changes[missing[index]], outcome, accuracy)
+            points.add(batch[place])
+            report(batch[place])
+        for place, one in zip(places, asked, strict=True):
+            trial = batch[place]
+            for key, violation in trial.violations.items():
+                one.set_constraint(key, violation)
+            if trial.reason:
+                study.tell(one, state=TrialState.PRUNED)
+            else:
+                study.tell(one, list(trial.scores))
+            trials.append(trial)
+    return trials
+
+
+def _sampler(goal: Goal, place: int) -> BaseSampler:
+    """Make the sampler of one point."""
+    from optuna import samplers
+
+    seed = int(np.random.SeedSequence([goal.search.seed, place]).generate_state(1)[0])
+    match goal.sampler:
+        case "tpe":
+            return samplers.TPESampler(seed=seed)
+        case "nsga2":
+            return samplers.NSGAIISampler(seed=seed, population_size=goal.search.population)
+        case "random":
+            return samplers.RandomSampler(seed=seed)
+
+
+def _polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
+    """Return the reason why polishing is impossible in one line, or ""."""
+    if len(goal.objectives) > 1:
+        return "a goal with several objectives has no single best point to polish."
+    if not goal.polish:
+        return "the goal asks for none."
+    if best is None:
+        return "no point of the search keeps all constraints."
+    if not any(axis.continuous for axis in axes):
+        return "no variable is continuous."
+    return ""
+
+
+def _polish(
+    goal: Goal, axes: Sequence[Axis], best: Trial, points: _Points, evaluate: Evaluate, report: Callable[[Trial], None]
+) -> None:
+    """Improve the continuous variables of the `best` point of a search with one objective. Raises OutputError."""
+    free = [axis for axis in axes if axis.continuous]
+    seen = {_key(best.changes, "full"): best} if goal.search.accuracy == "full" else {}
+    count = sum(trial.kind == "polish" for trial in points.trials.values())
+    unit, tried = abs(best.scores[0]) or 1.0, 0
+
+    def trial_at(point: FloatArray) -> Trial:
+        """Return the trial at a point of the unit box. The solver asks for cost and violations separately."""
+        nonlocal tried, count
+        parts = zip(free, point.tolist(), strict=True)
+        changes = {**best.changes, **{axis.entry: axis.value(axis.at(part)) for axis, part in parts}}
+        key = _key(changes, "full")
+        if key in seen:  # points closer than the fabrication resolution are one point
+            return seen[key]
+        if tried >= goal.polish:
+            raise _EnoughError
+        if key not in points.trials:
+            ((_, outcome),) = evaluate([changes], "full")
+            points.add(trial_of(goal, "polish", count, changes, outcome))
+            count += 1
+        tried += 1
+        seen[key] = points.trials[key]
+        report(seen[key])
+        return seen[key]
+
+    def cost(point: FloatArray) -> float:
+        """Return 1 or −1 at the first point."""
+        trial = trial_at(point)
+        if trial.reason:
+            return _WORSE
+        score = trial.scores[0] / unit
+        if goal.objectives[0].target is not None:
+            return score * score
+        return -score if goal.objectives[0].maximized else score
+
+    def violations(point: FloatArray) -> FloatArray:
+        """Return the violation of each bound. An impossible point violates all."""
+        trial = trial_at(point)
+        return np.array([trial.violations.get(key, 1.0) for key in best.violations])
+
+    begin = np.array([axis.part(best.changes[axis.entry]) for axis in free])
+    with suppress(_EnoughError):
+        minimize(
+            cost,
+            begin,
+            method="COBYQA",
+            bounds=Bounds(np.zeros(len(begin)), np.ones(len(begin))),
+            constraints=[NonlinearConstraint(violations, -np.inf, -_INSIDE)] if best.violations else [],
+            # the evaluations are counted here
+            options={"maxfev": _MOST_EVALUATIONS, "initial_tr_radius": _FIRST_RADIUS, "final_tr_radius": _LAST_RADIUS},
+        )
+
+
+class _EnoughError(Exception):
+    """The goal's number of points has been evaluated."""
 
 
 def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:

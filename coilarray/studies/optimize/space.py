@@ -61,11 +61,6 @@ class Axis:
         decimals = _DECIMALS.get(names[-1].rpartition("_")[2])
         return decimals if decimals is not None and self.high - self.low > _LEAST_STEPS * 10.0**-decimals else None
 
-    @property
-    def _count(self) -> int:
-        """Number of values of a variable with steps."""
-        return round((self.high - self.low) / (self.step or 1.0)) + 1
-
     def distribution(self) -> BaseDistribution:
         """Return the variable as Optuna has it."""
         from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
@@ -75,7 +70,7 @@ class Axis:
         if self.whole:
             return IntDistribution(int(self.low), int(self.high), self.log, int(self.step or 1))
         if self.step is not None:
-            return IntDistribution(0, self._count - 1)
+            return IntDistribution(0, round((self.high - self.low) / self.step))
         return FloatDistribution(self.low, self.high, self.log)
 
     def parameter(self, value: Any) -> Any:
@@ -104,14 +99,9 @@ class Axis:
             return min(max(round(parameter, decimals), self.low), self.high)
         return parameter
 
-    def at(self, part: float) -> Any:
-        """Return the parameter at a fraction of the range, 0 at the first value."""
+    def at(self, part: float) -> float:
+        """Return the parameter of a continuous variable at a fraction of its range."""
         part = min(max(part, 0.0), 1.0)
-        if self.choices:
-            return self.choices[min(int(part * len(self.choices)), len(self.choices) - 1)]
-        if self.step is not None or self.whole:
-            place = min(int(part * self._count), self._count - 1)
-            return int(self.low + place * (self.step or 1.0)) if self.whole else place
         if self.log:
             return min(max(self.low * (self.high / self.low) ** part, self.low), self.high)
         return self.low + part * (self.high - self.low)

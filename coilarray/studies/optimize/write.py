@@ -22,8 +22,7 @@ from coilarray.design.model import DesignFile
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import file_text
 from coilarray.studies.optimize.goal import Goal, Trial
-from coilarray.studies.optimize.run import Optimization
-from coilarray.studies.optimize.search import quiet
+from coilarray.studies.optimize.run import Optimization, quiet
 from coilarray.studies.optimize.space import Axis, distributions_of
 
 LEAST_POINTS = 30
