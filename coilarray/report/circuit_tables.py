@@ -179,8 +179,6 @@ def stability_table(found: xr.Dataset) -> Table:
     columns = (
         Column("state"),
         Column("scan_noise", "noise of a scan", "1", _NOISE),
-        Column("low", "from", "1", _NOISE),
-        Column("high", "to", "1", _NOISE),
         Column("expected", "budget", "1", _NOISE),
         Column("least", "least deviation", "1", _NOISE),
         Column("least_tau", "averaged over", "s", DisplayUnit("s", 1.0, 3, significant=True)),
@@ -191,7 +189,7 @@ def stability_table(found: xr.Dataset) -> Table:
     for name in found.state.values.tolist():
         one = found.sel(state=name)
         least = int(np.nanargmin(one.deviation.values))
-        shown = (one.scan_noise, one.low[0], one.high[0], one.expected, one.deviation[least], one.tau[least])
+        shown = (one.scan_noise, one.expected, one.deviation[least], one.tau[least])
         numbers = [float(value) for value in (*shown, one.drift, one.drift_error)]
         rows.append((name, *("" if math.isnan(value) else value for value in numbers)))
     return Table("stability", "Noise and drift of δ at rest", columns, tuple(rows))
@@ -202,10 +200,10 @@ def allan_table(found: xr.Dataset) -> Table:
     columns = (
         Column("state"),
         Column("tau", "averaged over", "s", DisplayUnit("s", 1.0, 4, significant=True)),
-        *(Column(name, text, "1", _NOISE) for name, text in (("deviation", ""), ("low", "from"), ("high", "to"))),
+        Column("deviation", "", "1", _NOISE),
     )
     rows = [
-        (name, float(tau), *(float(found[key].sel(state=name, tau=tau)) for key in ("deviation", "low", "high")))
+        (name, float(tau), float(found.deviation.sel(state=name, tau=tau)))
         for name in found.state.values.tolist()
         for tau in found.tau.values
         if np.isfinite(found.deviation.sel(state=name, tau=tau))
@@ -232,7 +230,7 @@ def averages_table(found: xr.Dataset) -> Table:
 
 def stability_lines(found: xr.Dataset) -> list[str]:
     """Describe the measuring time and compare noise and budget."""
-    lines = [f"{found.attrs['scans']} scans, one every {found.attrs['period']:.4g} s; intervals of 68 %"]
+    lines = [f"{found.attrs['scans']} scans, one every {found.attrs['period']:.4g} s"]
     ratio = (found.scan_noise / found.expected).values
     if np.isfinite(ratio).any():
         lines.append(f"noise of a scan over that of the budget: {np.nanmin(ratio):.2f} to {np.nanmax(ratio):.2f}")

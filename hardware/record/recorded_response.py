@@ -6,20 +6,21 @@ The datasets are the response of a campaign, in the form of simulations, and the
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.checksum import with_checksums
+from coilarray.compute.netcdf import variables
 from coilarray.design.scan_states import referenced_names
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
-from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
-from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
+from coilarray.hardware.record.recording import Recording, iso_time
+from coilarray.hardware.scan.readings import Verdict, read_scan
 from coilarray.response.dataset import coil_coordinates, origin_attributes
 
 Capacitances = Mapping[str, float] | float | None
@@ -29,12 +30,25 @@ BASELINE_SCANS = 10
 VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "bad")
 """Verdicts in the order of the numbers of ``verdict``."""
 _WORDS = {
-    "msb": "register DATA0_MSB with its error flags", "lsb": "register DATA0_LSB", "status": "register STATUS",
+    "msb": "register DATA0_MSB with its error flags",
+    "lsb": "register DATA0_LSB",
+    "status": "register STATUS",
     "fault": "0, or why there are no words",
-}  # fmt: skip
+}
 """Raw words of a conversion in their order."""
-_WHEN = {"received": "s", "session": "", "sequence": "", "stage": "", "finished": "", "depth": "m", "y": "m", "x": "m"}
-"""Fields of a `_Row` that are coordinates of the series as they are, with their units."""
+_WHEN = {
+    "received": "s",
+    "session": "",
+    "sequence": "",
+    "stage": "",
+    "finished": "",
+    "place": "",
+    "depth": "m",
+    "y": "m",
+    "x": "m",
+    "temperature": "degC",
+}
+"""Coordinates of a scan, with their units."""
 
 
 def recorded_response(
@@ -74,7 +88,9 @@ def recorded_response(
     L_0 is measured again at every position before the indenter touches, as in the paper (eq. 2), so that a slow drift
     does not affect δ.
     """
-    campaign, design = _campaign(recording), recording.design
+    if recording.campaign is None:
+        raise HardwareError(f"{recording.path} holds no campaign, only a time series.")
+    campaign, design = Campaign.from_json(recording.campaign), recording.design
     base, peak, doubtful, baselines = _measured(recording, campaign, capacitances, clock)
     delta = peak / base - 1
     count = np.isfinite(delta).sum(axis=0)
@@ -88,30 +104,61 @@ def recorded_response(
         deviation = np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)
         found_from = "repeats"
     else:
-        deviation = np.where(count > 0, _from_steps(baselines, campaign.scans), np.nan)
+        # Differences of successive L_0, in which a drift cancels: von Neumann's estimate. δ is a difference as well.
+        step = (
+            np.sqrt(np.mean(np.diff(baselines, axis=0) ** 2, axis=0) / campaign.scans) if len(baselines) > 1 else np.nan
+        )
+        deviation = np.where(count > 0, step / _mean(baselines), np.nan)
         found_from = "baselines"
-    dims = ("depth", "y", "x", "state")
-    return xr.Dataset(
-        {
-            "delta": (dims, mean, {"units": "1", "long_name": "relative change of inductance"}),
-            "delta_std": (
-                dims, deviation,
-                {"units": "1", "long_name": "standard deviation of one delta", "found_from": found_from},
-            ),
-            "base_inductance": (
-                "state", _mean(baselines), {"units": "H", "long_name": "L_0 as the converter sees it"}
-            ),
-            "doubtful": (dims, doubtful.any(axis=0), {"long_name": "beyond what the data sheet promises"}),
-        },
+    dims, std = ("depth", "y", "x", "state"), {"found_from": found_from}
+    setup = design.indentation
+    indentation: dict[str, str | float] = {}
+    if setup is not None:
+        indentation = {"indenter": setup.indenter.name, "base": str(setup.base), **origin_attributes(setup)}
+    response = xr.Dataset(
+        variables(
+            ("delta", dims, mean, "1", "relative change of inductance"),
+            ("delta_std", dims, deviation, "1", "standard deviation of one delta"),
+            ("base_inductance", ("state",), _mean(baselines), "H", "L_0 as the converter sees it"),
+            ("doubtful", dims, doubtful.any(axis=0), "", "beyond what the data sheet promises"),
+        ),
         coords={
             "depth": ("depth", list(campaign.depths), {"units": "m", "long_name": "depth of the indentation"}),
             "y": ("y", list(campaign.y), {"units": "m"}),
             "x": ("x", list(campaign.x), {"units": "m"}),
             "state": list(recording.states),
-            **coil_coordinates(design.indentation, design.array.names, design.array.centres),
+            **coil_coordinates(setup, design.array.names, design.array.centres),
         },
-        attrs={**_provenance(recording), "repeats": campaign.repeats, **_indentation(recording)},
-    )  # fmt: skip
+        attrs={**_provenance(recording), "repeats": campaign.repeats, **indentation},
+    )
+    response.delta_std.attrs |= std
+    return response
+
+
+def _measured(
+    recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
+) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
+    """Return L_0, L_peak and doubt over (repeat, depth, y, x, state), and L_0 of every scan."""
+    series = recorded_series(recording, capacitances=capacitances, clock=clock)
+    series = series.isel(scan=np.flatnonzero(series.finished.values))
+    if (series.place.values >= campaign.size).any():
+        raise HardwareError(f"{recording.path} is damaged: a position is not of its campaign.")
+    repeat, j, i, k = np.unravel_index(
+        series.place.values, (campaign.repeats, len(campaign.y), len(campaign.x), len(campaign.depths))
+    )
+    node = np.stack((repeat, k, j, i))
+    shape = (campaign.repeats, len(campaign.depths), len(campaign.y), len(campaign.x))
+    inductance, means = series.inductance.values, []
+    for stage in ("baseline", "peak"):
+        of_stage = series.stage.values == stage
+        total, count = np.zeros((*shape, inductance.shape[1])), np.zeros(shape)
+        np.add.at(total, tuple(node[:, of_stage]), inductance[of_stage])
+        np.add.at(count, tuple(node[:, of_stage]), 1)
+        with np.errstate(invalid="ignore"):  # 0/0 at positions that were not measured
+            means.append(total / count[..., None])
+    doubtful = np.zeros((*shape, inductance.shape[1]), dtype=bool)
+    np.logical_or.at(doubtful, tuple(node), series.verdict.values > 0)
+    return means[0], means[1], doubtful, inductance[series.stage.values == "baseline"]
 
 
 def recorded_series(
@@ -136,44 +183,70 @@ def recorded_series(
         Over ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN if the verdict is bad;
         ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``. Coordinates of
         a scan: ``time`` in s from the first scan, by the board's clock within a session; ``received`` in s since the
-        epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a position that was measured to
-        its end; ``depth``, ``y``, ``x`` in m, NaN if unknown; ``temperature`` in °C if the recording has temperatures,
-        likewise.
+        epoch; ``session``, ``sequence``, ``stage``; ``place``, its number in the campaign, −1 if none; ``finished``,
+        whether it belongs to a position that was measured to its end; ``depth``, ``y``, ``x`` in m, NaN if unknown;
+        ``temperature`` in °C if the recording has temperatures, likewise.
     """
     if baseline < 1:
         raise HardwareError(f"baseline must be at least 1 scan; got {baseline}.")
     finished = recording.positions()
-    rows = [_row(scan, _reading(recording, scan, capacitances, clock), finished) for scan in recording.scans()]
-    if not rows:
+    columns: dict[str, list[Any]] = {name: [] for name in ("frequency", "inductance", "verdict", "raw", *_WHEN)}
+    times: list[float] = []
+    for one in recording.scans():
+        raw, session = one.scan, recording.sessions[one.session]
+        known = session.capacitances if capacitances is None else capacitances
+        states = read_scan(raw, session.settings, known, clock=clock).states
+        if not times or one.session != columns["session"][-1]:
+            first, start = raw.time, 0.0
+            if times:  # virtual time may run ahead of the computer's
+                start = max(raw.received - columns["received"][0], times[-1])
+        times.append(start + raw.time - first)
+        row = {
+            "frequency": [_number(state.frequency) for state in states],
+            "inductance": [_number(state.inductance) for state in states],
+            "verdict": [VERDICTS.index(state.verdict) for state in states],
+            "raw": [(word.msb, word.lsb, word.status, word.fault) for word in raw.samples],
+            "received": raw.received,
+            "session": one.session,
+            "sequence": raw.sequence,
+            "stage": one.stage,
+            "finished": one.position in finished,
+            "place": -1 if one.place is None else one.place.number,
+            "depth": _number(one.depth),
+            "y": math.nan if one.place is None else one.place.y,
+            "x": math.nan if one.place is None else one.place.x,
+            "temperature": _number(one.temperature),
+        }
+        for name, value in row.items():
+            columns[name].append(value)
+    if not times:
         raise HardwareError(f"{recording.path} has no scan yet.")
-    frequency, inductance, verdicts, raw = (np.array([row[k] for row in rows]) for k in range(4))
-    first = inductance[[not row.depth > 0 for row in rows]][:baseline]
+    frequency, inductance = (np.array(columns[name], dtype=np.float64) for name in ("frequency", "inductance"))
+    raw_words = np.array(columns["raw"], dtype=np.uint16)
+    coords = {name: ("scan", columns[name], {"units": unit} if unit else {}) for name, unit in _WHEN.items()}
+    if not np.isfinite(columns["temperature"]).any():
+        del coords["temperature"]
+    first_rest = inductance[~(np.array(columns["depth"]) > 0)][:baseline]
     dims = ("scan", "state")
-    return xr.Dataset(
-        {
-            "frequency": (dims, frequency, {"units": "Hz", "long_name": "frequency of the oscillation"}),
-            "inductance": (dims, inductance, {"units": "H", "long_name": "inductance as the converter sees it"}),
-            "delta": (
-                dims, inductance / _mean(first) - 1,
-                {"units": "1", "long_name": "relative change of inductance", "baseline_scans": len(first)},
-            ),
-            "verdict": (
-                dims, verdicts,
-                {"long_name": "verdict", "flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)},
-            ),
-            **{name: (dims, raw[..., k], {"long_name": text}) for k, (name, text) in enumerate(_WORDS.items())},
-        },
-        coords={
-            "time": ("scan", _times(rows), {"units": "s"}),
-            **{
-                name: ("scan", [getattr(row, name) for row in rows], {"units": unit} if unit else {})
-                for name, unit in _WHEN.items()
-            },
-            **_temperatures(rows),
-            "state": list(recording.states),
-        },
+    series = xr.Dataset(
+        variables(
+            ("frequency", dims, frequency, "Hz", "frequency of the oscillation"),
+            ("inductance", dims, inductance, "H", "inductance as the converter sees it"),
+            ("delta", dims, inductance / _mean(first_rest) - 1, "1", "relative change of inductance"),
+            ("verdict", dims, np.array(columns["verdict"], dtype=np.int8), "", "verdict"),
+            *((name, dims, raw_words[..., k], "", text) for k, (name, text) in enumerate(_WORDS.items())),
+        ),
+        coords={"time": ("scan", times, {"units": "s"}), **coords, "state": list(recording.states)},
         attrs=_provenance(recording),
-    )  # fmt: skip
+    )
+    series.delta.attrs["baseline_scans"] = len(first_rest)
+    series.verdict.attrs |= {"flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)}
+    return series
+
+
+def at_rest(series: xr.Dataset) -> BoolArray:
+    """Mark the scans of a series at rest, shape (scan,)."""
+    return np.asarray(~(series.depth.values > 0))
 
 
 def response_csv(response: xr.Dataset) -> str:
@@ -201,134 +274,10 @@ def series_csv(series: xr.Dataset) -> str:
     return with_checksums(table.to_csv(lineterminator="\n"))
 
 
-def _campaign(recording: Recording) -> Campaign:
-    if recording.campaign is None:
-        raise HardwareError(f"{recording.path} holds no campaign, only a time series.")
-    return Campaign.from_json(recording.campaign)
-
-
-def _measured(
-    recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
-    """Return L_0 and L_peak over (repeat, depth, y, x, state)."""
-    shape = (campaign.repeats, len(campaign.depths), len(campaign.y), len(campaign.x), len(recording.states))
-    sums = {"baseline": np.zeros(shape), "peak": np.zeros(shape)}
-    counts = {"baseline": np.zeros(shape[:-1]), "peak": np.zeros(shape[:-1])}
-    doubtful = np.zeros(shape, dtype=bool)
-    baselines = []
-    for scan in recording.scans(finished=True):
-        if scan.stage not in sums or scan.place is None:
-            continue
-        node = _node(recording, campaign, scan.place)
-        states = _reading(recording, scan, capacitances, clock).states
-        inductance = np.array([_number(state.inductance) for state in states])
-        sums[scan.stage][node] += inductance
-        counts[scan.stage][node] += 1
-        doubtful[node] |= np.array([state.verdict != "good" for state in states])
-        if scan.stage == "baseline":
-            baselines.append(inductance)
-    with np.errstate(invalid="ignore"):  # 0/0 at positions that were not measured
-        base, peak = (sums[name] / counts[name][..., None] for name in ("baseline", "peak"))
-    return base, peak, doubtful, np.array(baselines).reshape(-1, shape[-1])
-
-
-def _node(recording: Recording, campaign: Campaign, place: GridPlace) -> tuple[int, int, int, int]:
-    """Return the indices (repeat, depth, y, x) of a place."""
-    if not 0 <= place.number < campaign.size or campaign.places[place.number] != place:
-        raise HardwareError(f"{recording.path} is damaged: position {place.number} is not of its campaign.")
-    row, k = divmod(place.number, len(campaign.depths))
-    row, i = divmod(row, len(campaign.x))
-    repeat, j = divmod(row, len(campaign.y))
-    return repeat, k, j, i
-
-
-def _from_steps(baselines: FloatArray, scans: int) -> FloatArray:
-    """Estimate the standard deviation of δ by state.
-
-    Differences of successive L_0 are used, in which a drift cancels. This is von Neumann's estimate. δ is a difference
-    as well, between two means of the given number of scans.
-    """
-    if len(baselines) < 2:
-        return np.full(baselines.shape[-1], np.nan)
-    return np.asarray(np.sqrt(np.mean(np.diff(baselines, axis=0) ** 2, axis=0) / scans) / _mean(baselines))
-
-
 def _mean(values: FloatArray) -> FloatArray:
     """Mean of the rows without NaN."""
     count = np.isfinite(values).sum(axis=0)
     return np.asarray(np.where(count > 0, np.nansum(values, axis=0), np.nan) / np.maximum(count, 1))
-
-
-def _reading(recording: Recording, scan: RecordedScan, capacitances: Capacitances, clock: float | None) -> ScanReading:
-    session = recording.sessions[scan.session]
-    return read_scan(
-        scan.scan, session.settings, session.capacitances if capacitances is None else capacitances, clock=clock
-    )
-
-
-class _Row(NamedTuple):
-    """A scan of a time series."""
-
-    frequency: FloatArray
-    inductance: FloatArray
-    verdict: npt.NDArray[np.int8]
-    raw: npt.NDArray[np.uint16]
-    time: float
-    received: float
-    session: int
-    sequence: int
-    stage: str
-    finished: bool
-    depth: float
-    temperature: float
-    y: float
-    x: float
-
-
-def _row(scan: RecordedScan, reading: ScanReading, finished: Container[int | None]) -> _Row:
-    """Make the row of a scan."""
-    raw, states, place = scan.scan, reading.states, scan.place
-    when = (raw.time, raw.received, scan.session, raw.sequence, scan.stage, scan.position in finished)
-    where = (math.nan, math.nan) if place is None else (place.y, place.x)
-    return _Row(
-        np.array([_number(state.frequency) for state in states]),
-        np.array([_number(state.inductance) for state in states]),
-        np.array([VERDICTS.index(state.verdict) for state in states], dtype=np.int8),
-        np.array([(one.msb, one.lsb, one.status, one.fault) for one in raw.samples], dtype=np.uint16),
-        *when,
-        _number(scan.depth),
-        _number(scan.temperature),
-        *where,
-    )
-
-
-def _temperatures(rows: Sequence[_Row]) -> dict[str, Any]:
-    """Return the temperature coordinate if any scan has it."""
-    values = np.array([row.temperature for row in rows])
-    return {"temperature": ("scan", values, {"units": "degC"})} if np.isfinite(values).any() else {}
-
-
-def _times(scans: Sequence[_Row]) -> list[float]:
-    """Time in s of every scan from the first.
-
-    The board's clock counts within a session, and the computer's clock between sessions.
-    """
-    times: list[float] = []
-    first = start = 0.0
-    for k, scan in enumerate(scans):
-        if k == 0 or scan.session != scans[k - 1].session:
-            first = scan.time
-            since = scan.received - scans[0].received
-            start = 0.0 if k == 0 else max(since, times[-1])  # virtual time may run ahead of the computer's
-        times.append(start + scan.time - first)
-    return times
-
-
-def _indentation(recording: Recording) -> dict[str, str | float]:
-    setup = recording.design.indentation
-    if setup is None:
-        return {}
-    return {"indenter": setup.indenter.name, "base": str(setup.base), **origin_attributes(setup)}
 
 
 def _provenance(recording: Recording) -> dict[str, str | int]:

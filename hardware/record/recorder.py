@@ -14,7 +14,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -103,7 +103,6 @@ def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
 
 
 _DURABLE = 1.0  # s
-_WRITES_IN_LOG = 256  # before the log is copied into the file: about a megabyte
 _PATIENCE = 5.0  # s to wait for another program that writes
 _T = TypeVar("_T")
 
@@ -123,7 +122,6 @@ class Recorder:
         self._session: RecordedSession | None = None
         self._number = 0
         self._durable = -math.inf
-        self._writes = 0
         self.thermometer: Thermometer | None = None
 
     @property
@@ -153,7 +151,22 @@ class Recorder:
                 create_tables(connection)
                 if campaign is not None:
                     insert_row(connection, "campaign", {"plan": campaign})
-            return insert_row(connection, "session", _session_row(session))
+            values = {
+                "started": session.started,
+                "identity": json.dumps(asdict(session.identity)),
+                "boot": session.identity.boot,
+                "emulated": session.identity.emulated,
+                "port": session.port,
+                "settings": session.settings.to_json(),
+                "settings_hash": session.settings.hash,
+                "wiring": session.wiring,
+                "capacitances": json.dumps(dict(session.capacitances)),
+                "design": session.design,
+                "design_hash": session.design_hash,
+                "design_document": json.dumps(dict(session.design_document)),
+                "version": session.version,
+            }
+            return insert_row(connection, "session", values)
 
         with reading(self.path):
             blank = is_blank(self._connection)
@@ -225,16 +238,17 @@ class Recorder:
 
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
         """Run a write as one transaction."""
+        connection = self._connection
         with held_signals(), writing(self.path, sqlite3.Error):  # Ctrl-C comes before a write or after it
-            if durable:
-                self._connection.execute("PRAGMA synchronous = FULL")
+            connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
             try:
-                result = _transaction(self._connection, write)
-            finally:
-                self._connection.execute("PRAGMA synchronous = NORMAL")
-            self._writes += 1
-            if self._writes % _WRITES_IN_LOG == 0:
-                _empty_log(self._connection)
+                connection.execute("BEGIN IMMEDIATE")
+                result = write(connection)
+                connection.execute("COMMIT")
+            except BaseException:
+                with suppress(sqlite3.Error):  # some failures have already ended it
+                    connection.execute("ROLLBACK")
+                raise
         if durable:
             self._durable = time.monotonic()
         return result
@@ -260,24 +274,36 @@ def begin_session(board: Board, settings: ScanSettings, design: Design) -> Recor
 @contextmanager
 def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
     """Open a file for a new or resumed recording."""
-    with _alone(path):
-        with writing(path, ValueError):
+    lock = Path(f"{path}.lock")
+    with ExitStack() as opened:
+        held = opened.enter_context(
+            locked_database(lock, f"another program is recording into {path}; name another file.")
+        )
+        opened.callback(_delete_lock, held, lock)
+        with writing(path, sqlite3.Error, ValueError):
             there = path.exists()
             taken = there and path.stat().st_size > 0
-        with closing(_connected(path)) as connection:
-            recorder = Recorder(path, connection)
-            try:
-                if taken:
-                    _require_resumable(path, connection, resume=resume)
-                else:
-                    _log_ahead(path, connection)
-                yield recorder
-            finally:
-                with suppress(sqlite3.Error):  # one file is left, which opens anywhere, unless it is read
-                    connection.execute("PRAGMA journal_mode = DELETE")
-                connection.close()
-                if not (there or recorder.started):
-                    delete_database(path)
+            connection = sqlite3.connect(path.absolute(), isolation_level=None, timeout=_PATIENCE)
+        opened.enter_context(closing(connection))
+        recorder = Recorder(path, connection)
+        try:
+            if taken:
+                _require_resumable(path, connection, resume=resume)
+            else:
+                _log_ahead(path, connection)
+            yield recorder
+        finally:
+            with suppress(sqlite3.Error):  # one file is left, which opens anywhere, unless it is read
+                connection.execute("PRAGMA journal_mode = DELETE")
+            connection.close()
+            if not (there or recorder.started):
+                delete_database(path)
+
+
+def _delete_lock(held: sqlite3.Connection, lock: Path) -> None:
+    held.close()
+    with suppress(OSError):
+        lock.unlink()
 
 
 def record_stream(
@@ -289,13 +315,7 @@ def record_stream(
     interval: float = 0.0,
     progress: Progress | None = None,
 ) -> int:
-    """Record a number of scans, or for a time."""
-    if (scans is None) == (seconds is None):
-        raise HardwareError("a stream must have either a number of scans or a time in s.")
-    if scans is not None and scans < 1:
-        raise HardwareError(f"a stream must have at least 1 scan; got {scans}.")
-    if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
-        raise HardwareError(f"a stream must last a positive time; got {seconds} s.")
+    """Record a number of scans, or for a time in s."""
     count, first = 0, None
     with closing(reader.scans(interval)) as stream:
         for scan in stream:
@@ -321,22 +341,6 @@ def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
     """
     with writing(path, sqlite3.Error):
         connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA wal_autocheckpoint = 0")
-    _empty_log(connection)
-
-
-def _empty_log(connection: sqlite3.Connection) -> None:
-    """Copy the log into the file and empty it.
-
-    Nothing happens while the log is being read. The recording is intact in any case. SQLite itself would write from the
-    beginning of the old log again, and after a kill over the interrupted part. A write that is interrupted there leaves
-    the head of a new frame before an old page, which looks like a flipped bit. At the end of a file it leaves a part of
-    a frame.
-    """
-    with suppress(sqlite3.Error):
-        connection.execute("PRAGMA busy_timeout = 0")  # scans do not wait for readers
-        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-    connection.execute(f"PRAGMA busy_timeout = {1000 * _PATIENCE:.0f}")
 
 
 def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bool) -> None:
@@ -357,7 +361,10 @@ def _require_same(recording: Recording, session: RecordedSession, campaign: str 
     """Refuse to continue a recording of another campaign or board."""
     before = recording.sessions[0]
     pairs = (
-        ("board", _kind(before), _kind(session)),  # first: another board has other settings too
+        (
+            "board",
+            *("emulated" if one.identity.emulated else "real" for one in (before, session)),
+        ),  # first: another board has other settings too
         ("design", before.design_hash[:12], session.design_hash[:12]),
         ("wiring", before.wiring, session.wiring),
         ("hash of settings", f"{before.settings.hash:04X}", f"{session.settings.hash:04X}"),
@@ -370,57 +377,3 @@ def _require_same(recording: Recording, session: RecordedSession, campaign: str 
     if recording.campaign != campaign:
         what = "no campaign" if recording.campaign is None else "another campaign" if campaign else "a campaign"
         raise HardwareError(f"cannot continue {recording.path}: it is of {what}.")
-
-
-def _kind(session: RecordedSession) -> str:
-    return "emulated" if session.identity.emulated else "real"
-
-
-def _session_row(session: RecordedSession) -> dict[str, object]:
-    """Return the database row of a session."""
-    return {
-        "started": session.started,
-        "identity": json.dumps(asdict(session.identity)),
-        "boot": session.identity.boot,
-        "emulated": session.identity.emulated,
-        "port": session.port,
-        "settings": session.settings.to_json(),
-        "settings_hash": session.settings.hash,
-        "wiring": session.wiring,
-        "capacitances": json.dumps(dict(session.capacitances)),
-        "design": session.design,
-        "design_hash": session.design_hash,
-        "design_document": json.dumps(dict(session.design_document)),
-        "version": session.version,
-    }
-
-
-def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connection], _T]) -> _T:
-    """Run a write in a transaction."""
-    try:
-        connection.execute("BEGIN IMMEDIATE")
-        result = write(connection)
-        connection.execute("COMMIT")
-    except BaseException:
-        with suppress(sqlite3.Error):  # some failures have already ended it
-            connection.execute("ROLLBACK")
-        raise
-    return result
-
-
-def _connected(path: Path) -> sqlite3.Connection:
-    with writing(path, sqlite3.Error, ValueError):
-        return sqlite3.connect(path.absolute(), isolation_level=None, timeout=_PATIENCE)
-
-
-@contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Hold a lock beside the recording."""
-    lock = Path(f"{path}.lock")
-    with locked_database(lock, f"another program is recording into {path}; name another file.") as held:
-        try:
-            yield
-        finally:
-            held.close()
-            with suppress(OSError):
-                lock.unlink()

@@ -16,34 +16,22 @@ from datetime import UTC, datetime
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from coilarray.design.model import Design, build_design
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.recording_file import (
-    check_pages,
-    check_references,
+    check_database,
     connect_to_read,
-    is_whole,
     reading,
     require_recording,
     scan_checksum,
     table_rows,
 )
-from coilarray.hardware.scan.readings import (
-    Identity,
-    RawSample,
-    RawScan,
-    Reason,
-    SampleFault,
-    StateReading,
-    Verdict,
-    read_scan,
-)
+from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault, read_scan
 from coilarray.hardware.scan.settings import ScanSettings
-
-if TYPE_CHECKING:
-    from coilarray.hardware.record.campaign import Campaign
 
 
 @dataclass(frozen=True)
@@ -87,21 +75,6 @@ class RecordedScan:
     temperature: float | None  # in °C, if a thermometer was given and its reading known
 
 
-@dataclass(frozen=True)
-class RecordedSelfTest:
-    """Result of a self-test before or after a campaign."""
-
-    session: int  # index in `Recording.sessions`
-    time: float  # s since the epoch
-    symptoms: tuple[str, ...]  # deviations from a good board
-    findings: tuple[str, ...]  # faults that each explain the deviations alone
-
-    @property
-    def passed(self) -> bool:
-        """Whether no fault was visible."""
-        return not self.symptoms
-
-
 class Recording:
     """A recording that is open for reading."""
 
@@ -132,9 +105,19 @@ class Recording:
         """Design of the first session."""
         return build_design(self.sessions[0].design_document, str(self.path))
 
-    def self_tests(self) -> tuple[RecordedSelfTest, ...]:
-        """Return the self-tests in time order."""
-        return tuple(self._self_test(row) for row in self.rows("self_test"))
+    def self_tests(self) -> list[dict[str, Any]]:
+        """Return the self-tests in time order, as JSON has them."""
+        found = []
+        for row in self.rows("self_test"):
+            try:
+                symptoms, findings = (list(json.loads(row[name])) for name in ("symptoms", "findings"))
+                session, time = self._sessions[row["session"]], iso_time(row["time"])
+            except _UNREADABLE as error:
+                raise HardwareError(f"{self.path} is damaged: self-test {row['id']}: {error}.") from None
+            found.append(
+                {"session": session, "time": time, "passed": not symptoms, "symptoms": symptoms, "findings": findings}
+            )
+        return found
 
     def count(self) -> int:
         """Return the number of scans."""
@@ -144,52 +127,38 @@ class Recording:
     def positions(self) -> dict[int, GridPlace]:
         """Return the finished places by position number."""
         rows = [row for row in self.rows("position") if row["finished"] is not None]
-        rows.sort(key=lambda row: row["place"])
-        return {row["id"]: _place(row) for row in rows}
+        return {row["id"]: _place(row) for row in sorted(rows, key=lambda row: row["place"])}
 
-    def scans(self, *, after: int = 0, finished: bool = False) -> Generator[RecordedScan]:
+    def scans(self) -> Generator[RecordedScan]:
         """Read the scans in the order of measurement."""
-        with closing(self._scans(after)) as found:
-            for scan, ended in found:
-                if ended or not finished:
-                    yield scan
-
-    def _scans(self, after: int) -> Generator[tuple[RecordedScan, bool]]:
-        """Read the scans after a number."""
         query = """
             SELECT scan.id, scan.session, scan.position, scan.stage, scan.depth, scan.sequence, scan.time,
                    scan.received, scan.temperature, scan.checksum,
                    sample.state, sample.msb, sample.lsb, sample.status, sample.fault
-            FROM scan JOIN sample ON sample.scan = scan.id
-            WHERE scan.id > ? ORDER BY scan.id, sample.state
+            FROM scan JOIN sample ON sample.scan = scan.id ORDER BY scan.id, sample.state
         """
-        before, positions = after, _Positions(self)
-        with reading(self.path), closing(self._connection.execute(query, (after,))) as rows:
+        before, places = 0, {row["id"]: _place(row) for row in self.rows("position")}
+        with reading(self.path), closing(self._connection.execute(query)) as rows:
             for number, group in groupby(rows, key=lambda row: row[0]):
                 if number != before + 1:
                     raise HardwareError(f"{self.path} is damaged: scan {before + 1} is missing.")
                 before = number
-                yield self._scan(list(group), positions)
+                yield self._scan(list(group), places)
 
     def check(self) -> None:
         """Read the whole file to check it for damage."""
-        check_references(self._connection, self.path)
+        check_database(self._connection, self.path, "foreign_key_check")
         self.self_tests()
         self.positions()
         for _ in self.scans():
             pass
 
-    def rows(self, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
+    def rows(self, table: str) -> list[dict[str, Any]]:
         """Read rows of a table other than the scans."""
         with reading(self.path):
-            rows = table_rows(self._connection, table, which, *values)
-        for row in rows:
-            if not is_whole(table, row):
-                name = {"self_test": "self-test"}.get(table, table)
-                raise HardwareError(f"{self.path} is damaged: {name} {row['id']}: its checksum is wrong.")
-        return rows
+            return table_rows(self._connection, self.path, table)
 
-    def _scan(self, rows: list[tuple[Any, ...]], positions: _Positions) -> tuple[RecordedScan, bool]:
+    def _scan(self, rows: list[tuple[Any, ...]], places: dict[int, GridPlace]) -> RecordedScan:
         """Build a scan from its rows and check it."""
         number, session, position, stage, depth, sequence, time, received, celsius, kept = rows[0][:10]
         try:
@@ -204,17 +173,12 @@ class Recording:
             scan = RawScan(sequence, time, received, settings.hash, identity.boot, samples)
             if kept != scan_checksum(number, session, position, stage, depth, celsius, scan):
                 raise ValueError("its checksum is wrong")
-            place, ended = (None, False) if position is None else positions[position]
-            return RecordedScan(number, scan, index, stage, position, place, depth, celsius), ended
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            if position is not None and position not in places:  # begun after the others were read
+                places |= {row["id"]: _place(row) for row in self.rows("position")}
+            place = None if position is None else places[position]
+            return RecordedScan(number, scan, index, stage, position, place, depth, celsius)
+        except _UNREADABLE as error:
             raise HardwareError(f"{self.path} is damaged: scan {number}: {error}.") from None
-
-    def _self_test(self, row: Mapping[str, Any]) -> RecordedSelfTest:
-        try:
-            symptoms, findings = (tuple(json.loads(row[name])) for name in ("symptoms", "findings"))
-            return RecordedSelfTest(self._sessions[row["session"]], row["time"], symptoms, findings)
-        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-            raise HardwareError(f"{self.path} is damaged: self-test {row['id']}: {error}.") from None
 
     def _session(self, row: Mapping[str, Any]) -> RecordedSession:
         """Build a session from its row and check it."""
@@ -234,25 +198,12 @@ class Recording:
                 design_document=json.loads(row["design_document"]),
                 version=row["version"],
             )
-        except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError, HardwareError) as error:
+        except (*_UNREADABLE, HardwareError) as error:
             raise HardwareError(f"{self.path} is damaged: session {row['id']}: {error}.") from None
 
 
-class _Positions(dict[int, tuple[GridPlace, bool]]):
-    """Place of every position by its number.
-
-    The place, and whether it was finished, is read when a scan first needs it.
-    """
-
-    def __init__(self, recording: Recording) -> None:
-        super().__init__()
-        self._recording = recording
-
-    def __missing__(self, number: int) -> tuple[GridPlace, bool]:
-        for row in self._recording.rows("position", "WHERE id = ?", number):
-            self[number] = _place(row), row["finished"] is not None
-            return self[number]
-        raise ValueError(f"its position {number} is missing")
+_UNREADABLE = (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError)
+"""Errors of values in a row that no recorder wrote."""
 
 
 def _place(row: Mapping[str, Any]) -> GridPlace:
@@ -268,7 +219,7 @@ def open_recording(path: Path) -> Iterator[Recording]:
     contents on reading.
     """
     with closing(connect_to_read(path)) as connection:
-        check_pages(connection, path)
+        check_database(connection, path, "integrity_check(1)")
         yield Recording(path, connection)
 
 
@@ -277,163 +228,90 @@ def iso_time(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
 
 
-class StateSummary:
-    """Statistics of the readings of a state."""
+def summarize_recording(recording: Recording) -> dict[str, Any]:
+    """Read a whole recording of any kind and summarize it in plain SI values, for JSON.
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.verdicts: Counter[Verdict] = Counter()
-        self.reasons: Counter[Reason] = Counter()
-        """Numbers of readings that are not good, by reason."""
-        self._count = self._steps = 0
-        self._frequency = self._inductance = self._squares = 0.0  # sums
-        self._last: float | None = None
-
-    def add(self, reading: StateReading, *, pressed: bool) -> None:
-        """Add a reading.
-
-        `pressed` means that the indenter presses, so that the reading does not count for the noise.
-        """
-        self.verdicts[reading.verdict] += 1
-        self.reasons.update(reading.reasons)
-        if reading.frequency is None or reading.inductance is None:
-            return
-        self._count += 1
-        self._frequency += reading.frequency
-        self._inductance += reading.inductance
-        if not pressed:
-            if self._last is not None:
-                self._steps += 1
-                self._squares += (reading.inductance - self._last) ** 2
-            self._last = reading.inductance
-
-    @property
-    def frequency(self) -> float | None:
-        """Mean frequency in Hz."""
-        return self._frequency / self._count if self._count else None
-
-    @property
-    def inductance(self) -> float | None:
-        """Mean inductance in H."""
-        return self._inductance / self._count if self._count else None
-
-    @property
-    def noise(self) -> float | None:
-        """Relative standard deviation of the inductance at rest.
-
-        It comes from differences of scans, in which a drift cancels. The difference of two readings has twice the
-        variance of a single reading. The value is None if no two such scans exist.
-        """
-        mean = self.inductance
-        return math.sqrt(self._squares / self._steps / 2) / mean if mean is not None and self._steps else None
-
-
-@dataclass(frozen=True, eq=False)
-class RecordingSummary:
-    """Summary of a whole recording."""
-
-    file: str
-    emulated: bool
-    design: str
-    design_hash: str
-    wiring: str
-    version: str
-    sessions: tuple[dict[str, Any], ...]  # time, board and number of scans of each, for JSON
-    scans: int
-    lost: int  # scans of streams that the board numbered but that never arrived
-    seconds: float  # from the first to the last scan of every session, by the board's clock
-    rate: float | None  # scans/s without the pauses between sessions; None for a campaign, or too few scans
-    states: tuple[StateSummary, ...]
-    campaign: Campaign | None
-    positions: int  # of the campaign, measured to their end
-    self_tests: tuple[RecordedSelfTest, ...]  # before and after a campaign
-
-    def to_record(self) -> dict[str, Any]:
-        """Return all values as plain values in SI, for JSON."""
-        plan = self.campaign
-        return {
-            "file": self.file,
-            "emulated": self.emulated,
-            "design": self.design,
-            "design_hash": self.design_hash,
-            "wiring": self.wiring,
-            "coilarray_version": self.version,
-            "sessions": list(self.sessions),
-            "scans": self.scans,
-            "lost_scans": self.lost,
-            "seconds": self.seconds,
-            "rate_per_s": self.rate,
-            "states": [
-                {
-                    "state": state.name,
-                    "frequency_Hz": state.frequency,
-                    "inductance_H": state.inductance,
-                    "relative_noise": state.noise,
-                    **{verdict: state.verdicts[verdict] for verdict in ("good", "doubtful", "bad")},
-                    "reasons": {str(reason): count for reason, count in state.reasons.items()},
-                }
-                for state in self.states
-            ],
-            "campaign": None if plan is None else {**plan.to_record(), "measured": self.positions},
-            "self_tests": [
-                {
-                    "session": test.session,
-                    "time": iso_time(test.time),
-                    "passed": test.passed,
-                    "symptoms": list(test.symptoms),
-                    "findings": list(test.findings),
-                }
-                for test in self.self_tests
-            ],
-        }
-
-
-def summarize_recording(recording: Recording) -> RecordingSummary:
-    """Read a whole recording of any kind and summarize it."""
+    ``lost_scans`` are the scans of streams that the board numbered but that never arrived. ``seconds`` and
+    ``rate_per_s`` leave out the pauses between sessions; the rate is null for a campaign. ``relative_noise`` is the
+    relative standard deviation of L at rest. It comes from differences of successive scans, in which a drift cancels
+    and which have twice the variance of a reading.
+    """
     from coilarray.hardware.record.campaign import Campaign
 
-    states = tuple(StateSummary(name) for name in recording.states)
-    times: list[list[float]] = [[] for _ in recording.sessions]
-    count, lost = 0, 0
-    before: tuple[int, int] | None = None  # session and number of the last scan of a stream
-    for scan in recording.scans():
-        session = recording.sessions[scan.session]
-        if scan.stage == "stream":
-            if before is not None and before[0] == scan.session:
-                lost += max(scan.scan.sequence - before[1] - 1, 0)
-            before = (scan.session, scan.scan.sequence)
-        readings = read_scan(scan.scan, session.settings, session.capacitances).states
-        for state, one in zip(states, readings, strict=True):
-            state.add(one, pressed=(scan.depth or 0.0) > 0)
-        times[scan.session].append(scan.scan.time)
-        count += 1
-    first = recording.sessions[0]
-    seconds = sum(of_session[-1] - of_session[0] for of_session in times if of_session)
-    steps = sum(len(of_session) - 1 for of_session in times if of_session)
-    return RecordingSummary(
-        file=str(recording.path),
-        emulated=recording.emulated,
-        design=first.design,
-        design_hash=first.design_hash,
-        wiring=first.wiring,
-        version=first.version,
-        sessions=tuple(
+    names, first = recording.states, recording.sessions[0]
+    verdicts: list[Counter[str]] = [Counter() for _ in names]
+    reasons: list[Counter[str]] = [Counter() for _ in names]
+    sums = {name: np.zeros(len(names)) for name in ("readings", "frequency", "inductance", "steps", "squares")}
+    last = np.full(len(names), np.nan)
+    spans: list[list[float]] = [[] for _ in recording.sessions]  # time of the first and the last scan
+    counts, lost = [0] * len(spans), 0
+    before = (-1, 0)  # session and number of the last scan of a stream
+    for one in recording.scans():
+        session, scan = recording.sessions[one.session], one.scan
+        if one.stage == "stream":
+            if before[0] == one.session:
+                lost += max(scan.sequence - before[1] - 1, 0)
+            before = (one.session, scan.sequence)
+        states = read_scan(scan, session.settings, session.capacitances).states
+        for k, state in enumerate(states):
+            verdicts[k][state.verdict] += 1
+            reasons[k].update(map(str, state.reasons))
+        frequency, inductance = (
+            np.array([getattr(state, name) for state in states], dtype=np.float64)
+            for name in ("frequency", "inductance")
+        )
+        known = np.isfinite(inductance)
+        sums["readings"] += known
+        sums["frequency"] += np.where(known, frequency, 0.0)
+        sums["inductance"] += np.where(known, inductance, 0.0)
+        if not (one.depth or 0.0) > 0:
+            both = known & np.isfinite(last)
+            sums["steps"] += both
+            sums["squares"] += np.where(both, inductance - last, 0.0) ** 2
+            last = np.where(known, inductance, last)
+        spans[one.session] = [*spans[one.session][:1], scan.time]
+        counts[one.session] += 1
+    seconds = sum(span[-1] - span[0] for span in spans if span)
+    steps = sum(max(count - 1, 0) for count in counts)
+    plan = None if recording.campaign is None else Campaign.from_json(recording.campaign)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means = [sums[name] / sums["readings"] for name in ("frequency", "inductance")]
+        noise = np.sqrt(sums["squares"] / sums["steps"] / 2) / means[1]
+    numbers = [
+        [value if math.isfinite(value) else None for value in row]
+        for row in np.stack((*means, noise), axis=-1).tolist()
+    ]
+    return {
+        "file": str(recording.path),
+        "emulated": recording.emulated,
+        "design": first.design,
+        "design_hash": first.design_hash,
+        "wiring": first.wiring,
+        "coilarray_version": first.version,
+        "sessions": [
             {
                 "started": iso_time(session.started),
                 "board": session.identity.kind,
                 "port": session.port,
                 "boot": f"{session.identity.boot:08X}",
                 "settings_hash": f"{session.settings.hash:04X}",
-                "scans": len(of_session),
+                "scans": count,
             }
-            for session, of_session in zip(recording.sessions, times, strict=True)
-        ),
-        scans=count,
-        lost=lost,
-        seconds=seconds,
-        rate=steps / seconds if recording.campaign is None and seconds > 0 else None,
-        states=states,
-        campaign=None if recording.campaign is None else Campaign.from_json(recording.campaign),
-        positions=len(recording.positions()),
-        self_tests=recording.self_tests(),
-    )
+            for session, count in zip(recording.sessions, counts, strict=True)
+        ],
+        "scans": sum(counts),
+        "lost_scans": lost,
+        "seconds": seconds,
+        "rate_per_s": steps / seconds if plan is None and seconds > 0 else None,
+        "states": [
+            {
+                "state": name,
+                **dict(zip(("frequency_Hz", "inductance_H", "relative_noise"), numbers[k], strict=True)),
+                **{verdict: verdicts[k][verdict] for verdict in ("good", "doubtful", "bad")},
+                "reasons": dict(reasons[k].most_common()),
+            }
+            for k, name in enumerate(names)
+        ],
+        "campaign": None if plan is None else {**plan.to_record(), "measured": len(recording.positions())},
+        "self_tests": recording.self_tests(),
+    }

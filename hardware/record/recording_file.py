@@ -139,20 +139,20 @@ def insert_scan(
 
 def sign_row(connection: sqlite3.Connection, table: str, number: int) -> None:
     """Store the checksum of a row's values in the file."""
-    (row,) = table_rows(connection, table, "WHERE id = ?", number)
+    found = connection.execute(f"SELECT * FROM {table} WHERE id = ?", (number,))
+    row = dict(zip([column[0] for column in found.description], found.fetchone(), strict=True))
     connection.execute(f"UPDATE {table} SET checksum = ? WHERE id = ?", (_row_checksum(table, row), number))
 
 
-def table_rows(connection: sqlite3.Connection, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
-    """Return rows of a table by column names."""
-    found = connection.execute(f"SELECT * FROM {table} NOT INDEXED {which} ORDER BY id", values)
+def table_rows(connection: sqlite3.Connection, path: Path, table: str) -> list[dict[str, Any]]:
+    """Return the rows of a table by column names, checked by their checksums."""
+    found = connection.execute(f"SELECT * FROM {table} NOT INDEXED ORDER BY id")
     names = [column[0] for column in found.description]
-    return [dict(zip(names, row, strict=True)) for row in found]
-
-
-def is_whole(table: str, row: dict[str, Any]) -> bool:
-    """Check the values of a row against its checksum."""
-    return bool(row["checksum"] == _row_checksum(table, row))
+    rows = [dict(zip(names, row, strict=True)) for row in found]
+    for row in rows:
+        if row["checksum"] != _row_checksum(table, row):
+            raise HardwareError(f"{path} is damaged: {table.replace('_', '-')} {row['id']}: its checksum is wrong.")
+    return rows
 
 
 def scan_checksum(
@@ -233,17 +233,8 @@ def reading(path: Path) -> Iterator[None]:
         raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
 
 
-def check_pages(connection: sqlite3.Connection, path: Path) -> None:
-    """Check the structure of the whole file."""
-    _check(connection, path, "integrity_check(1)")
-
-
-def check_references(connection: sqlite3.Connection, path: Path) -> None:
-    """Check that every referenced row exists."""
-    _check(connection, path, "foreign_key_check")
-
-
-def _check(connection: sqlite3.Connection, path: Path, pragma: str) -> None:
+def check_database(connection: sqlite3.Connection, path: Path, pragma: str) -> None:
+    """Run one of SQLite's own checks on the whole file."""
     with reading(path):
         first = connection.execute(f"PRAGMA {pragma}").fetchone()
     if first is not None and first != ("ok",):

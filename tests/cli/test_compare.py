@@ -133,14 +133,6 @@ def test_what_does_not_belong_together_is_told(capsys, files, both):
     assert not [note for note in notes if "different designs" in note]
 
 
-def test_a_calibration_is_applied(capsys, files, both):
-    with_it = answer(capsys, *both, *QUICKLY, "--calibration", files / "board.toml")["remains"][0]
-    without = answer(capsys, *both, *QUICKLY)["remains"][0]
-    # L_0 from all baselines together instead of one
-    assert with_it["noise"] == pytest.approx(without["noise"] / np.sqrt(2), rel=0.2)
-    assert with_it["rms_after"] < without["rms_after"]
-
-
 def test_published_and_responses(capsys, files):
     a1 = files / "a1.nc"
     for row in answer(capsys, a1, "published", *QUICKLY)["scales"]:

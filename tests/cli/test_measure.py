@@ -441,7 +441,7 @@ def test_calibration(campaign, tmp_path, capsys):
     scan_info(capsys, campaign, "--out", plain)
     scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
     np.testing.assert_allclose(load_part(scaled).base_inductance, 50e-6, rtol=1e-6)
-    np.testing.assert_allclose(load_part(scaled).delta, load_part(plain).delta, atol=2e-6)  # noise of the drift
+    np.testing.assert_allclose(load_part(scaled).delta, load_part(plain).delta, atol=1e-12)
     constants.write_text(recorded_boards.unsealed_text(constants).replace('board = "emulator"', 'board = "XMC 2Go"'))
     out = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
     assert out.endswith("[emulator] the calibration is for the board “XMC 2Go”, the recording is of “emulator”\n")

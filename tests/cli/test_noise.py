@@ -56,7 +56,6 @@ def test_the_emulated_board_has_the_noise_of_its_budget(capsys, tmp_path):
     assert out["emulated"] is True
     for row in out["stability"]:
         assert row["scan_noise"] == pytest.approx(row["expected"], rel=0.1)
-        assert row["low"] < row["scan_noise"] < row["high"]
         assert abs(row["drift_1_per_s"]) < 1e-8
     assert picture.read_text().startswith("<?xml")
     first = [row for row in out["allan"] if row["state"] == "coil1"]

@@ -38,7 +38,7 @@ from support.emulated_reader import settings_of
 from support.made_up import made_up_distortion
 from support.plot_results import response, target
 from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import WIRING_TEXT, two_coils_document
+from support.recorded_boards import WIRING_TEXT, board_calibration, two_coils_document
 
 from coilarray import load_design
 from coilarray.cli.board.options import BoardOptions
@@ -55,18 +55,11 @@ from coilarray.fabrication.kicad_reader import read_kicad
 from coilarray.fabrication.tracing import trace_coils, traced_array
 from coilarray.geometry import check_rules, require_rules
 from coilarray.hardware.emulator.conditions import Indenter
-from coilarray.hardware.record.calibration import (
-    BoardCalibration,
-    Channel,
-    calibration_to_toml,
-    load_calibration,
-    save_calibration,
-)
+from coilarray.hardware.record.calibration import calibration_to_toml, load_calibration, save_calibration
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
 from coilarray.hardware.record.recorder import file_temperature
 from coilarray.hardware.record.recording import open_recording, summarize_recording
-from coilarray.hardware.record.stability import Drift
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring
 from coilarray.localize.forward import forward_model
@@ -331,20 +324,12 @@ def _wiring(path: Path) -> Any:
     return repr(found), settings_of(found).to_json()
 
 
-def _calibration() -> BoardCalibration:
-    drift = Drift(0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True, "coil1", 0, 1, 1.7e9)
-    return BoardCalibration(
-        "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
-        (Channel("coil1", 120e-12, 1e-13, 52e-6), Channel("coil2", 120e-12, 1e-13, 52e-6)), (drift,),
-    )  # fmt: skip
-
-
 def _calibrations(folder: Path) -> list[Path]:
-    return _written(folder, ".toml", {"board": f'checksum = "none"\n{calibration_to_toml(_calibration())}'})
+    return _written(folder, ".toml", {"board": f'checksum = "none"\n{calibration_to_toml(board_calibration())}'})
 
 
 def _sealed_calibrations(folder: Path) -> list[Path]:
-    save_calibration(_calibration(), folder / "board.toml")
+    save_calibration(board_calibration(), folder / "board.toml")
     return [folder / "board.toml"]
 
 
@@ -378,11 +363,10 @@ def _recordings(folder: Path) -> list[Path]:
 def _recording(path: Path) -> Any:
     with open_recording(path) as recording:
         recording.check()
-        summary = summarize_recording(recording).to_record()
+        summary = summarize_recording(recording)
         series = recorded_series(recording)
         response = None if recording.campaign is None else recorded_response(recording, partial=True)
-        self_tests = recording.self_tests()
-        return {key: value for key, value in summary.items() if key != "file"}, series, response, self_tests
+        return {key: value for key, value in summary.items() if key != "file"}, series, response
 
 
 def _streams(folder: Path) -> list[Path]:

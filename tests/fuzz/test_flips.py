@@ -35,8 +35,8 @@ def content(dataset):
 def recording_content(path):
     """Summary, sessions, scans and datasets of a recording."""
     with open_recording(path) as recording:
-        summary = summarize_recording(recording).to_record()
-        held = [asdict(one) for one in recording.sessions], recording.self_tests(), recording.campaign
+        summary = summarize_recording(recording)
+        held = [asdict(one) for one in recording.sessions], recording.campaign
         scans, places = list(recording.scans()), recording.positions()
         series = content(recorded_series(recording))
         response = None if recording.campaign is None else content(recorded_response(recording))

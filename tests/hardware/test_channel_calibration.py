@@ -1,32 +1,27 @@
-"""Clock, capacitances and drift of a board: found again on emulated boards of which they are known."""
+"""Clock and capacitances of a board: found again on emulated boards of which they are known."""
 
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.quick_coils import series_tank
-from support.quick_recordings import DESIGN, GRID, campaign_file, quick_map, stream_file
-from support.recorded_boards import QuickWorld
+from support.quick_recordings import DESIGN, campaign_file, quick_map, stream_file
+from support.recorded_boards import QuickWorld, board_calibration
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift as Warming
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.record.calibration import (
-    BoardCalibration,
-    Channel,
     calibrate_board,
     calibrated_response,
-    calibration_from_toml,
     calibration_to_toml,
     load_calibration,
     save_calibration,
 )
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.stability import Drift
 from coilarray.response.map import response_map
 from coilarray.studies.comparison import compare_responses
 
@@ -60,7 +55,7 @@ def campaign(tmp_path_factory):
 def test_known_inductances_give_inductances_back(rest):
     """The clock is 6 % off, the coils have losses: C takes up both, and L is right within its error."""
     found = calibrated(rest, inductances={"coil1": TRUE, "coil2": TRUE}, inductance_error=0.01)
-    assert (found.inductances_from, found.clock, found.clock_error) == ("known inductances", 43.4e6, None)
+    assert (found.capacitances_from, found.clock, found.clock_error) == ("known inductances", 43.4e6, None)
     for channel in found.channels:
         # true C times (43.4/41)⁻² times 1 − 1/Q², Q about 33
         assert channel.capacitance == pytest.approx(120e-12 * (41 / 43.4) ** 2, rel=2e-3)
@@ -79,7 +74,7 @@ def test_the_capacitances_error_is_that_of_the_noise(rest):
 def test_a_known_frequency_gives_the_clock(rest):
     true = series_tank(TRUE, 120e-12, QuickWorld().resistance).frequency
     found = calibrated(rest, known_frequency=("coil2", true), frequency_error=1e-7)
-    assert (found.clock_from, found.channels, found.inductances_from) == ("known frequency", (), None)
+    assert (found.clock_from, found.channels, found.capacitances_from) == ("known frequency", [], None)
     assert found.clock == pytest.approx(41.0e6, abs=4 * found.clock_error)
     assert found.clock_error == pytest.approx(41.0e6 * math.hypot(NOISE / math.sqrt(50), 1e-7), rel=0.1)
     both = calibrated(rest, known_frequency=("coil2", true), inductances={"coil1": TRUE})
@@ -90,7 +85,7 @@ def test_a_known_frequency_gives_the_clock(rest):
 @pytest.mark.slow
 def test_simulated_inductances_are_those_of_the_response(rest):
     found = calibrated(rest, from_design=True)
-    assert found.inductances_from == "design"
+    assert found.capacitances_from == "design"
     base = response_map(DESIGN, depths=[1e-3], x=[0.0], y=[0.0], ideal=True).base_inductance
     assert [one.state for one in found.channels] == base.state.values.tolist()
     assert [one.inductance for one in found.channels] == pytest.approx(base.values.tolist(), rel=1e-9)
@@ -99,33 +94,12 @@ def test_simulated_inductances_are_those_of_the_response(rest):
 @pytest.mark.slow
 def test_a_calibrated_response_has_the_known_inductance(campaign):
     found = calibrated(campaign, inductances={"coil1": TRUE, "coil2": 2 * TRUE})
-    plain, corrected = both_responses(campaign, replace(found, board="another board"))
+    plain, corrected = both_responses(campaign, found.model_copy(update={"board": "another board"}))
     assert (corrected.attrs["calibration_board"], corrected.attrs["board"]) == ("another board", "emulator")
     np.testing.assert_allclose(corrected.base_inductance, [TRUE, 2 * TRUE], rtol=1e-9)
     assert plain.base_inductance[0] != pytest.approx(TRUE, rel=1e-4)  # its losses
     assert corrected.attrs["capacitance_from"] == "known inductances"
     assert "capacitance_from" not in plain.attrs
-
-
-def test_the_drift_takes_noise_out_of_delta(campaign):
-    """δ is a peak over one baseline, each with noise 2σ_f in L: √2 of it goes when L_0 is known."""
-    truth = quick_map(GRID.x, GRID.y).delta
-    plain, corrected = both_responses(campaign, calibrated(campaign))
-    assert corrected.drift_removed.all()
-    rms, means = {}, {}
-    for name, response in (("plain", plain), ("corrected", corrected)):
-        error = response.delta - truth
-        rms[name] = np.sqrt((error**2).mean(("depth", "y", "x")))
-        # 105 positions: 7 %; what it says of itself is reported by as many
-        np.testing.assert_allclose(rms[name], np.sqrt((response.delta_std**2).mean(("depth", "y", "x"))), rtol=0.4)
-        means[name] = error.mean(("depth", "y", "x"))
-    # 26e-6/K at 0.005 K/s from baseline to peak: a scan of two coils, 1 mm at 1.5 mm/s, 0.5 s
-    late = 26e-6 * 0.005 * (2 * 0.049 + 1 / 1.5 + 0.5)
-    tolerance = 4 * rms["corrected"].max() / math.sqrt(GRID.size)
-    assert np.abs(means["corrected"]).max() < tolerance
-    assert np.abs(means["plain"] + late).max() < math.sqrt(2) * tolerance
-    np.testing.assert_allclose(rms["plain"] / rms["corrected"], math.sqrt(2), rtol=0.3)
-    np.testing.assert_allclose(rms["corrected"], 2 * NOISE, rtol=0.3)
 
 
 @pytest.mark.slow
@@ -143,26 +117,6 @@ def test_emulator_to_recording_to_comparison_ends_at_scale_one(campaign):
         assert one.attrs["measured_emulated"] == 1
 
 
-@pytest.mark.slow
-def test_drifts_of_another_session_do_not_count(campaign):
-    found = calibrated(campaign)
-    first = found.drifts[0]
-    changes = ({"boot": first.boot ^ 1}, {"started": first.started + 60}, {"smooth": False}, {"session": 7})
-    with open_recording(campaign) as recording:
-        plain = recorded_response(recording)
-        for change in changes:
-            other = replace(found, drifts=tuple(replace(one, **change) for one in found.drifts))
-            response = calibrated_response(recording, other)
-            assert not response.drift_removed.any()
-            assert response.delta_std.attrs["found_from"] == "baselines"
-            np.testing.assert_allclose(response.delta, plain.delta, rtol=0, atol=1e-15)
-        response = calibrated_response(recording, replace(found, drifts=found.drifts[:1]))
-        assert response.drift_removed.values.tolist() == [True, False]
-        assert response.delta_std.attrs["found_from"] == "drift, or baselines where it stays"
-        assert calibrated_response(recording, found).delta_std.attrs["found_from"] == "drift"
-        np.testing.assert_allclose(response.delta[..., 1], plain.delta[..., 1], rtol=0, atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -172,7 +126,7 @@ def test_drifts_of_another_session_do_not_count(campaign):
 )
 def test_a_calibration_of_another_board_is_refused(campaign, change, words):
     with open_recording(campaign) as recording, pytest.raises(HardwareError, match=words):
-        calibrated_response(recording, replace(calibrated(campaign), **change))
+        calibrated_response(recording, calibrated(campaign).model_copy(update=change))
 
 
 def test_states_without_enough_scans_are_refused(tmp_path):
@@ -181,7 +135,7 @@ def test_states_without_enough_scans_are_refused(tmp_path):
     path = stream_file(tmp_path / "run.sqlite", 20, world=world)
     refused(HardwareError, "at least 2 good scans of coil2 at rest", calibrated, path, inductances={"coil2": TRUE})
     found = calibrated(path, inductances={"coil1": TRUE})
-    assert (list(found.capacitances), [drift.state for drift in found.drifts]) == (["coil1"], ["coil1"])
+    assert list(found.capacitances) == ["coil1"]
 
 
 @pytest.mark.parametrize(
@@ -189,14 +143,11 @@ def test_states_without_enough_scans_are_refused(tmp_path):
     [
         ({"inductances": {"coil9": TRUE}}, "has no state 'coil9'; there are coil1, coil2"),
         *(({"inductances": {"coil1": L}}, "inductance of coil1 must be positive and fin") for L in (0.0, math.nan)),
-        ({"inductances": {"coil1": 1e3}}, "capacitance_F of coil1 must be 1 to 1e\\+06 pF"),
+        ({"inductances": {"coil1": 1e3}}, "channels.0.capacitance_F must be at least 1e-12"),
         ({"inductances": {"coil1": TRUE}, "from_design": True}, "must be either known or simulated, not both"),
-        ({"inductance_error": -1.0}, "the relative error of the inductances must be 0 to 0.5; got -1"),
-        ({"frequency_error": math.nan}, "the relative error of the frequency must be 0 to 0.5"),
         ({"known_frequency": ("coil3", 2e6)}, "has no state 'coil3'"),
-        ({"known_frequency": ("coil1", -2e6)}, "a known frequency must be positive and finite; got -2e\\+06 Hz"),
-        ({"known_frequency": ("coil1", 2e9)}, "the clock must be 2 to 55 MHz"),
-        ({"order": 5}, "the order of a drift must be 1 to 3; got 5"),
+        ({"known_frequency": ("coil1", -2e6)}, "a known frequency must be positive"),
+        ({"known_frequency": ("coil1", 2e9)}, "clock_Hz must be at most 5.5e\\+07"),
     ],
 )
 def test_bad_input(rest, options, words):
@@ -204,26 +155,19 @@ def test_bad_input(rest, options, words):
 
 
 def test_the_file_gives_every_number_back(campaign, tmp_path):
+    path = tmp_path / "board.toml"
     for options in ({}, {"inductances": {"coil1": TRUE}, "known_frequency": ("coil1", 2.01e6), "source": "a „test”\n"}):
         found = calibrated(campaign, made="2025-01-01T00:00:00+00:00", **options)
-        assert calibration_from_toml(calibration_to_toml(found)) == found
-    path = tmp_path / "board.toml"
-    save_calibration(found, path)
-    assert load_calibration(path) == found
+        save_calibration(found, path)
+        assert load_calibration(path) == found
     text = calibration_to_toml(found)
     path.write_text(text, encoding="utf-8")
     refused(HardwareError, 'board.toml is cut: .* checksum = "none" must be its first line', load_calibration, path)
     path.write_text(f'checksum = "none"\n{text}', encoding="utf-8")
-    assert load_calibration(path) == found
+    assert load_calibration(path).model_copy(update={"checksum": None}) == found
 
 
-GOOD = 'checksum = "none"\n' + calibration_to_toml(
-    BoardCalibration(
-        "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
-        (Channel("coil1", 120e-12, 1e-13, 52e-6),),
-        (Drift(0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True, "coil1", 0, 1, 1.7e9),),
-    )
-)  # fmt: skip
+GOOD = calibration_to_toml(board_calibration(checksum="none"))
 
 
 @pytest.mark.parametrize(
@@ -233,20 +177,15 @@ GOOD = 'checksum = "none"\n' + calibration_to_toml(
         ("coilarray board calibration", "something else", 'must have kind = "coilarray board calibration"'),
         ('board = "XMC 2Go"', "", "board is missing"),
         ('board = "XMC 2Go"', 'bord = "XMC 2Go"', "did you mean board"),
-        ("= 43200000.0", '= "43 MHz"', "clock.frequency_Hz must be"),
-        ("= 43200000.0", "= nan", "clock.frequency_Hz must be"),
-        ("= 43200000.0", "= 1e9", "the clock must be 2 to 55 MHz"),
-        ('from = "known frequency"', 'from = "guess"', "clock.from must be"),
-        ("capacitance_F = 1.2e-10", "capacitance_F = 1.2", "capacitance_F of coil1 must be 1 to 1e\\+06 pF"),
-        ("capacitance_F = 1.2e-10", "capacitance_F = -1.0", "channel.0.capacitance_F must be"),
+        ("= 43200000.0", '= "43 MHz"', "clock_Hz must be"),
+        ("= 43200000.0", "= nan", "clock_Hz must be"),
+        ("= 43200000.0", "= 1e9", "clock_Hz must be at most 5.5e\\+07"),
+        ('from = "known frequency"', 'from = "guess"', "clock_from must be"),
+        ("capacitance_F = 1.2e-10", "capacitance_F = 1.2", "channels.0.capacitance_F must be at most 1e-06"),
         ("capacitance_F = 1.2e-10", "capacitance_pF = 120.0", "has no key 'capacitance_pF'"),
-        ('capacitances_from = "known inductances"', "", "must give the source of the capacitances"),
-        ('boot = "00000001"', 'boot = "1"', "drift.0.boot"),
-        ("coefficients = [", "coefficients = [0.0, 0.0, 0.0, ", "drift.0.coefficients"),
-        ("smooth = true", "smooth = 1", "drift.0.smooth must be"),
-        ("stop_s = 1.0", "stop_s = -1.0", "a time that rises"),
-        ("[clock]", "[clock", "not valid TOML"),
-        ("emulated = false", "emulated = false\nemulated = false", "not valid TOML"),
+        ('capacitances_from = "known inductances"', "", "must have capacitances_from"),
+        ('state = "coil2"', 'state = "coil1"', "a state of its own"),
+        ("emulated = false", "emulated = ", "not valid TOML"),
     ],
 )
 def test_bad_files(tmp_path, before, after, words):

@@ -11,6 +11,7 @@ from coilarray.compute.checksum import unsealed
 from coilarray.design.model import build_design
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
+from coilarray.hardware.record.calibration import BoardCalibration
 from coilarray.hardware.record.recorder import begin_session
 from coilarray.hardware.record.recording_file import sign_row
 from coilarray.hardware.scan.wiring import parse_wiring
@@ -133,3 +134,24 @@ def configured(board, **options):
 
 
 session_of = begin_session
+
+
+def board_calibration(**changes):
+    """Constants of a board with two tanks."""
+    channels = [
+        {"state": state, "capacitance_F": 120e-12, "standard_error_F": 1e-13, "inductance_H": 52e-6}
+        for state in ("coil1", "coil2")
+    ]
+    keys = {
+        "source": "by hand",
+        "made": "2025-01-01",
+        "board": "XMC 2Go",
+        "emulated": False,
+        "design_hash": "abc",
+        "clock_Hz": 43.2e6,
+        "clock_standard_error_Hz": 10.0,
+        "clock_from": "known frequency",
+        "capacitances_from": "known inductances",
+        "channels": channels,
+    }
+    return BoardCalibration.model_validate(keys | changes)

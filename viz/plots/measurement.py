@@ -326,9 +326,7 @@ def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 @style.styled
 def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the Allan deviation of every state.
-
-    It is drawn against the averaging time, with its confidence intervals.
+    """Draw the Allan deviation of every state against the averaging time.
 
     Parameters
     ----------
@@ -350,10 +348,8 @@ def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
     for k, name in enumerate(names):
         one = found.sel(state=name)
         known = np.isfinite(one.deviation.values)
-        deviation, low, high = (one[key].values[known] for key in ("deviation", "low", "high"))
         look = curve_look(k) | {"color": colours[name]}
-        bars = (deviation - low, high - deviation)
-        ax.errorbar(tau[known], deviation, bars, label=name, marker="o", markersize=3.0, elinewidth=0.8, **look)
+        ax.plot(tau[known], one.deviation.values[known], label=name, marker="o", markersize=3.0, **look)
     ax.set(xscale="log", yscale="log", xlabel=_SECONDS.label("averaging time"), ylabel="Allan deviation of δ")
     if "expected" in found and np.isfinite(found.expected.values).any():
         expected = float(np.nanmean(found.expected.values))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,8 +21,6 @@ from coilarray.cli.shared import (
     draw,
     plot_option,
     print_result,
-    table_text,
-    terminal_width,
     write_numbers,
 )
 from coilarray.compute.display_units import PER_MILLION
@@ -30,9 +28,7 @@ from coilarray.compute.files import read_text
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-    from coilarray.hardware.record.recording import Recording, RecordingSummary
+    from coilarray.compute.table import Table
 
 FORMATS = (".nc", ".csv")
 """Endings of the files that a recording is converted to."""
@@ -76,9 +72,9 @@ def info(
     and state. Anything else becomes a time series: netCDF with all raw words, or a CSV of time_s and the δ of every
     coil, which `coilarray locate` reads. The whole file is checked for damage, and refused if a checksum is wrong.
 
-    With --noise it shows the noise of single scans, the noise of averages over longer times, and the drift, each with
-    its confidence interval, beside the budget that `coilarray impedance --noise` explains, for the settings of the
-    recording. Let nothing touch the board while it is recorded, some ten minutes.
+    With --noise it shows the noise of single scans, the noise of averages over longer times, and the drift, beside the
+    budget that `coilarray impedance --noise` explains, for the settings of the recording. Let nothing touch the board
+    while it is recorded, some ten minutes.
 
     Example: coilarray board info run.sqlite
 
@@ -103,23 +99,30 @@ def info(
         raise OutputError(f"--out must be another file than the recording {run}.")
     if baseline < 1:
         raise HardwareError(f"--baseline must be at least 1; got {baseline}.")
-    from coilarray.hardware.record.recorded_response import recorded_series, series_csv
+    from coilarray.hardware.record.recorded_response import recorded_series, response_csv, series_csv
     from coilarray.hardware.record.recording import open_recording, summarize_recording
 
+    wrote = []
     with open_recording(run) as recording:
         recording.check()
         summary = summarize_recording(recording)
         as_series = series or recording.campaign is None
         if as_series and calibration is not None:
             raise HardwareError("--calibration is for the response of a campaign; δ of a time series needs none.")
-        if out is None:
-            wrote = []
-        elif as_series:
-            wrote = [_write(recorded_series(recording, baseline=baseline), series_csv, out, "the time series")]
-        else:
-            wrote = [_write_response(recording, out, calibration, partial=partial)]
-    data = {**summary.to_record(), "wrote": None if out is None else str(out)}
-    print_marked(data, [*summary_lines(summary), *wrote], as_json=as_json, emulated=summary.emulated)
+        if out is not None:
+            if as_series:
+                dataset, table = recorded_series(recording, baseline=baseline), series_csv
+            else:
+                dataset, table = campaign_response(recording, calibration, partial=partial), response_csv
+            write_numbers(out, dataset, lambda: table(dataset))
+            what = "the time series" if as_series else "the response"
+            shape = " × ".join(str(n) for n in dataset.delta.shape)
+            wrote = [f"wrote {out}: {what}, {shape} values over {dataset.delta.dims}"]
+            board = summary["sessions"][0]["board"]
+            if (known := dataset.attrs.get("calibration_board", board)) != board:
+                wrote.append(f"the calibration is for the board “{known}”, the recording is of “{board}”")
+    data = {**summary, "wrote": None if out is None else str(out)}
+    print_marked(data, [*summary_parts(summary), *wrote], as_json=as_json, emulated=summary["emulated"])
 
 
 def _verify(path: Path, *, as_json: bool) -> None:
@@ -147,31 +150,33 @@ def _verify(path: Path, *, as_json: bool) -> None:
     print_result({"file": str(path), "checksums": checksums}, as_json=as_json, lines=[line])
 
 
-def summary_lines(summary: RecordingSummary) -> list[str]:
-    """Return the summary of a recording as lines of text."""
-    lines = [f"{summary.file}: design {summary.design}, wiring {summary.wiring}, coilarray {summary.version}"]
-    lines += [
-        f"{session['started']}  {session['port']} ({session['board']}), settings {session['settings_hash']}: "
-        f"{session['scans']} scans"
-        for session in summary.sessions
+def summary_parts(summary: Mapping[str, Any]) -> list[str | Table]:
+    """Return the summary of a recording as lines of text and a table."""
+    from coilarray.compute.table import text_table
+
+    lines: list[str | Table] = [
+        "{file}: design {design}, wiring {wiring}, coilarray {coilarray_version}".format_map(summary),
+        *map("{started}  {port} ({board}), settings {settings_hash}: {scans} scans".format_map, summary["sessions"]),
     ]
-    lost = f", {summary.lost} lost" if summary.lost else ""
-    lines.append(f"{summary.scans} scans of {len(summary.states)} states in {summary.seconds:.1f} s{lost}")
-    if summary.campaign is not None:
-        lines.append(f"campaign: {summary.positions} of {summary.campaign.size} positions are measured")
-    lines += [_self_test_line(test.symptoms) for test in summary.self_tests]
+    lost = f", {summary['lost_scans']} lost" if summary["lost_scans"] else ""
+    lines.append(f"{summary['scans']} scans of {len(summary['states'])} states in {summary['seconds']:.1f} s{lost}")
+    if summary["campaign"] is not None:
+        lines.append("campaign: {measured} of {positions} positions are measured".format_map(summary["campaign"]))
+    for test in summary["self_tests"]:
+        more = f", and {len(test['symptoms']) - 1} more" if len(test["symptoms"]) > 1 else ""
+        lines.append("self-test passed" if test["passed"] else f"self-test failed: {test['symptoms'][0]}{more}")
     rows = [
         (
-            state.name,
-            *reading_cells(state.frequency, state.inductance),
-            "–" if state.noise is None else PER_MILLION.text(state.noise, ".2"),
-            *(str(state.verdicts[verdict]) for verdict in ("good", "doubtful", "bad")),
-            ", ".join(f"{count} {reason}" for reason, count in state.reasons.most_common()),
+            state["state"],
+            *reading_cells(state["frequency_Hz"], state["inductance_H"]),
+            "–" if state["relative_noise"] is None else PER_MILLION.text(state["relative_noise"], ".2"),
+            *(str(state[verdict]) for verdict in ("good", "doubtful", "bad")),
+            ", ".join(f"{count} {reason}" for reason, count in state["reasons"].items()),
         )
-        for state in summary.states
+        for state in summary["states"]
     ]
-    table = table_text(("state", "f in MHz", "L in µH", "noise of L", "good", "doubtful", "bad", "why"), rows)
-    return [*lines, table]
+    headers = ("state", "f in MHz", "L in µH", "noise of L", "good", "doubtful", "bad", "why")
+    return [*lines, text_table(headers, rows)]
 
 
 def reading_cells(frequency: float | None, inductance: float | None) -> tuple[str, str]:
@@ -182,37 +187,13 @@ def reading_cells(frequency: float | None, inductance: float | None) -> tuple[st
     )
 
 
-def _self_test_line(symptoms: Sequence[str]) -> str:
-    """Return the verdict of a self-test in one line."""
-    if not symptoms:
-        return "self-test passed"
-    more = f", and {len(symptoms) - 1} more" if len(symptoms) > 1 else ""
-    return f"self-test failed: {symptoms[0]}{more}"
-
-
-def _write_response(recording: Recording, target: Path, calibration: Path | None, *, partial: bool) -> str:
-    """Write the response of a campaign to a file; return a line for people."""
-    from coilarray.hardware.record.recorded_response import response_csv
-
-    response = campaign_response(recording, calibration, partial=partial)
-    board = response.attrs["board"]
-    known = response.attrs.get("calibration_board", board)
-    note = "" if known == board else f"\nthe calibration is for the board “{known}”, the recording is of “{board}”"
-    return _write(response, response_csv, target, "the response") + note
-
-
-def _write(dataset: xr.Dataset, table: Callable[[xr.Dataset], str], target: Path, what: str) -> str:
-    write_numbers(target, dataset, lambda: table(dataset))
-    return f"wrote {target}: {what}, {' × '.join(str(n) for n in dataset.delta.shape)} values over {dataset.delta.dims}"
-
-
 def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_json: bool) -> None:
     """Print the Allan deviations of the longest session of a recording beside its budget."""
     import numpy as np
 
-    from coilarray.hardware.record.recorded_response import less_reference, recorded_series
+    from coilarray.hardware.record.recorded_response import at_rest, less_reference, recorded_series
     from coilarray.hardware.record.recording import open_recording
-    from coilarray.hardware.record.stability import at_rest, stability
+    from coilarray.hardware.record.stability import stability
     from coilarray.hardware.scan.design_settings import board_budget
     from coilarray.report.circuit_tables import (
         allan_table,
@@ -248,7 +229,6 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
         "budget": budget.to_record(),
     }
     shown = (tables[0], averages_table(found))
-    parts = [table.text(terminal_width()) for table in shown]
-    parts += [*stability_lines(found), *budget_lines(budget)]
+    parts = [*shown, *stability_lines(found), *budget_lines(budget)]
     parts += [] if plot is None else [f"wrote {plot}"]
     print_marked(data, parts, as_json=as_json, emulated=emulated)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board.info import reading_cells, summary_lines
+from coilarray.cli.board.info import reading_cells, summary_parts
 from coilarray.cli.board.options import BoardOptions, board_command, marked, opened_board, print_marked
 from coilarray.cli.shared import (
     AsJson,
@@ -17,7 +17,6 @@ from coilarray.cli.shared import (
     Resume,
     check_file,
     progress_bar,
-    table_text,
 )
 from coilarray.errors import HardwareError
 
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.recorder import Recorder
-    from coilarray.hardware.record.recording import RecordingSummary
     from coilarray.hardware.scan.settings import ScanSettings
 
 RUN = Path("run.sqlite")
@@ -94,9 +92,10 @@ def measure(
     ):
         _stream(board, recorder, scans, seconds, progress)
     summary = print_recording(path, as_json=as_json)
-    if not as_json and options.rate is not None and summary.rate is not None and summary.rate < _MET * options.rate:
-        text = f"the board reached {summary.rate:.4g} scans/s; --rate asked for {options.rate:g}"
-        typer.echo(marked(text, emulated=summary.emulated))
+    rate = summary["rate_per_s"]
+    if not as_json and options.rate is not None and rate is not None and rate < _MET * options.rate:
+        text = f"the board reached {rate:.4g} scans/s; --rate asked for {options.rate:g}"
+        typer.echo(marked(text, emulated=summary["emulated"]))
 
 
 @contextmanager
@@ -117,17 +116,18 @@ def recorded_session(
         raise
 
 
-def print_recording(path: Path, *, as_json: bool) -> RecordingSummary:
+def print_recording(path: Path, *, as_json: bool) -> dict[str, Any]:
     """Print a summary of a recording, and return it."""
     from coilarray.hardware.record.recording import open_recording, summarize_recording
 
     with open_recording(path) as recording:
         summary = summarize_recording(recording)
-    print_marked(summary.to_record(), summary_lines(summary), as_json=as_json, emulated=summary.emulated)
+    print_marked(summary, summary_parts(summary), as_json=as_json, emulated=summary["emulated"])
     return summary
 
 
 def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json: bool) -> None:
+    from coilarray.compute.table import text_table
     from coilarray.hardware.record.recorder import begin_session, open_recorder
     from coilarray.hardware.scan.readings import read_scan
 
@@ -156,7 +156,7 @@ def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json:
         (state.name, *reading_cells(state.frequency, state.inductance), state.verdict, ", ".join(state.reasons))
         for state in scan.states
     ]
-    table = table_text(("state", "f in MHz", "L in µH", "verdict", "why"), rows)
+    table = text_table(("state", "f in MHz", "L in µH", "verdict", "why"), rows)
     data = {"emulated": emulated, "board": line, "time_s": scan.time, "states": states}
     print_marked(data, [line, table], as_json=as_json, emulated=emulated)
 

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from coilarray.cli.shared import open_design_file, print_json
+from coilarray.cli.shared import open_design_file, print_json, terminal_width
 from coilarray.compute.files import read_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.cli.board.files import BoardSettings
+    from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile
     from coilarray.hardware.board.connect import Board
@@ -248,12 +249,13 @@ def _emulated(options: BoardOptions, design: Design, *, real_time: bool) -> dict
     return arguments | {"conditions": conditions, "path": path}
 
 
-def print_marked(data: Any, parts: Sequence[str], *, as_json: bool, emulated: bool) -> None:
+def print_marked(data: Any, parts: Sequence[str | Table], *, as_json: bool, emulated: bool) -> None:
     """Print the result of a command with a board: `data` as JSON and nothing else, or marked texts for people."""
     if as_json:
         print_json(data)
     else:
-        typer.echo(marked("\n".join(parts), emulated=emulated))
+        texts = (part if isinstance(part, str) else part.text(terminal_width()) for part in parts)
+        typer.echo(marked("\n".join(texts), emulated=emulated))
 
 
 def marked(text: str, *, emulated: bool) -> str:
