@@ -3,11 +3,7 @@
 from .board.connect import Board, open_board
 from .board.self_test import SelfTest, self_test
 from .chips.ldc1614 import (
-    Drive,
-    Limit,
-    check_channel,
     code_to_frequency,
-    drive_for,
     frequency_to_code,
     inductance_from_frequency,
     settle_count,
@@ -20,17 +16,13 @@ from .scan.wiring import Wiring, load_wiring
 __all__ = [
     "Board",
     "ConverterClock",
-    "Drive",
-    "Limit",
     "Reader",
     "ScanSettings",
     "SelfTest",
     "Sensor",
     "Wiring",
-    "check_channel",
     "code_to_frequency",
     "design_settings",
-    "drive_for",
     "frequency_to_code",
     "inductance_from_frequency",
     "load_wiring",

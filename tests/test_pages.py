@@ -118,9 +118,9 @@ def test_every_command_has_a_page_with_an_example(name):
 def test_options_in_a_help_are_code_and_what_is_code_stays_as_it_is():
     assert command_pages._prose("give --noise or `board --list`") == "give `--noise` or `board --list`"
     assert command_pages._prose("``b --x`` well-known -- not --out.") == "``b --x`` well-known -- not `--out`."
-    text = "at i2c:1?mode=2&order=lsb, ftdi://... and /dev/ttyACM0 (press=X,Y,DEPTH). Ratios: 1"
+    text = "at i2c:1?mode=2&readback=yes, ftdi://... and /dev/ttyACM0 (press=X,Y,DEPTH). Ratios: 1"
     assert command_pages._prose(text) == (
-        "at `i2c:1?mode=2&order=lsb`, `ftdi://...` and `/dev/ttyACM0` (`press=X,Y,DEPTH`). Ratios: 1"
+        "at `i2c:1?mode=2&readback=yes`, `ftdi://...` and `/dev/ttyACM0` (`press=X,Y,DEPTH`). Ratios: 1"
     )
 
 

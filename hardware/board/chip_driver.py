@@ -68,7 +68,7 @@ class ChipSettings:
         return ChipSettings(
             names=tuple(state.name for state in settings.states),
             channels=tuple(state.channel for state in settings.states),
-            scanning=settings.scanned > 1,
+            scanning=len(settings.channels) > 1,
             words=tuple(state.words for state in settings.states),
             drives=() if settings.wired else tuple(settings.drive_register(state) for state in settings.states),
             asleep=tuple(sorted((given | {_CONFIG: given[_CONFIG] | ASLEEP}).items())),

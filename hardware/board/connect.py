@@ -86,7 +86,10 @@ class Board:
         ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
         named = board_of(parse_port(self.port))
         if (identity.manufacturer, identity.device) == (MANUFACTURER, DEVICE):
-            converter = f"LDC1614 ({ids})" if named is None else f"{named.text} ({ids})"
+            converter = f"LDC1614 ({ids})"
+            if named is not None:
+                clock = "its own oscillator" if named.clock is None else f"{named.clock * 1e-6:g} MHz at CLKIN"
+                converter += f", channels {', '.join(map(str, named.channels))}, {clock}"
         elif (identity.manufacturer, identity.device) == (0, 0):
             converter = "no converter answers"
         else:
@@ -177,10 +180,10 @@ def open_board(
                 )
             else:
                 reader = AutoscanReader(emulator.bus, emulator.clock, kind=EMULATOR, emulated=True)
-        case SerialPort(name, bauds):
+        case SerialPort(name, baud):
             from coilarray.hardware.board.microcontroller import open_microcontroller
 
-            reader = open_microcontroller(name, bauds=bauds, times=times)
+            reader = open_microcontroller(name, baud=baud, times=times)
         case LinuxPort() | FtdiPort():
             reader = _direct_reader(place, wired)
     return Board(reader, port, wired, emulator)
@@ -204,7 +207,7 @@ def wiring_of_board(
     known = [f"coil{channel + 1}" for channel in board.channels] if design is None else design.array.names
     if coils is not None and (missing := [coil for coil in coils if design is not None and coil not in known]):
         raise HardwareError(f"there is no coil {missing[0]!r} among {', '.join(known)}.")
-    return wired_to_channels(known if coils is None else coils, board.channels, source=board.source)
+    return wired_to_channels(known if coils is None else coils, board.channels)
 
 
 def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> None:
@@ -232,7 +235,7 @@ def _emulator(
 
     if board is not None:
         conditions = replace(emulation.get("conditions") or Conditions(), clkin=board.clock)
-        emulation = {"converter": board.converter, **emulation, "conditions": conditions}
+        emulation = {**emulation, "conditions": conditions}
     return emulated_board(design or load_design(), wiring, **emulation)
 
 
@@ -252,11 +255,11 @@ def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
             if isinstance(port, LinuxPort):
                 bus = LinuxRegisterBus(port.bus, port.address)
                 opened.callback(bus.close)
-                switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
+                switches = SpiSwitchChain(port.spi_bus, port.spi_device, mode=port.mode, readback=port.readback)
                 opened.callback(switches.close)
                 kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
             else:
-                bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
+                bus, switches = open_ft232h(port.url, port.address, mode=port.mode, readback=port.readback)
                 opened.callback(bus.close)
                 kind = "FT232H"
             reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)

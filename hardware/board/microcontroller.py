@@ -6,7 +6,7 @@ The microcontroller uses the protocol of `hardware/firmware/PROTOCOL.md`.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from contextlib import nullcontext, suppress
 
 from coilarray.errors import HardwareError
@@ -39,7 +39,7 @@ from coilarray.hardware.wire.protocol import (
     read_pong,
     read_scan,
 )
-from coilarray.hardware.wire.serial_ports import BAUD, BytePort, PortInfo, choose_serial_port, open_serial_port
+from coilarray.hardware.wire.serial_ports import BAUD, BytePort, choose_serial_port, open_serial_port
 
 LONGEST_INTERVAL = 2147.0
 """Longest time between two scans of a stream in s: half a wrap of the board's clock."""
@@ -61,29 +61,19 @@ _SIGNS = {
 
 
 def open_microcontroller(
-    port: str | None = None, *, bauds: Sequence[int] = (BAUD,), times: LinkTimes | None = None
+    port: str | None = None, *, baud: int = BAUD, times: LinkTimes | None = None
 ) -> MicrocontrollerReader:
     """Open a new session with a microcontroller board."""
     chosen = choose_serial_port(port)
-    met: list[HardwareError] = []
-    for baud in bauds:
-        opened = open_serial_port(chosen.name, baud=baud)
-        try:
-            return MicrocontrollerReader(opened, times=times, reopen=lambda: _open_again(chosen, bauds, times))
-        except (NoAnswer, NotABoard) as fault:
-            opened.close()
-            met.append(fault)
-        except BaseException:
-            opened.close()
-            raise
-    worst = next((fault for fault in met if isinstance(fault, NotABoard)), met[-1])
-    raise type(worst)(f"{str(worst).rstrip('.')}; tried {', '.join(map(str, bauds))} baud.")
-
-
-def _open_again(before: PortInfo, bauds: Sequence[int], times: LinkTimes | None) -> MicrocontrollerReader:
-    """Open the same device again."""
-    name = f"usb:{before.serial_number}" if before.serial_number else before.name
-    return open_microcontroller(name, bauds=bauds, times=times)
+    same = f"usb:{chosen.serial_number}" if chosen.serial_number else chosen.name
+    opened = open_serial_port(chosen.name, baud=baud)
+    try:
+        return MicrocontrollerReader(
+            opened, times=times, reopen=lambda: open_microcontroller(same, baud=baud, times=times)
+        )
+    except BaseException:
+        opened.close()
+        raise
 
 
 class MicrocontrollerReader:
@@ -133,10 +123,10 @@ class MicrocontrollerReader:
     def configure(self, settings: ScanSettings) -> None:
         """Send the board its settings."""
         settings.check_switching()
-        if settings.wired or settings.scanned > 1:
+        if settings.wired:
             raise HardwareError(
-                "the firmware converts channel 0 alone; settings of several channels, or of an undivided clock, are "
-                "for a converter at a bus of this computer."
+                "the firmware converts channel 0 alone; settings of coils at channels are for a converter at a bus of "
+                "this computer."
             )
         greeting = self._session.greeting
         for what, count, most in (

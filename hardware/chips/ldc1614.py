@@ -1,95 +1,26 @@
-"""Codes, frequencies, inductances, times and limits of the LDC1614, and the other converters of its family.
+"""Codes, frequencies, inductances, times and limits of the LDC1614.
 
 The equations 1, 3, 6 and 7, the times of section 7 and the limits of table 43 are those of the data sheet, Texas
 Instruments SNOSCY9A, which also describes the LDC1612. Its register tables print the conversion time without the four
 clocks of equation 7, which are counted here. `coilarray.circuit.converter_limits` computes which coils the converter
-can read and drive. All converters identify themselves with the same numbers, so a program cannot distinguish them. The
-FDC2212 and FDC2214 (SNOSCZ5B) convert capacitances with the same core, register addresses, drive and timing. It is not
-verified that they measure coils as well.
+can read and drive. The LDC1612 has the first two channels and the same identity, so a program cannot distinguish them.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Literal
 
 from coilarray.circuit.converter_limits import (
     LARGEST_INPUT_DIVIDER,
     REFERENCE,
     SENSOR_FREQUENCY,
+    Limit,
     least_divider,
     require_each_positive,
     shown_unit,
 )
-from coilarray.circuit.converter_limits import (
-    Drive as Drive,
-)
-from coilarray.circuit.converter_limits import (
-    Limit as Limit,
-)
-from coilarray.circuit.converter_limits import (
-    check_channel as check_channel,
-)
-from coilarray.circuit.converter_limits import (
-    drive_for as drive_for,
-)
-from coilarray.design import readout
-from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT
-from coilarray.errors import HardwareError, require_positive
-
-Family = Literal["LDC", "FDC"]
-"""Converters of inductance, or of capacitance."""
-
-
-@dataclass(frozen=True)
-class Converter:
-    """Name, number of channels and family of a converter."""
-
-    name: str
-    channels: int
-    family: Family = "LDC"
-
-
-@dataclass(frozen=True)
-class FamilyLimits:
-    """Differences between the two families."""
-
-    smallest_rcount: int  # least RCOUNT
-    largest_input_divider: int  # largest FIN_DIVIDER; called FIN_SEL in the FDC
-    has_offset: bool  # whether there are registers OFFSET
-    finds_drive: bool  # whether the converter finds a drive current by itself and shows it in INIT_IDRIVE
-    reported: tuple[str, ...]  # fields of ERROR_CONFIG that exist: the errors that can be reported
-
-
-FAMILIES = MappingProxyType({
-    "LDC": FamilyLimits(SMALLEST_RCOUNT, 15, True, True, (
-        "UR_ERR2OUT", "OR_ERR2OUT", "WD_ERR2OUT", "AH_ERR2OUT", "AL_ERR2OUT",
-        "UR_ERR2INT", "OR_ERR2INT", "WD_ERR2INT", "AH_ERR2INT", "AL_ERR2INT", "ZC_ERR2INT", "DRDY_2INT",
-    )),
-    "FDC": FamilyLimits(
-        0x100, 2, False, False, ("WD_ERR2OUT", "AH_ERR2OUT", "AL_ERR2OUT", "WD_ERR2INT", "DRDY_2INT")
-    ),
-})  # fmt: skip
-"""Limits of the families by their name."""
-CONVERTERS = MappingProxyType({
-    one.name: one
-    for one in (Converter("LDC1614", 4), Converter("LDC1612", 2), Converter("FDC2214", 4, "FDC"),
-                Converter("FDC2212", 2, "FDC"))
-})  # fmt: skip
-"""Converters by their name."""
-_TWELVE_BITS = ("LDC1314", "LDC1312", "FDC2114", "FDC2112")
-
-
-def converter(name: str) -> Converter:
-    """Return a converter by its name, in any case."""
-    known = CONVERTERS.get(name.upper())
-    if known is not None:
-        return known
-    why = " has results of 12 bits, too coarse for δ" if name.upper() in _TWELVE_BITS else " is not known"
-    raise HardwareError(f"the converter {name[:40]!r}{why}; use {', '.join(CONVERTERS)}.")
-
+from coilarray.design.readout import DRIVE_DELAY, SMALLEST_RCOUNT, conversion_time
+from coilarray.errors import require_positive
 
 CODE_BITS = 28
 """Width of a conversion result."""
@@ -117,7 +48,8 @@ READ_BITS, WRITE_BITS = 48, 38
 """Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
 LEAST_SETTLE_COUNT = 2
 """Effective value of SETTLECOUNT 0 and 1."""
-_SWITCH_BITS = 20  # the words for a chain of six at 1 MHz take as long as this number of bits of the bus
+SWITCH_BITS = 20
+"""Bits on the bus that take as long as the words for a chain of six at 1 MHz."""
 
 
 def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: int = 0) -> float:
@@ -244,37 +176,9 @@ def _check(reference: float, divider: int, offset: int) -> None:
         raise ValueError(f"offset must be 0 to 65535; got {offset}.")
 
 
-def conversion_time(rcount: int, reference: float) -> float:
-    """Return the time of a conversion in s."""
-    _check_clock(reference)
-    if not SMALLEST_RCOUNT <= rcount <= LARGEST_RCOUNT:
-        raise HardwareError(f"RCOUNT must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {rcount}.")
-    return readout.conversion_time(rcount, reference)
-
-
-def rcount_for(duration: float, reference: float) -> int:
-    """Return the largest RCOUNT for a duration in s."""
-    _check_clock(reference)
-    require_positive("a duration", duration, " s", HardwareError)
-    # A duration that is a multiple of a clock must not lose a count by rounding.
-    clocks = math.floor(duration * reference * (1 + 1e-12))
-    rcount = (clocks - 4) // 16
-    if rcount < SMALLEST_RCOUNT:
-        shortest = conversion_time(SMALLEST_RCOUNT, reference)
-        raise HardwareError(f"a conversion takes at least {shortest * 1e6:.3g} µs; got {duration * 1e6:.3g} µs.")
-    return min(rcount, LARGEST_RCOUNT)
-
-
 def next_conversion_time(rcount: int, reference: float) -> float:
     """Return the time between a single channel's results in s."""
     return conversion_time(rcount, reference) + SWITCH_TIME + SWITCH_CYCLES / reference
-
-
-def internal_clock_range(measured: float | None = None) -> tuple[float, float]:
-    """Return the slowest and fastest internal oscillator in Hz."""
-    if measured is None:
-        return INTERNAL_CLOCK_RANGE
-    return measured * (1 - CLOCK_TOLERANCE), measured * (1 + CLOCK_TOLERANCE)
 
 
 def settle_time(settle_count: int, reference: float) -> float:
@@ -282,90 +186,14 @@ def settle_time(settle_count: int, reference: float) -> float:
 
     It is the wait from starting the sensor to converting: 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1.
     """
-    _check_clock(reference)
-    if not 0 <= settle_count <= 0xFFFF:
-        raise HardwareError(f"SETTLECOUNT must be 0 to 65535; got {settle_count}.")
     return 16 * max(settle_count, LEAST_SETTLE_COUNT) / reference
-
-
-def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
-    """Return the time from leaving sleep to starting the sensor."""
-    _check_clock(internal_clock)
-    return WAKE_CYCLES / internal_clock
 
 
 def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> float:
     """Return the time to transfer registers over I²C in s."""
-    _check_clock(rate)
     return (reads * READ_BITS + writes * WRITE_BITS) / rate
 
 
-@dataclass(frozen=True)
-class StateTime:
-    """Times of the steps of one state, in s.
-
-    `wake`, `settle` and `conversion` are the converter's own times. `discarded` are the discarded conversions, with
-    their transfers. `result` is the reading of the two data registers. `control` are all other transfers: status, sleep
-    and wake, drive current, switches.
-    """
-
-    wake: float
-    settle: float
-    conversion: float
-    discarded: float
-    result: float
-    control: float
-
-    @property
-    def until_ready(self) -> float:
-        """Time in s from leaving sleep to the first result."""
-        return self.wake + self.settle + self.conversion
-
-    @property
-    def measuring(self) -> float:
-        """Time in s until the result is read, without control."""
-        return self.until_ready + self.discarded + self.result
-
-    @property
-    def total(self) -> float:
-        """Time in s of all steps."""
-        return self.measuring + self.control
-
-
-def state_time(
-    rcount: int,
-    settle_count: int,
-    reference: float,
-    *,
-    internal_clock: float = INTERNAL_CLOCK,
-    bus_rate: float = BUS_RATE,
-    discard: int = 0,
-) -> StateTime:
-    """Return the times of one measured state.
-
-    The boards measure a state in the order sleep, switch, wake, convert, read. All clocks are in Hz. Waking is counted
-    with the internal clock, whatever clock the conversions have. `discard` is the number of conversions to discard.
-
-    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading the result take 293.6
-    ms. Gast & Zimmermann (2020) print 293.5 ms. This agreement supports these settings but does not prove them.
-    """
-    return StateTime(
-        wake=wake_time(internal_clock),
-        settle=settle_time(settle_count, reference),
-        conversion=conversion_time(rcount, reference),
-        discarded=discard * (next_conversion_time(rcount, reference) + bus_time(reads=2, rate=bus_rate)),
-        result=bus_time(reads=2, rate=bus_rate),
-        control=bus_time(reads=1, writes=3, rate=bus_rate) + _SWITCH_BITS / BUS_RATE,
-    )
-
-
-def _check_clock(frequency: float) -> None:
-    require_positive("a clock", frequency, " Hz", HardwareError)
-
-
-_LARGEST_REFERENCE = 35e6  # Hz, with one channel
-_LARGEST_SCANNING, _LARGEST_SCANNING_EXTERNAL = 55e6, 40e6  # Hz, with several channels
-_LEAST_SCANNING_RCOUNT, LEAST_SCANNING_SETTLE_COUNT = 9, 4
 DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
 """Cut-off frequencies of the input filter in Hz by code. The application table prints 0b011 for the last."""
 
@@ -392,59 +220,25 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
     14
     """
     require_each_positive(frequency=frequency, quality_factor=quality_factor, reference=reference)
-    return max(LEAST_SCANNING_SETTLE_COUNT, math.ceil(quality_factor * reference / (16 * frequency)))
+    return max(4, math.ceil(quality_factor * reference / (16 * frequency)))
 
 
 def largest_reference(*, external: bool = False, channels: int = 1) -> float:
-    """Return the largest reference frequency of a converter in Hz."""
+    """Return the largest reference frequency in Hz for a number of scanned channels."""
     if channels == 1:
-        return _LARGEST_REFERENCE
-    return _LARGEST_SCANNING_EXTERNAL if external else _LARGEST_SCANNING
+        return 35e6
+    return 40e6 if external else 55e6
 
 
-def smallest_rcount(channels: int = 1, family: Family = "LDC") -> int:
+def smallest_rcount(channels: int = 1) -> int:
     """Return the least RCOUNT for a number of scanned channels."""
-    return max(FAMILIES[family].smallest_rcount, SMALLEST_RCOUNT if channels == 1 else _LEAST_SCANNING_RCOUNT)
-
-
-def check_clock(
-    clock: float,
-    divider: int,
-    *,
-    external: bool = False,
-    rcount: int = LARGEST_RCOUNT,
-    settle_count: int = 0xFFFF,
-    channels: int = 1,
-    family: Family = "LDC",
-) -> tuple[Limit, ...]:
-    """Check the limits of a converter's clock and counts.
-
-    `clock` is in Hz, and `channels` is the number of channels that the converter scans. All limits are returned, kept
-    or not. With one channel and the internal oscillator (not `external`, the pin CLKIN) FREF_DIVIDER must be at least 2
-    at any frequency.
-
-    >>> [limit.name for limit in check_clock(40e6, 1, external=True) if not limit.kept]
-    ['reference frequency (Hz)']
-    """
-    require_each_positive(clock=clock, divider=divider)
-    return (
-        Limit("clock (Hz)", clock, *(EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE)),
-        Limit("FREF_DIVIDER", divider, _least_reference_divider(external, channels), 0x3FF),
-        Limit("reference frequency (Hz)", clock / divider, 0, largest_reference(external=external, channels=channels)),
-        Limit("RCOUNT", rcount, smallest_rcount(channels, family), LARGEST_RCOUNT),
-        Limit("SETTLECOUNT", settle_count, 0 if channels == 1 else LEAST_SCANNING_SETTLE_COUNT, 0xFFFF),
-    )
+    return SMALLEST_RCOUNT if channels == 1 else 9
 
 
 def reference_divider(clock: float, *, external: bool = False, channels: int = 1) -> int:
     """Return the least FREF_DIVIDER of a clock in Hz."""
-    require_each_positive(clock=clock)
-    most = largest_reference(external=external, channels=channels)
-    return max(_least_reference_divider(external, channels), math.ceil(clock / most))
-
-
-def _least_reference_divider(external: bool, channels: int) -> int:
-    return 1 if external or channels > 1 else 2  # an oscillator of 55 MHz must stay below the limit of one channel
+    least = 1 if external or channels > 1 else 2  # an oscillator of 55 MHz must stay below the limit of one channel
+    return max(least, math.ceil(clock / largest_reference(external=external, channels=channels)))
 
 
 def input_divider(frequency: float, reference: float) -> int:
@@ -456,7 +250,6 @@ def input_divider(frequency: float, reference: float) -> int:
     >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
     (1, 2)
     """
-    require_each_positive(frequency=frequency, reference=reference)
     divider = least_divider(frequency, reference)
     if divider > LARGEST_INPUT_DIVIDER:
         shown, of_reference = (shown_unit("Hz", one).text(one, ".4") for one in (frequency, reference))

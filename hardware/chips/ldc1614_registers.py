@@ -19,7 +19,7 @@ from coilarray.errors import HardwareError
 MANUFACTURER = 0x5449
 """Register MANUFACTURER_ID."""
 DEVICE = 0x3055
-"""Register DEVICE_ID. The LDC1612 and the FDC2212/2214 have the same."""
+"""Register DEVICE_ID. The LDC1612 has the same."""
 ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
 
@@ -86,11 +86,6 @@ class Register:
     def constant_mask(self) -> int:
         """Reserved bits that must be written unchanged."""
         return sum(field.mask for field in self.fields if field.reserved and not field.meaning.startswith("RO"))
-
-    @property
-    def four_channels(self) -> bool:
-        """Whether chips of two channels lack the register."""
-        return all("LDC1614 only" in field.meaning for field in self.fields)
 
     def field(self, name: str) -> Field:
         """Return a field that is not reserved."""

@@ -14,7 +14,6 @@ from coilarray.compute.store import open_store
 from coilarray.design.readout import LARGEST_RCOUNT, Readout
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import CONVERTERS, Converter
 from coilarray.hardware.emulator.conditions import Conditions, Indenter, Place, VirtualClock
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Ldc1614, Misuse
@@ -29,7 +28,7 @@ from coilarray.hardware.scan.switching import (
     what_is_seen,
 )
 from coilarray.hardware.scan.wiring import Wiring
-from coilarray.hardware.wire.buses import Clock, reversed_bits
+from coilarray.hardware.wire.buses import Clock
 
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
@@ -86,15 +85,14 @@ class EmulatedChain:
         """Return the switches that conduct if none is stuck."""
         return closed_switches(self.devices, self._words, bit_order=self.bit_order)
 
-    def transfer(self, data: bytes, *, mode: int = 1, lsb_first: bool = False) -> bytes | None:
+    def transfer(self, data: bytes, *, mode: int = 1) -> bytes | None:
         """Shift bytes in with SYNC low, then let SYNC rise.
 
         The bytes that left the far end are returned, or None if it is not wired back. In the SPI modes 0 and 3 data
-        change at the edge at which the chip samples them, so the chip takes the bit before. The chip expects the most
-        significant bit first.
+        change at the edge at which the chip samples them, so the chip takes the bit before.
         """
         count = SWITCHES * len(data)
-        sent = int.from_bytes(reversed_bits(data) if lsb_first else data)
+        sent = int.from_bytes(data)
         if mode not in _FALLING_EDGE_MODES:
             sent >>= 1
         through = self._register << count | sent
@@ -102,8 +100,7 @@ class EmulatedChain:
         self._latch()
         if not self.readback:
             return None
-        came = (through >> SWITCHES * len(self.devices)).to_bytes(len(data))
-        return reversed_bits(came) if lsb_first else came
+        return (through >> SWITCHES * len(self.devices)).to_bytes(len(data))
 
     def stick(self, device: int, bit: int, state: Literal["open", "closed"]) -> None:
         """Break a switch, which then stays in this state."""
@@ -142,8 +139,6 @@ class EmulatedSwitches:
         self.chain, self.clock, self.speed = chain, clock, speed
         self.mode = 1
         """SPI mode. Change it to emulate a port with another mode."""
-        self.lsb_first = False
-        """Bit order. Change it to emulate a port with the wrong order."""
         self.broken = False
         """Whether the data line is broken, so that the chain receives zeros."""
 
@@ -151,7 +146,7 @@ class EmulatedSwitches:
         """Send one byte per device and latch all of them."""
         self.clock.sleep(8 * len(words) / self.speed)
         sent = bytes(len(words)) if self.broken else words
-        return self.chain.transfer(sent, mode=self.mode, lsb_first=self.lsb_first)
+        return self.chain.transfer(sent, mode=self.mode)
 
     def close(self) -> None:
         """Release the port."""
@@ -190,7 +185,6 @@ class EmulatedBoard:
         *,
         clock: Clock,
         conditions: Conditions | None = None,
-        converter: Converter = CONVERTERS["LDC1614"],
         strict: bool = False,
         readback: bool = True,
         seed: int = 0,
@@ -208,7 +202,7 @@ class EmulatedBoard:
             )
             for channel, coil in zip(wiring.channels, self.coils, strict=False)
         }
-        self.chip = Ldc1614(clock, self, converter=converter, misuse=self.misuse, seed=seed)
+        self.chip = Ldc1614(clock, self, misuse=self.misuse, seed=seed)
         self.chain = EmulatedChain(
             switch_table(wiring.encode()) if wiring.devices else (),
             before_change=self.chip.advance, after_change=self._switched, readback=readback,
@@ -272,7 +266,6 @@ def emulated_board(
     path: Sequence[tuple[float, float, float, float]] | None = None,
     count_parts: bool = False,
     clock: Clock | None = None,
-    converter: Converter = CONVERTERS["LDC1614"],
     seed: int = 0,
     strict: bool = False,
     folder: Path | None = None,
@@ -295,8 +288,6 @@ def emulated_board(
         of the capacitances of the design.
     clock : Clock, optional
         Clock of the board. A new `VirtualClock` by default.
-    converter : Converter
-        Type of the converter.
     seed : int
         Seed of the noise.
     strict : bool
@@ -336,8 +327,8 @@ def emulated_board(
     if conditions.noise is None:
         conditions = replace(conditions, noise=replace(design.readout, rcount=LARGEST_RCOUNT).frequency_noise)
     board = EmulatedBoard(
-        wiring, SensorWorld(network, table), clock=clock or VirtualClock(), conditions=conditions, converter=converter,
-        strict=strict, seed=seed,
+        wiring, SensorWorld(network, table), clock=clock or VirtualClock(), conditions=conditions, strict=strict,
+        seed=seed,
     )  # fmt: skip
     if path is not None:
         board.indenter.follow(path)

@@ -22,6 +22,7 @@ from coilarray.circuit.converter_limits import (
 )
 from coilarray.design.readout import LARGEST_RCOUNT, conversion_time
 from coilarray.hardware.chips.ldc1614 import (
+    CHANNELS,
     DEGLITCH,
     EXTERNAL_CLOCK_RANGE,
     FULL_SCALE,
@@ -107,7 +108,7 @@ class Setting:
     deglitch: int
 
     @staticmethod
-    def of(registers: Mapping[int, int], channels: int) -> Setting:
+    def of(registers: Mapping[int, int]) -> Setting:
         """Decode the registers of a chip."""
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
@@ -116,13 +117,13 @@ class Setting:
             channels=tuple(
                 ChannelSetting(
                     registers[0x08 + k],
-                    registers.get(0x0C + k, 0),
+                    registers[0x0C + k],
                     registers[0x10 + k],
                     registers[0x14 + k] >> 12,
                     registers[0x14 + k] & 0x3FF,
                     registers[0x1E + k] >> 11,
                 )
-                for k in range(channels)
+                for k in range(CHANNELS)
             ),
             sequence=sequence,
             external=bool(config >> 9 & 1),
@@ -148,9 +149,6 @@ class Setting:
         if self.deglitch not in DEGLITCH:
             yield f"DEGLITCH is {self.deglitch:#05b}, which is reserved."
         for channel in self.sequence:
-            if channel >= len(self.channels):
-                yield f"channel {channel} was chosen; the chip has {len(self.channels)}."
-                continue
             yield from self._channel_problems(channel, clock)
 
     def _channel_problems(self, channel: int, clock: float | None) -> Iterator[str]:
@@ -237,7 +235,7 @@ class Run:
         """Return the reference frequency of the channel in Hz."""
         source = self._surroundings.external_clock if self._setting.external else self._surroundings.internal_clock
         clock = source(self._time)
-        if clock is None or self._channel >= len(self._setting.channels):
+        if clock is None:
             return 0.0
         one = self._setting.channels[self._channel]
         return clock / one.fref_divider if one.fref_divider and one.fin_divider else 0.0

@@ -12,11 +12,9 @@ import numpy as np
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     CHANNELS,
-    CONVERTERS,
     READ_BITS,
     SLOWEST_BUS_RATE,
     WRITE_BITS,
-    Converter,
 )
 from coilarray.hardware.chips.ldc1614_registers import Register, registers
 from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroundings
@@ -26,8 +24,6 @@ _BUS_TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
 _MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)
 _DIVIDERS, _DRIVE = 0x14, 0x1E
 _STATUS, _ERROR_CONFIG, _CONFIG, _RESET = 0x18, 0x19, 0x1A, 0x1C
-_OFFSETS = (0x0C, 0x0D, 0x0E, 0x0F)
-_CAPACITIVE_ERRORS, _CAPACITIVE_RCOUNT = 0x3821, 0x100
 _SLEEP, _INTB_DIS, _DRDY = 1 << 13, 1 << 7, 1 << 6
 _INIT_DRIVE = 0x1F << 6
 _RESET_BIT = 1 << 15
@@ -66,19 +62,12 @@ class Ldc1614:
         clock: Clock,
         surroundings: Surroundings,
         *,
-        converter: Converter = CONVERTERS["LDC1614"],
         misuse: Misuse | None = None,
         seed: int = 0,
     ) -> None:
-        self.clock, self.channels, self.surroundings = clock, converter.channels, surroundings
-        self._capacitive = converter.family == "FDC"
+        self.clock, self.surroundings = clock, surroundings
         self.misuse = misuse or Misuse(strict=True)
-        self.table = {
-            register.address: register
-            for register in registers().values()
-            if (converter.channels == CHANNELS or not register.four_channels)
-            and not (self._capacitive and register.address in _OFFSETS)
-        }
+        self.table = {register.address: register for register in registers().values()}
         self.resets = 0
         self._excused = False
         self._random = np.random.default_rng(seed)
@@ -186,10 +175,10 @@ class Ldc1614:
         if value & _SLEEP:
             self._run = None
             self._forget_results()
-            for channel in range(self.channels):
+            for channel in range(CHANNELS):
                 self._registers[_DRIVE + channel] &= ~_INIT_DRIVE
         elif self._run is None:
-            now, setting = self.clock.now(), Setting.of(self._registers, self.channels)
+            now, setting = self.clock.now(), Setting.of(self._registers)
             around = self.surroundings
             source = around.external_clock if setting.external else around.internal_clock
             for problem in setting.problems(source(now)):
@@ -206,8 +195,6 @@ class Ldc1614:
                 f"{register.name} was written with {value:#06x}: reserved bits {wrong:#06x} must be "
                 f"{register.reset & wrong:#06x}."
             )
-        if self._capacitive:
-            self._check_capacitive(register, value)
         if self.asleep or register.address == _RESET:
             return
         if register.address == _CONFIG:
@@ -215,18 +202,6 @@ class Ldc1614:
                 self._note(f"CONFIG was changed to {value:#06x} while the chip was active.")
         else:
             self._note(f"{register.name} was written while the chip was active.")
-
-    def _check_capacitive(self, register: Register, value: int) -> None:
-        """Note features that an FDC2212 or FDC2214 lacks."""
-        name = register.name
-        if register.address == _ERROR_CONFIG and value & ~_CAPACITIVE_ERRORS:
-            self._note(
-                f"{name} was written with {value:#06x}; the bits outside {_CAPACITIVE_ERRORS:#06x} are reserved."
-            )
-        if name.startswith("RCOUNT") and value < _CAPACITIVE_RCOUNT:
-            self._note(f"{name} was written with {value:#06x}; from {_CAPACITIVE_RCOUNT:#06x} on it is allowed.")
-        if name.startswith("CLOCK_DIVIDERS") and value >> 12 not in (1, 2):
-            self._note(f"{name} was written with {value:#06x}; its FIN_SEL must be 1 or 2.")
 
     def _take(self, result: Result) -> None:
         """Store the result of a conversion."""
@@ -237,7 +212,7 @@ class Ldc1614:
         self._flags[channel] = shown[0] << 3 | shown[1] << 2 | shown[2] << 1 | (shown[3] or shown[4])
         self._unread[channel] = True
         self._drdy = self._drdy or result.last
-        if result.drive is not None and not self._capacitive:
+        if result.drive is not None:
             kept = self._registers[_DRIVE + channel] & ~_INIT_DRIVE
             self._registers[_DRIVE + channel] = kept | result.drive << 6
         happened = [*raised, result.no_edges]

@@ -12,7 +12,7 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.design.switch_parts import CONVERTER_PIN
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, Family
+from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.scan.settings import ConverterClock, ScanSettings, Sensor, scan_settings
 from coilarray.hardware.scan.wiring import Wiring
 
@@ -81,7 +81,6 @@ def design_settings(
     rate: float | None = None,
     bus_rate: float = BUS_RATE,
     clock: ConverterClock | None = None,
-    family: Family = "LDC",
     drives: Mapping[str, int] | int | None = None,
     discard: int = 0,
 ) -> ScanSettings:
@@ -102,8 +101,6 @@ def design_settings(
         Clock of the I²C bus in Hz.
     clock : ConverterClock, optional
         Clock of the converter. Its own oscillator by default.
-    family : {"LDC", "FDC"}
-        Family of the converter.
     drives : mapping of str to int, or int, optional
         IDRIVE by coil, or of all coils. By default it follows from the parallel resistance of every state.
     discard : int
@@ -153,8 +150,7 @@ def design_settings(
         )
     states_of_wiring = [_among(state, wiring.coils) for state in plan]
     return scan_settings(
-        wiring, states_of_wiring, sensors=sensors, clock=clock, rate=rate, bus_rate=bus_rate, family=family,
-        discard=discard,
+        wiring, states_of_wiring, sensors=sensors, clock=clock, rate=rate, bus_rate=bus_rate, discard=discard,
     )  # fmt: skip
 
 

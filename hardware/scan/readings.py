@@ -17,7 +17,7 @@ from coilarray.circuit.converter_limits import SENSOR_FREQUENCY
 from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, inductance_from_frequency
 from coilarray.hardware.chips.ldc1614_registers import decode
-from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 
 
 class SampleFault(IntEnum):
@@ -113,8 +113,6 @@ class Reader(Protocol):
 Verdict = Literal["good", "doubtful", "bad"]
 """Quality of a result: good, doubtful (outside the data sheet's specification), or bad (no measurement)."""
 
-ALL_FLAGS = 0xF8FD
-"""ERROR_CONFIG that enables every flag in the result and in STATUS."""
 LARGEST_CODE = (1 << CODE_BITS) - 1
 QUARTER = 1 << (CODE_BITS - 2)
 """Code of a quarter of the reference frequency, without offset. The input must stay below."""
@@ -122,7 +120,6 @@ QUARTER = 1 << (CODE_BITS - 2)
 _WORD = 0xFFFF
 _DATA_READY, _UNREAD = 0x0040, 0x000F
 _LEAST_QUALITY = 2.0  # from this value on the lossy form has a root at every frequency of the converter
-_OFFSET_STEP = 1 << (CODE_BITS - 16)
 
 
 class Reason(StrEnum):
@@ -163,14 +160,11 @@ _STATUS = {
 }
 
 
-def judge(
-    sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS, channel: int = 0
-) -> tuple[Verdict, tuple[Reason, ...]]:
+def judge(sample: RawSample, channel: int = 0) -> tuple[Verdict, tuple[Reason, ...]]:
     """Judge whether a sample of a channel is a measurement.
 
     The reasons are empty if it is good. It is doubtful for an amplitude outside its range or an input above a quarter
-    of the reference, and bad for all else. `offset` and `error_config` are the registers OFFSET and ERROR_CONFIG. The
-    converter cannot have set a flag that ERROR_CONFIG does not enable.
+    of the reference, and bad for all else.
 
     >>> judge(RawSample(0x0179, 0x82F3, 0x0048))
     ('good', ())
@@ -179,9 +173,7 @@ def judge(
     """
     if sample.fault is not SampleFault.NONE:
         return "bad", (_FAULTS[sample.fault],)
-    reasons = _of_result(sample, offset) | _of_status(sample.status, channel)
-    if sample.msb & ~_shown(error_config) & 0xF000:
-        reasons.add(Reason.IMPOSSIBLE)
+    reasons = _of_result(sample) | _of_status(sample.status, channel)
     if reasons & {Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW}:
         reasons.discard(Reason.AMPLITUDE)  # STATUS is more precise
     ordered = tuple(reason for reason in Reason if reason in reasons)
@@ -194,7 +186,7 @@ def _code(sample: RawSample) -> int:
     return (sample.msb & 0x0FFF) << 16 | sample.lsb
 
 
-def _of_result(sample: RawSample, offset: int) -> set[Reason]:
+def _of_result(sample: RawSample) -> set[Reason]:
     """Reasons that the two words of the result show."""
     for name, word in (("msb", sample.msb), ("lsb", sample.lsb)):
         if not 0 <= word <= _WORD:
@@ -204,7 +196,7 @@ def _of_result(sample: RawSample, offset: int) -> set[Reason]:
         reasons.add(Reason.UNDER_RANGE)
     if code == LARGEST_CODE:
         reasons.add(Reason.OVER_RANGE)
-    elif code + offset * _OFFSET_STEP >= QUARTER:
+    elif code >= QUARTER:
         reasons.add(Reason.ABOVE_QUARTER)
     return reasons
 
@@ -229,11 +221,6 @@ def _of_status(status: int, channel: int) -> set[Reason]:
     if status & _UNREAD & ~ready or (fields["ERR_CHAN"] != channel and (reasons or fields["ERR_CHAN"])):
         reasons.add(Reason.ANOTHER_CHANNEL)
     return reasons if status & ready == ready else reasons | {Reason.NOT_READY}
-
-
-def _shown(error_config: int) -> int:
-    """Return the flags of the upper word that ERROR_CONFIG enables."""
-    return error_config & 0xE000 | (_FLAGS[Reason.AMPLITUDE] if error_config & 0x1800 else 0)
 
 
 @dataclass(frozen=True)
@@ -359,12 +346,10 @@ def _read(
 ) -> StateReading:
     """Convert the sample of one state."""
     name, divider = state.name, settings.input_divider(state)
-    verdict, reasons = judge(
-        sample, offset=settings.offset, error_config=error_config(settings.family), channel=state.channel
-    )
+    verdict, reasons = judge(sample, channel=state.channel)
     if verdict == "bad":
         return StateReading(name, None, None, verdict, reasons)
-    frequency = code_to_frequency(_code(sample), reference, divider=divider, offset=settings.offset)
+    frequency = code_to_frequency(_code(sample), reference, divider=divider)
     low, high = SENSOR_FREQUENCY
     if not low <= frequency <= high:
         return StateReading(name, None, None, "bad", (*reasons, Reason.NO_SENSOR))

@@ -15,46 +15,45 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT
+from coilarray.circuit.converter_limits import Limit
+from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, conversion_time
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.design.toml_file import first_error
 from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     CHANNELS,
+    CLOCK_TOLERANCE,
     EXTERNAL_CLOCK_RANGE,
-    FAMILIES,
     INTERNAL_CLOCK_RANGE,
     MOST_DISCARDED,
-    Family,
-    StateTime,
+    SWITCH_BITS,
+    WAKE_CYCLES,
     bus_time,
-    check_clock,
-    conversion_time,
     deglitch_for,
     input_divider,
-    internal_clock_range,
     next_conversion_time,
-    rcount_for,
     reference_divider,
     settle_count,
     settle_time,
     smallest_rcount,
-    state_time,
 )
-from coilarray.hardware.chips.ldc1614_registers import check_value, encode
+from coilarray.hardware.chips.ldc1614_registers import encode
 from coilarray.hardware.scan.switching import check_switching
 from coilarray.hardware.scan.wiring import Wiring, first_repeated
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of the settings in JSON."""
 MOST_STATES = 255
 """Largest number of states of a scan."""
 REFERENCE_DRIVE = 6
 """IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
-_LARGEST_DRIVE = 31
+LARGEST_DRIVE = 31
+"""Largest IDRIVE."""
 _LONGEST_WORDS = 4096
-_PREFIX, _SCANNING_PREFIX = b"coilarray1", b"coilarray-channels1"
+_PREFIX, _CHANNELS_PREFIX = b"coilarray1", b"coilarray-channels1"
+ERROR_CONFIG = 0xF8FD
+"""Register ERROR_CONFIG: every flag is shown in the result and in STATUS."""
 _MARGIN = 1.1  # of the time-out on the slowest clock
 _RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
 
@@ -73,6 +72,36 @@ _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
+class StateTime:
+    """Times of the steps of one state, in s.
+
+    The boards measure a state in the order sleep, switch, wake, convert, read. `wake`, `settle` and `conversion` are
+    the converter's own times. `discarded` are the discarded conversions, with their transfers. `result` is the reading
+    of the two data registers. `control` are all other transfers: status, sleep and wake, drive current, switches.
+
+    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading the result take 293.6
+    ms. Gast & Zimmermann (2020) print 293.5 ms. This agreement supports these settings but does not prove them.
+    """
+
+    wake: float
+    settle: float
+    conversion: float
+    discarded: float
+    result: float
+    control: float
+
+    @property
+    def until_ready(self) -> float:
+        """Time in s from leaving sleep to the first result."""
+        return self.wake + self.settle + self.conversion
+
+    @property
+    def total(self) -> float:
+        """Time in s of all steps."""
+        return self.until_ready + self.discarded + self.result + self.control
+
+
+@dataclass(frozen=True)
 class StateSettings:
     """One state of the scan.
 
@@ -84,7 +113,7 @@ class StateSettings:
 
     name: str
     words: _Words
-    drive: Annotated[int, Field(ge=0, le=_LARGEST_DRIVE)]
+    drive: Annotated[int, Field(ge=0, le=LARGEST_DRIVE)]
     channel: Annotated[int, Field(ge=0, lt=CHANNELS)] = 0
     settle_count: _Code | None = None
     fin_divider: _Code | None = None
@@ -109,17 +138,14 @@ class ScanSettings:
         Clock of the converter in Hz, nominal or calibrated.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
-    rcount, settle_count, fin_divider, fref_divider, offset, deglitch : int
-        Fields of the registers RCOUNT, SETTLECOUNT, CLOCK_DIVIDERS, OFFSET of the channels in use, and of MUX_CONFIG.
+    rcount, settle_count, fin_divider, fref_divider, deglitch : int
+        Fields of the registers RCOUNT, SETTLECOUNT and CLOCK_DIVIDERS of the channels in use, and of MUX_CONFIG.
     slowest_clock : float
         Slowest frequency in Hz that the converter's internal oscillator may have. Every wait is long enough for it.
     discard : int
         Number of conversions of each state that are discarded after waking.
-    scanned : int
-        Number of channels that the converter scans by itself, from channel 0 on. 1 for a single channel, converted all
-        the time. A scanned channel that no state measures is converted as shortly as the converter allows.
-    family : {"LDC", "FDC"}
-        Family of the converter.
+    automatic_drive : bool
+        Whether the converter finds the drive current of every state itself, which it shows in INIT_IDRIVE.
     """
 
     states: Annotated[tuple[StateSettings, ...], Field(min_length=1, max_length=MOST_STATES)]
@@ -131,12 +157,10 @@ class ScanSettings:
     settle_count: _Code
     fin_divider: _Code
     fref_divider: Annotated[int, Field(ge=1, le=0x3FF)]
-    offset: _Code
     deglitch: _Code
     slowest_clock: _Clock = INTERNAL_CLOCK_RANGE[0]
     discard: Annotated[int, Field(ge=0, le=MOST_DISCARDED)] = 0
-    scanned: Annotated[int, Field(ge=1, le=CHANNELS)] = 1
-    family: Family = "LDC"
+    automatic_drive: bool = False
     __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
@@ -147,8 +171,6 @@ class ScanSettings:
             raise HardwareError(f"states must have {devices} words each, as safe_words; got {min(lengths)}.")
         if len(self.wiring) != 8 * devices:
             raise HardwareError(f"the wiring of {devices} devices must have 8 bytes each; got {len(self.wiring)}.")
-        if not 1 <= self.scanned <= CHANNELS:
-            raise HardwareError(f"a converter scans 1 to {CHANNELS} channels; got {self.scanned}.")
         measured = [state.channel for state in self.states]
         if not (devices or measured):
             raise HardwareError("a scan must have at least one state; got none.")
@@ -156,8 +178,6 @@ class ScanSettings:
             raise HardwareError(f"switches join coils to channel 0; got channel {max(measured)}.")
         if not devices and (again := first_repeated(measured)) is not None:
             raise HardwareError(f"a channel measures one coil; channel {again} has more.")
-        if any(channel not in self.channels for channel in measured):
-            raise HardwareError(f"channel {max(measured)} must be among those that are scanned, {self.scanned}.")
 
     @property
     def wired(self) -> bool:
@@ -166,8 +186,13 @@ class ScanSettings:
 
     @property
     def channels(self) -> tuple[int, ...]:
-        """Channels that the converter converts."""
-        return tuple(range(self.scanned)) if self.scanned > 1 else (self.states[0].channel,)
+        """Channels that the converter converts.
+
+        A single channel is converted all the time. Several are scanned from channel 0 on, and a channel among them that
+        no state measures is converted as shortly as the converter allows.
+        """
+        used = {state.channel for state in self.states}
+        return tuple(used) if len(used) == 1 else tuple(range(max(used) + 1))
 
     @property
     def reference(self) -> float:
@@ -182,19 +207,31 @@ class ScanSettings:
     @property
     def registers(self) -> tuple[tuple[int, int], ...]:
         """Addresses and values to write while the converter sleeps."""
-        active = _ACTIVE | {"REF_CLK_SRC": int(self.external_clock)}
+        # awake, full current to start
+        active = {"SLEEP_MODE_EN": 0, "SENSOR_ACTIVATE_SEL": 0, "REF_CLK_SRC": int(self.external_clock)}
+        if not self.automatic_drive:  # programmed current, no correction of the amplitude
+            active |= {"RP_OVERRIDE_EN": 1, "AUTO_AMP_DIS": 1}
         mux = {"DEGLITCH": self.deglitch}
-        if self.scanned > 1:
-            mux |= {"AUTOSCAN_EN": 1, "RR_SEQUENCE": self.scanned - 2}
+        if len(self.channels) > 1:
+            mux |= {"AUTOSCAN_EN": 1, "RR_SEQUENCE": len(self.channels) - 2}
         else:
             active |= {"ACTIVE_CHAN": self.channels[0]}
-        values = [
-            (0x19, error_config(self.family)),
-            (0x1A, encode("CONFIG", active)),
-            (0x1B, encode("MUX_CONFIG", mux)),
-        ]
+        values = [(0x19, ERROR_CONFIG), (0x1A, encode("CONFIG", active)), (0x1B, encode("MUX_CONFIG", mux))]
         for channel in self.channels:
-            values += self._channel_registers(channel)
+            rcount, settle_count = self._counts(channel)
+            state = self._measured(channel)
+            dividers = {
+                f"FIN_DIVIDER{channel}": self.fin_divider if state is None else self.input_divider(state),
+                f"FREF_DIVIDER{channel}": self.fref_divider,
+            }
+            values += [
+                (0x08 + channel, encode(f"RCOUNT{channel}", {f"RCOUNT{channel}": rcount})),
+                (0x0C + channel, 0),  # OFFSET
+                (0x10 + channel, encode(f"SETTLECOUNT{channel}", {f"SETTLECOUNT{channel}": settle_count})),
+                (0x14 + channel, encode(f"CLOCK_DIVIDERS{channel}", dividers)),
+            ]
+            if self.wired:
+                values.append((0x1E + channel, 0 if state is None else self.drive_register(state)))
         return tuple(sorted(values))
 
     def drive_register(self, state: StateSettings) -> int:
@@ -233,7 +270,7 @@ class ScanSettings:
         """Time from a discarded result to STATUS in µs."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
         again = sum(next_conversion_time(rcount, reference) for rcount, _ in counts)
-        if self.scanned > 1:  # every channel starts its sensor again
+        if len(counts) > 1:  # every channel starts its sensor again
             again += sum(settle_time(settle, reference) for _, settle in counts)
         return math.ceil(again * 1e6)
 
@@ -260,8 +297,9 @@ class ScanSettings:
     def canonical(self) -> bytes:
         """Bytes from which the hash is computed."""
         parts = [_PREFIX, bytes([len(self.safe_words)]), self.wiring, self.safe_words]
-        if self.wired or self.scanned > 1:  # no microcontroller has such settings
-            parts = [_SCANNING_PREFIX, *parts[1:], bytes([self.scanned, *(state.channel for state in self.states)])]
+        if self.wired:  # no microcontroller has such settings
+            channels = bytes([len(self.channels), *(state.channel for state in self.states)])
+            parts = [_CHANNELS_PREFIX, *parts[1:], channels]
         parts += [bytes([address]) + value.to_bytes(2, "big") for address, value in self.registers]
         parts += [time.to_bytes(4, "big") for time in (self.wait_us, self.timeout_us)]
         if self.discard:
@@ -271,27 +309,27 @@ class ScanSettings:
         return b"".join(parts)
 
     def _state_time(self, bus_rate: float) -> StateTime:
-        """Compute the times of a state's steps."""
-        time = state_time(
-            self.rcount, self.settle_count, self.slowest_reference,
-            internal_clock=self.slowest_clock, bus_rate=bus_rate, discard=self.discard,
-        )  # fmt: skip
-        if not self.wired and self.scanned == 1:
-            return time
+        """Compute the times of a state's steps, or of all channels that are scanned."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
-        measured = {state.channel for state in self.states}
-        time = replace(
-            time,
-            settle=sum(settle_time(settle, reference) for _, settle in counts),
-            conversion=sum(next_conversion_time(rcount, reference) for rcount, _ in counts),
-            discarded=self.discard * (self.again_us * 1e-6 + bus_time(reads=1 + len(measured), rate=bus_rate)),
-        )
-        if not self.wired:
-            return time
-        return replace(
-            time,
-            result=bus_time(reads=2 * len(self.states), rate=bus_rate),
-            control=bus_time(reads=2, rate=bus_rate),  # STATUS, and the register that shows a reset
+        settle = sum(settle_time(settle, reference) for _, settle in counts)
+        if self.wired:
+            states = len(self.states)
+            return StateTime(
+                wake=WAKE_CYCLES / self.slowest_clock,
+                settle=settle,
+                conversion=sum(next_conversion_time(rcount, reference) for rcount, _ in counts),
+                discarded=self.discard * (self.again_us * 1e-6 + bus_time(reads=1 + states, rate=bus_rate)),
+                result=bus_time(reads=2 * states, rate=bus_rate),
+                control=bus_time(reads=2, rate=bus_rate),  # STATUS, and the register that shows a reset
+            )
+        result = bus_time(reads=2, rate=bus_rate)
+        return StateTime(
+            wake=WAKE_CYCLES / self.slowest_clock,
+            settle=settle,
+            conversion=conversion_time(self.rcount, reference),
+            discarded=self.discard * (next_conversion_time(self.rcount, reference) + result),
+            result=result,
+            control=bus_time(reads=1, writes=3, rate=bus_rate) + SWITCH_BITS / BUS_RATE,
         )
 
     def _measured(self, channel: int) -> StateSettings | None:
@@ -302,29 +340,8 @@ class ScanSettings:
         """Return RCOUNT and SETTLECOUNT of a channel."""
         state = self._measured(channel)
         if state is None:
-            return smallest_rcount(self.scanned, self.family), self.settle_count
+            return smallest_rcount(len(self.channels)), self.settle_count
         return self.rcount, self.settle_count if state.settle_count is None else state.settle_count
-
-    def _channel_registers(self, channel: int) -> list[tuple[int, int]]:
-        """Return addresses and values of a channel."""
-        rcount, settle_count = self._counts(channel)
-        state = self._measured(channel)
-        dividers = {
-            f"FIN_DIVIDER{channel}": self.fin_divider if state is None else self.input_divider(state),
-            f"FREF_DIVIDER{channel}": self.fref_divider,
-        }
-        values = [
-            (0x08 + channel, encode(f"RCOUNT{channel}", {f"RCOUNT{channel}": rcount})),
-            (0x10 + channel, encode(f"SETTLECOUNT{channel}", {f"SETTLECOUNT{channel}": settle_count})),
-            (0x14 + channel, encode(f"CLOCK_DIVIDERS{channel}", dividers)),
-        ]
-        if FAMILIES[self.family].has_offset:
-            values.append((0x0C + channel, encode(f"OFFSET{channel}", {f"OFFSET{channel}": self.offset})))
-        if state is None:
-            values.append((0x1E + channel, 0))
-        elif self.wired:
-            values.append((0x1E + channel, self.drive_register(state)))
-        return values
 
     def to_json(self) -> str:
         """Return the settings with their hash as one JSON line."""
@@ -367,16 +384,6 @@ def _adapter() -> TypeAdapter[ScanSettings]:
     return TypeAdapter(ScanSettings)
 
 
-@cache  # every result is judged with it
-def error_config(family: Family) -> int:
-    """Return register ERROR_CONFIG of a family of converters."""
-    return encode("ERROR_CONFIG", dict.fromkeys(FAMILIES[family].reported, 1))
-
-
-# awake, programmed drive current, full current to start, no correction of the amplitude
-_ACTIVE = {"SLEEP_MODE_EN": 0, "RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}
-
-
 @dataclass(frozen=True)
 class ConverterClock:
     """Clock of a converter.
@@ -388,15 +395,10 @@ class ConverterClock:
         converter may have 35 to 55 MHz, so every wait is then for 35 MHz, a quarter longer.
     external : bool
         Whether the clock comes from the pin CLKIN.
-    undivided : bool
-        Whether the reference is the clock itself in cases in which a single channel would need a divider. The converter
-        then scans a second channel too, briefly, with which the data sheet allows a reference of 55 MHz, or 40 MHz from
-        CLKIN, instead of 35 MHz. A conversion of the same resolution takes half as long. Not verified on a device.
     """
 
     frequency: float | None = None
     external: bool = False
-    undivided: bool = False
 
     def __post_init__(self) -> None:
         if self.external and self.frequency is None:
@@ -430,8 +432,8 @@ class Sensor:
     def __post_init__(self) -> None:
         require_positive("frequency", self.frequency, "", HardwareError)
         require_positive("quality", self.quality, "", HardwareError)
-        if isinstance(self.drive, bool) or not isinstance(self.drive, int) or not 0 <= self.drive <= _LARGEST_DRIVE:
-            raise HardwareError(f"a drive must be an integer from 0 to {_LARGEST_DRIVE}; got {self.drive!r}.")
+        if isinstance(self.drive, bool) or not isinstance(self.drive, int) or not 0 <= self.drive <= LARGEST_DRIVE:
+            raise HardwareError(f"a drive must be an integer from 0 to {LARGEST_DRIVE}; got {self.drive!r}.")
 
 
 def scan_settings(
@@ -443,7 +445,6 @@ def scan_settings(
     rate: float | None = None,
     rcount: int | None = None,
     bus_rate: float = BUS_RATE,
-    family: Family = "LDC",
     discard: int = 0,
 ) -> ScanSettings:
     """Make the settings of a scan.
@@ -469,8 +470,6 @@ def scan_settings(
     bus_rate : float
         Clock of the I²C bus in Hz, on which `rate` depends. The fastest clock that the converter allows by default.
         `coilarray.hardware.wire.ports.bus_rate` returns the clock of a port.
-    family : {"LDC", "FDC"}
-        Family of the converter.
     discard : int
         Number of conversions to discard after waking, 0 to 15. Users of the FDC2214, which has the same core, report
         first conversions that are far off. This is not verified.
@@ -507,11 +506,11 @@ def scan_settings(
     tanks = [_of_state(sensors, state.name) for state in states]
     clock = clock or ConverterClock()
     channels = [wiring.channel(state.measured[0][0]) for state in states]
-    slowest_clock, fastest_clock = internal_clock_range(None if clock.external else clock.frequency)
+    slowest_clock, fastest_clock = INTERNAL_CLOCK_RANGE
+    if clock.frequency is not None and not clock.external:
+        slowest_clock, fastest_clock = (clock.frequency * (1 + sign * CLOCK_TOLERANCE) for sign in (-1, 1))
     try:
-        undivided = clock.undivided and reference_divider(clock.hertz, external=clock.external) > 1
-        scanned = max(*channels, 1) + 1 if undivided or len(set(channels)) > 1 else 1
-        fref_divider = reference_divider(clock.hertz, external=clock.external, channels=scanned)
+        fref_divider = reference_divider(clock.hertz, external=clock.external, channels=len(set(channels)))
         slowest, fastest = (
             (clock.hertz if clock.external else oscillator) / fref_divider
             for oscillator in (slowest_clock, fastest_clock)
@@ -544,12 +543,9 @@ def scan_settings(
         settle_count=max(settle_counts),
         fin_divider=max(dividers),
         fref_divider=fref_divider,
-        offset=0,
         deglitch=deglitch,
         slowest_clock=slowest_clock,
         discard=discard,
-        scanned=scanned,
-        family=family,
     )
     if rate is not None:
         settings = replace(settings, rcount=_rcount_of_rate(settings, rate, bus_rate))
@@ -569,7 +565,7 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
     """Return the largest RCOUNT that reaches a rate."""
     require_positive("rate", rate, " scans/s", HardwareError)
     count = len(settings.states)
-    least = smallest_rcount(settings.scanned, settings.family)
+    least = smallest_rcount(len(settings.channels))
     fastest = 1 / replace(settings, rcount=least).period_on(bus_rate)
     if rate > fastest:
         raise HardwareError(
@@ -580,20 +576,18 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
     # discards conversions only at its start.
     conversions, reference = 1 if settings.wired else 1 + settings.discard, settings.slowest_reference
     overhead = settings.period_on(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
-    return max(rcount_for((1 / (rate * count) - overhead) / conversions, reference), least)
+    # A duration that is a multiple of a clock must not lose a count by rounding.
+    clocks = math.floor((1 / (rate * count) - overhead) / conversions * reference * (1 + 1e-12))
+    return min(max((clocks - 4) // 16, least), LARGEST_RCOUNT)
 
 
 def _check_limits(settings: ScanSettings) -> None:
     """Refuse settings that break a rule of the data sheet."""
-    limits = check_clock(
-        settings.clock, settings.fref_divider, external=settings.external_clock, rcount=settings.rcount,
-        settle_count=settings.settle_count, channels=settings.scanned, family=settings.family,
-    )  # fmt: skip
-    for limit in limits:
+    clocks = EXTERNAL_CLOCK_RANGE if settings.external_clock else INTERNAL_CLOCK_RANGE
+    for limit in (
+        Limit("clock (Hz)", settings.clock, *clocks),
+        Limit("RCOUNT", settings.rcount, smallest_rcount(len(settings.channels)), LARGEST_RCOUNT),
+        Limit("SETTLECOUNT", settings.settle_count, 0, 0xFFFF),
+    ):
         if not limit.kept:
             raise HardwareError(limit.refusal)
-    for address, value in settings.registers:
-        check_value(address, value)
-    most = FAMILIES[settings.family].largest_input_divider
-    if settings.fin_divider > most:
-        raise HardwareError(f"fin_divider must be 1 to {most}; got {settings.fin_divider}.")

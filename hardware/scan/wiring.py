@@ -376,11 +376,10 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
     return Wiring("one_device_a_coil", "One ADG739 a coil", tuple(coils), devices, assumed)
 
 
-def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: str = "") -> Wiring:
+def wired_to_channels(coils: Sequence[str], channels: Sequence[int]) -> Wiring:
     """Return the wiring of a board without switches.
 
     The coils are, in order, at the given channels of the converter. Channels beyond the number of coils stay free.
-    `source` is the source of the board's values, which are not verified on a device.
     """
     if len(coils) > len(channels):
         raise HardwareError(
@@ -389,8 +388,7 @@ def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: 
             f"{', '.join(coils[: len(channels)])}."
         )
     used = tuple(channels[: len(coils)])
-    assumed = (("board", f"{source}; not verified on a device"),) if source else ()
-    return Wiring("channels", "Coils at the channels of the converter", tuple(coils), (), assumed, used)
+    return Wiring("channels", "Coils at the channels of the converter", tuple(coils), (), channels=used)
 
 
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from types import FrameType
 from typing import Any, Protocol
 
@@ -106,9 +104,6 @@ def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
             signal.signal(number, present)
 
 
-_FASTEST = 30e6  # Hz; of the ADG739, not verified
-
-
 class RegisterBus(Protocol):
     """I²C to one converter."""
 
@@ -159,41 +154,3 @@ class ComputerClock:
     def sleep(self, seconds: float) -> None:
         """Wait."""
         time.sleep(max(seconds, 0.0))
-
-
-@dataclass(frozen=True)
-class ShiftSettings:
-    """Settings of the transfers to the switches.
-
-    The defaults suit the reference board, as far as is known.
-    """
-
-    mode: int = 1  # SPI mode, 0 to 3
-    speed: float = 1e6  # clock in Hz, at most 30 MHz. It has no effect on a host that sets the pins individually
-    least_significant_first: bool = False  # whether the lowest bit of a byte is sent first
-    readback: bool = False  # whether the end of the chain is wired back to the host
-
-    def __post_init__(self) -> None:
-        if self.mode not in range(4):
-            raise HardwareError(f"the mode of SPI must be 0 to 3; got {self.mode}.")
-        if not (math.isfinite(self.speed) and 0 < self.speed <= _FASTEST):
-            raise HardwareError(f"the speed of SPI must be positive and at most {_FASTEST:g} Hz; got {self.speed} Hz.")
-
-    @property
-    def idle_high(self) -> bool:
-        """Whether the clock idles high: CPOL."""
-        return bool(self.mode & 2)
-
-    @property
-    def second_edge(self) -> bool:
-        """Whether a bit is read at the second edge: CPHA."""
-        return bool(self.mode & 1)
-
-    def ordered(self, data: bytes) -> bytes:
-        """Return the bytes in the order of bits."""
-        return reversed_bits(data) if self.least_significant_first else data
-
-
-def reversed_bits(data: bytes) -> bytes:
-    """Return the bytes with reversed bits."""
-    return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)

@@ -2,8 +2,8 @@
 
 Both are a `RegisterBus` and a `SwitchChain` of `coilarray.hardware.wire.buses`. A Linux computer, such as a Raspberry
 Pi, has /dev/i2c-N and /dev/spidevN.M. An FT232H (or FT2232H) has a single engine for serial buses, which I²C uses.
-Therefore its switches get clock and data from pins of the second port, C0 to C7, level by level. All levels of a
-transfer go over USB at once.
+Therefore its switches get clock and data from the pins C0 to C2 of the second port, level by level, and C3 reads the
+end of their chain. All levels of a transfer go over USB at once.
 """
 
 from __future__ import annotations
@@ -12,19 +12,21 @@ import contextlib
 import errno
 import importlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from coilarray.compute.extras import import_extra
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.wire.buses import BusFault, BusTimeout, DeviceLost, ShiftSettings, SwitchFault
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, DeviceLost, SwitchFault
 
 DEVICES = Path("/dev")
 """Folder of the system's devices."""
 SYSTEM = Path("/sys/class/i2c-adapter")
 """Folder with the system's data about its I²C buses."""
+SPI_MODE = 1
+"""Mode of SPI, 0 to 3, that suits the switches, as far as is known."""
+_SPI_SPEED = 1_000_000  # Hz; the ADG739 takes 30 MHz (not verified)
 _LINUX_PURPOSE = "boards on this computer's own buses"
 _GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
 _HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}
@@ -107,16 +109,15 @@ class LinuxRegisterBus:
 class SpiSwitchChain:
     """A `SwitchChain` through the kernel's SPI, /dev/spidevN.M."""
 
-    def __init__(self, bus: int, device: int, settings: ShiftSettings) -> None:
+    def __init__(self, bus: int, device: int, *, mode: int = SPI_MODE, readback: bool = False) -> None:
         library: ModuleType = import_extra("spidev", _LINUX_PURPOSE, package="spidev", extra="linux")
-        self._settings = settings
+        self._readback = readback
         self._path = DEVICES / f"spidev{bus}.{device}"
         self._port: Any = library.SpiDev()
         try:
             with _opening(self._path):
                 self._port.open_path(str(self._path))
-                self._port.mode, self._port.bits_per_word = settings.mode, 8
-                self._port.max_speed_hz = round(settings.speed)
+                self._port.mode, self._port.bits_per_word, self._port.max_speed_hz = mode, 8, _SPI_SPEED
         except BaseException:
             self.close()
             raise
@@ -124,12 +125,12 @@ class SpiSwitchChain:
     def shift(self, words: bytes) -> bytes | None:
         """Send the words while SYNC is low."""
         try:
-            returned = self._port.xfer2(list(self._settings.ordered(words)))
+            returned = self._port.xfer2(list(words))
         except OSError as error:
             if error.errno in _GONE:
                 raise DeviceLost(f"{self._path} is gone: {error.strerror}.") from None
             raise SwitchFault(f"{self._path} could not send to the switches: {error.strerror}.") from None
-        return self._settings.ordered(bytes(returned)) if self._settings.readback else None
+        return bytes(returned) if self._readback else None
 
     def close(self) -> None:
         """Close the port. Never raises."""
@@ -171,9 +172,11 @@ def _group(path: Path) -> str:
 I2C_SPEED = 100e3
 """Clock of the I²C bus in Hz. The converter allows 400 kHz if the pull-ups are strong enough."""
 _FTDI_PURPOSE = "boards on an FT232H"
-_PINS = 8
 _WITH_SECOND_PORT = {0x6014: "232h", 0x6010: "2232h"}  # USB product numbers
 _SECOND_PORT = 8  # its pins follow the pins of the first port, which has the I²C
+_CLOCK, _DATA, _SYNC = 0x01, 0x02, 0x04  # pins C0 to C2 of the second port: SCLK, DIN of the first device, SYNC
+_DRIVEN = _CLOCK | _DATA | _SYNC
+_BACK = 3  # number of the pin C3: DOUT of the last device
 # Commands of the engine, and the lines of I²C in its first port.
 _SET_LOW, _SET_HIGH, _GET_HIGH, _SEND = 0x80, 0x82, 0x83, 0x87
 _SCL, _SDA = 0x01, 0x02
@@ -184,69 +187,34 @@ _USB_TIMEOUT = 500  # ms
 _NO_LIBUSB = "No backend available"  # pyftdi's message without it
 
 
-@dataclass(frozen=True)
-class SwitchPins:
-    """Pins of the second port for the switches.
-
-    A number n, 0 to 7, is the pin Cn. All numbers are different. The pins are SCLK, DIN of the first device, SYNC, and
-    DOUT of the last device, which is for read-back only.
-    """
-
-    clock: int = 0
-    data: int = 1
-    sync: int = 2
-    back: int = 3
-
-    def __post_init__(self) -> None:
-        numbers = [getattr(self, field.name) for field in fields(self)]
-        if len(set(numbers)) < len(numbers) or not set(numbers) <= set(range(_PINS)):
-            raise HardwareError(f"the pins of the switches must be four different ones of C0 to C7; got {numbers}.")
-
-    @property
-    def driven(self) -> int:
-        """Bits of the pins that the computer drives."""
-        return 1 << self.clock | 1 << self.data | 1 << self.sync
-
-    def levels(self, *, clock: bool, data: bool, sync: bool) -> int:
-        """Byte of the port with these levels."""
-        return clock << self.clock | data << self.data | sync << self.sync
-
-
 def open_ft232h(
-    url: str,
-    address: int,
-    *,
-    pins: SwitchPins | None = None,
-    settings: ShiftSettings | None = None,
-    speed: float = I2C_SPEED,
+    url: str, address: int, *, mode: int = SPI_MODE, readback: bool = False
 ) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain]:
     """Open an FT232H adapter with converter and switches.
 
-    The adapter has a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, and the converter an I²C address. The clock of
-    its bus is `speed` in Hz. Use `open_ft232h_bus` without switches.
+    The adapter has a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, and the converter an I²C address. The switches
+    have an SPI `mode`, 0 to 3. With `readback` the end of their chain is wired back.
     """
-    pins, settings = pins or SwitchPins(), settings or ShiftSettings()
-    idle = pins.levels(clock=settings.idle_high, data=False, sync=True)
-    driven, initial = pins.driven << _SECOND_PORT, idle << _SECOND_PORT
-    with _opened(url, speed, direction=driven, initial=initial) as controller:
+    idle = _SYNC | (_CLOCK if mode & 2 else 0)
+    with _opened(url, direction=_DRIVEN << _SECOND_PORT, initial=idle << _SECOND_PORT) as controller:
         if controller.width <= _SECOND_PORT:
             raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
-        controller.ftdi.write_data(bytes([_SET_HIGH, idle, pins.driven]))  # pyftdi drives only pins that begin high
-        return _register_bus(controller, url, address), Ft232hSwitchChain(controller, url, pins, settings)
+        controller.ftdi.write_data(bytes([_SET_HIGH, idle, _DRIVEN]))  # pyftdi drives only pins that begin high
+        return Ft232hRegisterBus(controller, url, address), Ft232hSwitchChain(controller, url, mode, readback)
 
 
-def open_ft232h_bus(url: str, address: int, *, speed: float = I2C_SPEED) -> Ft232hRegisterBus:
+def open_ft232h_bus(url: str, address: int) -> Ft232hRegisterBus:
     """Open the adapter of a pyftdi URL without switches."""
-    with _opened(url, speed) as controller:
-        return _register_bus(controller, url, address)
+    with _opened(url) as controller:
+        return Ft232hRegisterBus(controller, url, address)
 
 
 @contextlib.contextmanager
-def _opened(url: str, speed: float, **pins: int) -> Iterator[Any]:
+def _opened(url: str, **pins: int) -> Iterator[Any]:
     """Open an adapter."""
     controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
     try:
-        controller.configure(url, frequency=speed, **pins)
+        controller.configure(url, frequency=I2C_SPEED, **pins)
         controller.set_retry_count(1)  # this module judges a failed transfer itself
         controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
         yield controller
@@ -261,10 +229,6 @@ def _opened(url: str, speed: float, **pins: int) -> Iterator[Any]:
     except BaseException:
         _close(controller)
         raise
-
-
-def _register_bus(controller: Any, url: str, address: int) -> Ft232hRegisterBus:
-    return Ft232hRegisterBus(controller, url, address, _library("pyftdi.i2c").I2cNackError)
 
 
 def ft232h_adapters() -> tuple[str, ...]:
@@ -283,10 +247,10 @@ def ft232h_adapters() -> tuple[str, ...]:
 class Ft232hRegisterBus:
     """A `RegisterBus` of `open_ft232h`."""
 
-    def __init__(self, controller: Any, url: str, address: int, not_acknowledged: type[Exception]) -> None:
+    def __init__(self, controller: Any, url: str, address: int) -> None:
         self._controller, self._url, self._address = controller, url, address
         self._port: Any = controller.get_port(address)
-        self._not_acknowledged = not_acknowledged
+        self._not_acknowledged: type[Exception] = _library("pyftdi.i2c").I2cNackError
 
     def read(self, register: int) -> int:
         """Return a register."""
@@ -303,9 +267,11 @@ class Ft232hRegisterBus:
 
     def clear(self) -> None:
         """Send nine clocks and a stop."""
-        levels = [level for _ in range(_CLOCKS) for level in (_SDA, _SDA | _SCL)]
+        clocks = [_SDA, _SDA | _SCL] * _CLOCKS
+        levels = [_SDA | _SCL, *clocks, _SDA, 0, _SCL, _SDA | _SCL]
+        commands = bytes(byte for level in levels for byte in (_SET_LOW, level, _SCL | _SDA) * _HOLD)
         with self._translated_errors():
-            self._controller.ftdi.write_data(_low_port([_SDA | _SCL, *levels, _SDA, 0, _SCL, _SDA | _SCL]))
+            self._controller.ftdi.write_data(commands)
 
     def close(self) -> None:
         """Close the adapter, whose pins keep their levels."""
@@ -325,26 +291,23 @@ class Ft232hRegisterBus:
 class Ft232hSwitchChain:
     """A `SwitchChain` of `open_ft232h`."""
 
-    def __init__(self, controller: Any, url: str, pins: SwitchPins, settings: ShiftSettings) -> None:
-        self._controller, self._url = controller, url
-        self._pins, self._settings = pins, settings
+    def __init__(self, controller: Any, url: str, mode: int, readback: bool) -> None:
+        self._controller, self._url, self._mode, self._readback = controller, url, mode, readback
 
     def shift(self, words: bytes) -> bytes | None:
         """Send the words while SYNC is low."""
-        sent = self._settings.ordered(words)
-        bits = [bool(byte >> bit & 1) for byte in sent for bit in reversed(range(8))]
+        bits = [bool(byte >> bit & 1) for byte in words for bit in reversed(range(8))]
         try:
             self._controller.ftdi.write_data(bytes(self._commands(bits)))
-            if not self._settings.readback:
+            if not self._readback:
                 return None
             levels = bytes(self._controller.ftdi.read_data_bytes(len(bits), _READ_ATTEMPTS))
         except OSError as error:
             raise _lost_or(SwitchFault, self._url, error) from None
         if len(levels) != len(bits):
             raise SwitchFault(f"the adapter {self._url} returned {len(levels)} levels of the switches' {len(bits)}.")
-        back = [level >> self._pins.back & 1 for level in levels]
-        returned = bytes(int("".join(map(str, back[k : k + 8])), 2) for k in range(0, len(back), 8))
-        return self._settings.ordered(returned)
+        back = "".join(str(level >> _BACK & 1) for level in levels)
+        return int(back, 2).to_bytes(len(words), "big")
 
     def close(self) -> None:
         """Close the adapter. Never raises."""
@@ -355,29 +318,23 @@ class Ft232hSwitchChain:
 
         A level is read just before the edge at which the switches read the bit.
         """
-        idle = self._settings.idle_high
-        before, after = (not idle, idle) if self._settings.second_edge else (idle, not idle)
-        yield from self._level(idle, data=False, sync=False)
+        idle_high, second_edge = bool(self._mode & 2), bool(self._mode & 1)  # CPOL and CPHA
+        idle = _CLOCK if idle_high else 0
+        before, after = (_CLOCK - idle, idle) if second_edge else (idle, _CLOCK - idle)
+        yield from (_SET_HIGH, idle, _DRIVEN)
         for bit in bits:
-            yield from self._level(before, data=bit, sync=False)
-            if self._settings.readback:
+            data = _DATA if bit else 0
+            yield from (_SET_HIGH, before | data, _DRIVEN)
+            if self._readback:
                 yield _GET_HIGH
-            yield from self._level(after, data=bit, sync=False)
-        yield from self._level(idle, data=False, sync=False)
-        yield from self._level(idle, data=False, sync=True)
-        if self._settings.readback:
+            yield from (_SET_HIGH, after | data, _DRIVEN)
+        yield from (_SET_HIGH, idle, _DRIVEN, _SET_HIGH, idle | _SYNC, _DRIVEN)
+        if self._readback:
             yield _SEND
-
-    def _level(self, clock: bool, *, data: bool, sync: bool) -> tuple[int, int, int]:
-        return _SET_HIGH, self._pins.levels(clock=clock, data=data, sync=sync), self._pins.driven
 
 
 def _library(module: str) -> Any:
     return import_extra(module, _FTDI_PURPOSE, package="pyftdi", extra="ftdi")
-
-
-def _low_port(levels: Iterable[int]) -> bytes:
-    return bytes(byte for level in levels for byte in (_SET_LOW, level, _SCL | _SDA) * _HOLD)
 
 
 def _lost_or(fault: type[HardwareError], url: str, error: OSError) -> HardwareError:

@@ -25,8 +25,6 @@ else:
 
 BAUD = 115200
 """Baud rate of the protocol."""
-PROBED_BAUDS = (BAUD, 230400, 460800, 921600, 9600)
-"""Baud rates that a board may have been built for, the most likely first."""
 BOARD_VENDORS = {0x1366: "SEGGER (J-Link of an XMC board)", 0x058B: "Infineon"}
 """USB vendors of the known boards. Ports of other boards must be named."""
 _GONE: tuple[type[Exception], ...] = (*_LOSSES, TypeError)  # TypeError comes from a port that was closed meanwhile

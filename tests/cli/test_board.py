@@ -2,13 +2,12 @@
 
 import json
 import sys
-from types import SimpleNamespace
 
 import pytest
 from support.command_line import mistakes, runner, successes
 
 from coilarray.cli.board import self_test as command
-from coilarray.cli.board.options import BoardOptions, opened_board
+from coilarray.cli.board.options import BoardOptions
 from coilarray.errors import HardwareError
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
@@ -137,17 +136,6 @@ def test_nothing_of_a_long_list_is_lost():
     lines = command._listed("title", tuple(f"line {k}" for k in range(9)))
     assert (lines[0], lines[-1]) == ("title", "  … and 3 more (--json)")
     assert len(lines) == 8
-
-
-@pytest.mark.parametrize(("port", "said"), [("i2c:99", True), ("i2c:99?rate=400000", False), ("COM5", False)])
-def test_an_assumed_clock_of_the_bus_is_said(capsys, port, said):
-    stranger = SimpleNamespace(name="stranger", array=SimpleNamespace(names=("one",)))
-    with (
-        pytest.raises(HardwareError, match="has no coil 'one'"),  # before anything is opened
-        opened_board(BoardOptions(port=port, rate=5), stranger, real_time=False),
-    ):
-        pass
-    assert ("--rate assumes 100 kHz" in capsys.readouterr().err) == said
 
 
 def test_the_emulator_counts_the_parts_where_it_is_asked_to():

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from support.emulated_reader import brown_out, plain, quick_settings, reader_of, settings_of
+from support.emulated_reader import brown_out, quick_settings, settings_of
 from support.quick_coils import plain_board
 from support.refusals import refused
 
@@ -18,8 +18,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import AutoscanReader
 from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.self_test import self_test
-from coilarray.hardware.chips.ldc1614 import converter
-from coilarray.hardware.emulator import Oscillator, UndocumentedUse
+from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.readings import Reason, SampleFault, judge, read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring, wired_to_channels
@@ -95,7 +94,6 @@ def test_json_and_hash_tell_channels_apart():
     other = settings_of(wired_to_channels(NAMES, (1, 0, 2, 3)), rcount=100)
     assert other.hash != settings.hash
     switched = settings_of(SIX)
-    assert settings_of(SIX, undivided=True).hash != switched.hash
     assert switched.canonical.startswith(b"coilarray1")  # as the firmware has it
 
 
@@ -178,7 +176,7 @@ def test_a_stream_goes_as_fast_as_the_converter(wiring, clock):
     board, reader, _ = configured(wiring, settings=settings, oscillator=Oscillator(frequency=clock))
     scans = list(itertools.islice(reader.scans(), 40))
     assert all(sample.fault is SampleFault.NONE for scan in scans for sample in scan.samples)
-    clocks = 16 * 2000 + 4 + 5 + (16 * settings.settle_count if settings.scanned > 1 else 0)
+    clocks = 16 * 2000 + 4 + 5 + (16 * settings.settle_count if len(settings.channels) > 1 else 0)
     turn = len(wiring.coils) * (clocks / (clock / settings.fref_divider) + 692e-9)
     # the first waits are for the nominal clock; then no result is missed, each seen within the millisecond of a look
     assert (scans[-1].time - scans[10].time) / 29 == pytest.approx(turn, abs=1.2e-3 / 29)
@@ -295,7 +293,7 @@ def test_settings_with_switches_are_for_another_reader():
     refused(HardwareError, "for 6 switches in a chain", reader.configure, quick_settings())
 
 
-# ------------------------------------------------------------------- self-test, drive currents, other converters
+# ------------------------------------------------------------------- self-test, drive currents
 
 
 def test_self_test_and_drive_currents_of_channels():
@@ -308,41 +306,3 @@ def test_self_test_and_drive_currents_of_channels():
     found = self_test(reader, FOUR, settings)
     assert [symptom.partition(":")[0] for symptom in found.symptoms] == ["south at channel 2 does not oscillate"]
     assert "south or a lead of it is broken" in found.findings[0]
-
-
-def test_a_converter_of_capacitance_gets_what_it_has():
-    fdc = converter("fdc2214")
-    settings = settings_of(FOUR, rcount=0x200, drives=7, family=fdc.family, discard=2)
-    board, reader, _ = configured(FOUR, settings=settings, converter=fdc)
-    assert frequencies(reader.scan(), settings) == true(board, FOUR)
-    words = hexadecimal(settings)
-    assert words["19"] == "3821"
-    assert not words.keys() & {"0C", "0D", "0E", "0F"}
-    with pytest.raises(UndocumentedUse, match=r"reserved|not documented"):
-        configured(FOUR, settings=quick_settings(FOUR, rcount=0x200), converter=fdc)  # registers of an LDC1614
-    # it has no INIT_IDRIVE; the search begins at the code of the settings
-    found = find_drives(reader, settings)
-    assert {name: (drive.proposed, drive.reasons) for name, drive in found.items()} == dict.fromkeys(NAMES, (7, ()))
-    refused(HardwareError, "RCOUNT must be 256 to", settings_of, FOUR, rcount=0xFF, family="FDC")
-
-
-# ------------------------------------------------------------------- the undivided reference, with switches
-
-
-@pytest.mark.parametrize("clock", [35e6, 43.4e6, 55e6])
-def test_undivided_takes_half_the_time_and_measures_the_same(clock):
-    board = plain(oscillator=Oscillator(frequency=clock))
-    reader, frequencies, seconds = reader_of(board), [], []
-    for undivided in (False, True):
-        settings = settings_of(SIX, drives=7, undivided=undivided, clock=clock)
-        reader.configure(settings)
-        start = board.clock.now()
-        reading = read_scan(reader.scan(), settings, CAPACITANCE)
-        seconds.append(board.clock.now() - start)
-        assert reading.verdict == "good"  # nothing of the empty channel 1 is told of the coils
-        frequencies.append([state.frequency for state in reading.states])
-    # conversions of 65535·16 clocks: all but 6 · 1.1 ms of waking and transfers is counting
-    assert seconds[1] / seconds[0] == pytest.approx(0.5, abs=0.02)
-    assert seconds[0] * clock / 43.4e6 == pytest.approx(0.2967, rel=0.02)
-    assert frequencies[1] == pytest.approx(frequencies[0], rel=1e-7)  # one step of the code is 4e-8
-    assert board.misuse.notes == []

@@ -16,7 +16,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from support.quick_coils import series_tank
 
-from coilarray.hardware.chips.ldc1614 import CONVERTERS
 from coilarray.hardware.emulator import (
     Drift,
     Ldc1614,
@@ -68,11 +67,11 @@ class Bench:
 class Chip:
     """A chip on a bench, with the registers that most tests need."""
 
-    def __init__(self, *, strict=True, converter="LDC1614", seed=0, **bench):
+    def __init__(self, *, strict=True, seed=0, **bench):
         self.clock = VirtualClock()
         self.bench = Bench(**bench)
         self.misuse = Misuse(strict)
-        options = {"converter": CONVERTERS[converter], "misuse": self.misuse, "seed": seed}
+        options = {"misuse": self.misuse, "seed": seed}
         self.chip = Ldc1614(self.clock, self.bench, **options)
         self.read, self.write, self.wait = self.chip.read, self.chip.write, self.clock.sleep
 
@@ -152,17 +151,6 @@ def test_what_is_written_is_read_back_but_for_what_cannot_be(address, value):
         mask = 0
     assert chip.chip.peek(address) == (RESETS[address] & ~mask | value & mask)
     assert mask or "read-only" in chip.misuse.notes[0]
-
-
-def test_an_ldc1612_has_the_same_identity_half_of_the_registers_and_no_channel_2():
-    chip = Chip(converter="LDC1612")
-    assert (chip.read(0x7E), chip.read(0x7F)) == (0x5449, 0x3055)
-    for address in (0x04, 0x0A, 0x0E, 0x12, 0x16, 0x20):
-        with pytest.raises(UndocumentedUse):
-            chip.read(address)
-    chip = Chip(converter="LDC1612", strict=False).wake(AWAKE | 0x8000, wait=1)
-    assert chip.read(0x18) == 0
-    assert "channel 2" in chip.misuse.notes[0]
 
 
 def ready_at(chip, seconds, config=AWAKE, **registers):

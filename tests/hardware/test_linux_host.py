@@ -16,7 +16,7 @@ from support.emulated_reader import WIRING
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.wire import direct_buses as linux_host
-from coilarray.hardware.wire.buses import BusFault, BusTimeout, DeviceLost, ShiftSettings, SwitchFault
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, DeviceLost, SwitchFault
 from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, linux_buses
 
 if sys.platform != "linux":
@@ -167,7 +167,7 @@ def test_a_bus_that_is_not_there_names_those_that_are(kernel, devices):
 
 
 def test_words_go_out_in_one_transfer_in_the_mode_of_the_switches(spi, devices):
-    chain = SpiSwitchChain(0, 1, ShiftSettings())
+    chain = SpiSwitchChain(0, 1)
     assert chain.shift(b"\x22\x11\x11\x11\x11\x11") is None
     port = spi()
     assert port.sent == [b"\x22\x11\x11\x11\x11\x11"]
@@ -177,8 +177,8 @@ def test_words_go_out_in_one_transfer_in_the_mode_of_the_switches(spi, devices):
 @pytest.mark.parametrize(("number", "fault"), [(errno.ENODEV, DeviceLost), (errno.EIO, SwitchFault)])
 def test_a_transfer_that_fails_has_a_name_and_a_port_that_is_not_there(spi, number, fault):
     with pytest.raises(HardwareError, match=r"there is no \S*spidev3\.2; ports of this kind: i2c:1"):
-        SpiSwitchChain(3, 2, ShiftSettings())
-    chain = SpiSwitchChain(0, 0, ShiftSettings())
+        SpiSwitchChain(3, 2)
+    chain = SpiSwitchChain(0, 0)
     spi().fails = number
     with pytest.raises(fault, match=r"spidev0\.0"):
         chain.shift(bytes(6))
@@ -197,9 +197,7 @@ def test_a_board_is_opened_grounded_and_asleep_and_left_so(kernel, spi):
 
 def test_a_board_without_switches_needs_the_i2c_bus_alone(kernel, monkeypatch):
     monkeypatch.setitem(sys.modules, "spidev", None)
-    with open_board("i2c:1?channels=0,1&chip=LDC1612&clock=40MHz") as board:
-        assert board.line.startswith(
-            "i2c:1?channels=0,1&chip=LDC1612&clock=40MHz: I²C bus 1 of this computer; LDC1612, "
-        )
+    with open_board("i2c:1?channels=0,1") as board:
+        assert board.line.startswith("i2c:1?channels=0,1: I²C bus 1 of this computer; LDC1614 (5449/3055), channels")
         assert board.wiring.channels == (0, 1)
         assert kernel.transfers[0] == [(0x2A, 0, b"\x1a\x28\x01")]  # to sleep, before anything else

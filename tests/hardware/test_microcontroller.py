@@ -250,11 +250,7 @@ def test_damaged_lines_are_gaps_that_are_counted(board, reader):
     assert sequences == [n for n in range(24) if n % 16 not in (3, 7)][:20]
 
 
-@pytest.mark.parametrize("settings", [
-    quick_settings(undivided=True), quick_settings(wired_to_channels(["left", "right"], [0, 1])),
-])  # fmt: skip
-def test_settings_of_several_channels_are_refused_by_name(board, settings):
-    reader = opened(board)
-    with pytest.raises(HardwareError, match=r"the firmware converts channel 0 alone; .* undivided"):
-        reader.configure(settings)
+def test_settings_of_coils_at_channels_are_refused(board):
+    settings = quick_settings(wired_to_channels(["left", "right"], [0, 1]))
+    refused(HardwareError, "the firmware converts channel 0 alone", opened(board).configure, settings)
     assert "BEGIN" not in verbs(board)

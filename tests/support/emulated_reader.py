@@ -24,7 +24,6 @@ def settings_of(
     drives=6,
     clock=None,
     external_clock=False,
-    undivided=False,
     **options,
 ):
     """Settings of a scan; frequencies and quality factors by state or of all, drive currents by coil or of all."""
@@ -37,7 +36,7 @@ def settings_of(
         state.name: Sensor(of(frequency, state.name), of(quality, state.name), of(drives, state.measured[0][0]))
         for state in states
     }
-    clock = ConverterClock(clock, external_clock, undivided)
+    clock = ConverterClock(clock, external_clock)
     return scan_settings(wiring, plan, sensors=sensors, clock=clock, **options)
 
 

@@ -30,9 +30,6 @@ class BoardSettings(Table):
     oscillator. It may be as low as 35, so that scans take a quarter longer while the clock is not given."""
     external_clock: bool = False
     """Whether the clock is an external one, at the pin CLKIN."""
-    undivided: bool = False
-    """Whether to use the undivided clock, which halves the time of full resolution. As the converter divides the clock
-    of a single channel, it briefly scans a second one too. Not verified on a device; not with a microcontroller."""
     discard: Annotated[int, Field(ge=0, le=15)] = 0
     """Conversions of each state to discard after the converter wakes."""
     drive: _Drive | None = None

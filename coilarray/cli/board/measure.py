@@ -64,7 +64,7 @@ def measure(
 
     Example: coilarray board measure gast2020 --port /dev/ttyACM0 --scans 500 --out run.sqlite
 
-    Example: coilarray board measure starter --port "i2c:1?board=grove-ldc1612" --settings board.toml --single
+    Example: coilarray board measure starter --port "i2c:1?channels=0,1" --settings board.toml --single
     """
     modes = {"--single": single, "--scans": scans is not None, "--seconds": seconds is not None}
     given = [name for name, is_given in modes.items() if is_given]

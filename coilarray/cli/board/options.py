@@ -62,10 +62,8 @@ class BoardOptions:
         str,
         typer.Option(
             help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), "
-            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), "
-            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate. Without switches, "
-            "coils at the channels of a converter: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz or "
-            "i2c:1?board=grove-ldc1612; also after ftdi://... and emulator."
+            "i2c:1[:0x2A][,spi:0.0] (Linux), ftdi://ftdi:232h/1 (FT232H); the emulator by default. Without switches, "
+            "coils at the channels of a converter: i2c:1?channels=0,1&clock=40MHz; also after ftdi://... and emulator."
         ),
     ] = EMULATOR
     wiring: WiringName = None
@@ -196,13 +194,6 @@ def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> Sca
     from coilarray.hardware.wire.ports import board_of, bus_rate, parse_port
 
     port, file = parse_port(options.port), options.file
-    bus_clock = bus_rate(port)
-    if options.rate is not None and not bus_clock.known:
-        typer.echo(
-            f"The system does not report the clock of {options.port}; --rate assumes {bus_clock.hertz * 1e-3:g} kHz. "
-            "Give another one after the port, such as ?rate=400000.",
-            err=True,
-        )
     channels = board_of(port)
     clock, external = (None, False) if channels is None else (channels.clock, channels.clock is not None)
     if file.clock is not None:
@@ -219,11 +210,10 @@ def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> Sca
             wiring,
             states=file.states,
             rate=options.rate,
-            clock=ConverterClock(clock, external, file.undivided),
-            family="LDC" if channels is None else channels.converter.family,
+            clock=ConverterClock(clock, external),
             drives=file.drives if file.drive is None else dict.fromkeys(wiring.coils, file.drive) | file.drives,
             discard=file.discard,
-            bus_rate=bus_clock.hertz,
+            bus_rate=bus_rate(port),
         )
     except HardwareError as error:
         if not str(error).startswith("rate "):

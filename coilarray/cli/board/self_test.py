@@ -58,13 +58,11 @@ def self_test(
     shorted coils, and switches assigned to the wrong coils, from which coils oscillate and how neighbouring coils
     couple.
 
-    Options of a port follow a question mark: i2c:1?mode=2&speed=500000&order=lsb&readback=yes for the switches, and
-    with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7). A serial port has baud=9600, or
-    baud=any if the rate is not known.
+    Options of a port follow a question mark: i2c:1?mode=2&readback=yes for the switches, with ftdi://... also
+    address=0x2B, and baud=9600 of a serial port.
 
-    Without switches, coils are wired to the channels of the converter: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz
-    (clock at the pin CLKIN, internal by default), or a known board: i2c:1?board=grove-ldc1612, btt-eddy, cartographer,
-    mellow-fly or ldc1614evm, none of them verified on a device. The self-test then reports which coils oscillate.
+    Without switches, coils are wired to the channels of the converter: i2c:1?channels=0,1&clock=40MHz (clock at the
+    pin CLKIN, internal by default). The self-test then reports which coils oscillate.
 
     Example: coilarray board test --port /dev/ttyACM0
 
@@ -101,8 +99,6 @@ def self_test(
     parts = [_ports_text(record["ports"]), line]
     if record["emulated"] and board_of(place) is None and (left_out := _left_out(opened, options)):
         parts.append(left_out)
-    if "board" in record["assumed"]:
-        parts.append(f"board: {record['assumed']['board']}")
     if record["chain"] is not None:
         parts.append(f"end of the chain of switches: {_CHAIN[record['chain']]}")
     if drives is not None:

@@ -3,7 +3,7 @@ Coils at the channels of a converter
 ====================================
 
 An LDC1612 or LDC1614 with a coil at each channel needs no switches. Here the emulated Grove board is pressed above
-its first coil after a hundred scans; ``i2c:1?board=grove-ldc1612`` reads a real one (not tried on a device).
+its first coil after a hundred scans; ``i2c:1:0x2B?channels=0,1&clock=40MHz`` reads a real one (not tried on a device).
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,7 @@ import coilarray as ca
 from coilarray.hardware import design_settings, open_board, read_scan
 
 design = ca.vary(ca.load_design_file("starter"), {"array.columns": 2})
-with open_board("emulator?board=grove-ldc1612", design=design) as board:
+with open_board("emulator?channels=0,1&clock=40MHz", design=design) as board:
     settings = design_settings(design, board.wiring)
     board.reader.configure(settings)
     scans = [board.reader.scan() for _ in range(100)]

@@ -9,7 +9,7 @@ coil and capacitor.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from coilarray.hardware import check_channel, drive_for
+from coilarray.circuit.converter_limits import check_channel, drive_for
 
 for limit in check_channel(1.9e6, 33e3, 48.0, 8e6):
     print(limit.words if not limit.kept else f"{limit.name}: kept")
