@@ -64,7 +64,7 @@ def ports(monkeypatch):
     """Let every port but the emulator's lead to an emulated board with switches."""
     board = emulated_board(load_design("gast2020"), load_wiring())
     monkeypatch.setattr(connect, "LinuxRegisterBus", lambda *_: board.bus)
-    monkeypatch.setattr(connect, "SpiSwitchChain", lambda *_: board.switches)
+    monkeypatch.setattr(connect, "SpiSwitchChain", lambda *_, **__: board.switches)
     monkeypatch.setattr(connect, "open_ft232h", lambda *_, **__: (board.bus, board.switches))
     monkeypatch.setattr(connect, "ComputerClock", lambda: board.clock)
     with ExitStack() as hosts:
@@ -72,7 +72,8 @@ def ports(monkeypatch):
         def to_the_firmware(name):
             if COMPILER is None:
                 pytest.skip("g++ is not installed")
-            return SimpleNamespace(name=hosts.enter_context(FirmwareHost(board.bus, board.switches, board.clock)).port)
+            host = hosts.enter_context(FirmwareHost(board.bus, board.switches, board.clock))
+            return SimpleNamespace(name=host.port, serial_number="")
 
         monkeypatch.setattr(microcontroller, "choose_serial_port", to_the_firmware)
         yield

@@ -62,7 +62,7 @@ class BoardUnderTest:
 
 BOARDS = [
     pytest.param(("emulator", "starter", ""), id="emulator"),
-    pytest.param(("emulator?board=grove-ldc1612", "starter", None), id="without switches"),
+    pytest.param(("emulator?channels=0,1&clock=40MHz", "starter", None), id="without switches"),
     pytest.param(
         (PORT, os.environ.get("COILARRAY_TEST_DESIGN", "gast2020"), os.environ.get("COILARRAY_TEST_OPTIONS", "")),
         id="board",
