@@ -33,16 +33,15 @@ class CurrentPaths(ABC):
         """Return the array of these coils on their board."""
 
     def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
-        """Return the current path of every coil, vias included.
+        """Return the current paths of the coils in m, vias included.
 
-        It runs from the first to the second terminal. `chord` is the resolution of arcs, as in `Coil.current_lines`.
-
-        Returns
-        -------
-        tuple of Conductor
-            One path per coil, in the order of the coils, in m.
+        A path runs from the first to the second terminal. `chord` is the resolution of arcs, as in
+        `Coil.current_lines`.
         """
-        return self.as_array().conductors(chord)
+        from coilarray.geometry.array import current_path
+
+        array = self.as_array()
+        return tuple(current_path(place, array.stackup, chord) for place in array.placements)
 
     def field(self, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0) -> FloatArray:
         """Compute the magnetic flux density in T, in free space.
@@ -98,13 +97,7 @@ class SingleCoil(CurrentPaths):
         """Return the centre lines of the coil."""
 
     def as_array(self) -> Array:
-        """Return the array of this coil alone on its board.
-
-        Returns
-        -------
-        Array
-            One coil at the origin.
-        """
+        """Return the array of this coil alone on its board, at the origin."""
         from coilarray.geometry.array import Array
 
         return Array.row(self, 1)

@@ -134,25 +134,11 @@ class Arc:
     bulge: float
 
     def shifted(self, count: int) -> Arc:
-        """Return the arc with `count` more vertices before it.
-
-        Returns
-        -------
-        Arc
-            The arc with shifted vertex numbers.
-        """
+        """Return the arc with `count` more vertices before it."""
         return replace(self, first=self.first + count, last=self.last + count)
 
     def points(self, line: FloatArray) -> tuple[Point, Point, Point]:
-        """Begin, middle and end in m of the arc.
-
-        The vertices of the line have the shape (n, 2).
-
-        Returns
-        -------
-        tuple of three Point
-            x and y in m of each point.
-        """
+        """Begin, middle and end in m of the arc. The vertices of the `line` have the shape (n, 2)."""
         (x0, y0), (x1, y1) = line[[self.first, self.last]].tolist()
         middle = (x0 + x1 + self.bulge * (y1 - y0)) / 2, (y0 + y1 - self.bulge * (x1 - x0)) / 2
         return (x0, y0), middle, (x1, y1)

@@ -91,49 +91,22 @@ class Placement:
         return f"<Placement {self.name}: {self.coil!r} on {', '.join(self.layers)} at {place}>"
 
     def lines_on(self, layer: str) -> tuple[int, ...]:
-        """Return the indices of the coil's lines on a layer.
-
-        They are in the order of the path.
-
-        Returns
-        -------
-        tuple of int
-            Indices, from 0.
-        """
+        """Return the indices of the coil's lines on a layer, in the order of the path."""
         return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
-        """Transform `points` from the coil's frame to the board's.
-
-        `points` has the shape (n, 2), in m.
-
-        Returns
-        -------
-        ndarray, shape (n, 2)
-            Positions in the frame of the board in m.
-        """
+        """Transform `points` from the coil's frame to the board's, shape (n, 2), in m."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
 
     def at_origin(self) -> Placement:
-        """Return the same coil at the origin, not turned.
-
-        Returns
-        -------
-        Placement
-            The coil with its centre at the origin, not turned.
-        """
+        """Return the same coil at the origin, not turned."""
         return replace(self, x=0.0, y=0.0, rotation=0.0)
 
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
-        """Yield each line with its widths and layer.
+        """Yield each line in the frame of the board, with its widths and the name of its layer.
 
-        Lines are in the frame of the board. A line has the shape (n, 2), its widths the shape (n − 1,), both in m.
-
-        Yields
-        ------
-        ndarray, shape (n, 2), ndarray, shape (n − 1,), and str
-            Vertices of a line in m, the widths of its pieces in m, and the name of its copper layer.
+        A line has the shape (n, 2), its widths the shape (n − 1,), both in m.
         """
         for line, widths, layer in zip(self.coil.lines, self.coil.widths, self.layers, strict=True):
             yield self.to_board(line), widths, layer
@@ -193,11 +166,6 @@ class Lattice:
 
         Raises GeometryError as `lattice` and `Placement` do, if there are no layers, or if names and points differ in
         number.
-
-        Returns
-        -------
-        tuple of Placement
-            One coil for every point.
         """
         points, indices = lattice(
             self.kind, self.pitch, self.columns, self.rows, rings=self.rings, direction=self.direction
@@ -374,13 +342,7 @@ class Array(SeveralCoils):
         return lattice_array(board, shape, points, board_margin=board_margin, through_holes=through_holes)
 
     def as_array(self) -> Array:
-        """Return the array itself.
-
-        Returns
-        -------
-        Array
-            The same array.
-        """
+        """Return the array itself."""
         return self
 
     @property
@@ -440,20 +402,6 @@ class Array(SeveralCoils):
         x_min, y_min, x_max, y_max = np.concatenate((outlines.min(axis=0), outlines.max(axis=0))).tolist()
         return x_min, y_min, x_max, y_max
 
-    def nearest_coil(self, x: float, y: float) -> str:
-        """Return the name of the coil nearest to (x, y).
-
-        The position is in m and is compared with the centres of the coils. Of several nearest coils the first is
-        returned.
-
-        Returns
-        -------
-        str
-            Name of the coil.
-        """
-        distance = np.hypot(*(self.centres - (x, y)).T)
-        return self.names[int(np.flatnonzero(distance <= distance.min() + _SAME_PLACE)[0])]
-
     @property
     def middle_coil(self) -> str:
         """Name of the coil nearest to the middle.
@@ -461,63 +409,41 @@ class Array(SeveralCoils):
         The middle is the centre of the rectangle about all coil centres. Of several nearest coils it is the first.
         """
         x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
-        return self.nearest_coil(x, y)
+        distance = np.hypot(*(self.centres - (x, y)).T)
+        return self.names[int(np.flatnonzero(distance <= distance.min() + _SAME_PLACE)[0])]
 
     def with_placements(self, placements: Sequence[Placement]) -> Array:
-        """Return the same board with other `placements`.
-
-        Returns
-        -------
-        Array
-            The new array, with all checks.
-        """
+        """Return the same board with other `placements`, checked again."""
         return replace(self, placements=tuple(placements))
-
-    def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
-        """Return the current path of every coil, vias included.
-
-        It runs from the first to the second terminal.
-
-        `chord` is the resolution of arcs, as in `Coil.current_lines`.
-
-        Returns
-        -------
-        tuple of Conductor
-            One path per coil, in the order of the coils, in m.
-        """
-        return tuple(self._conductor(placement, chord) for placement in self.placements)
-
-    def _conductor(self, placement: Placement, chord: float) -> Conductor:
-        """Return the current path of one coil, vias included."""
-        coil = placement.coil
-        vertices: list[FloatArray] = []
-        widths: list[float] = []
-        thicknesses: list[float] = []
-        areas: list[float] = []
-        for k, ((line, width), layer) in enumerate(zip(coil.current_lines(chord), placement.layers, strict=True)):
-            vertices.append(np.column_stack((placement.to_board(line), np.full(len(line), self.stackup.centre(layer)))))
-            thickness = self.stackup.copper_thickness[self.stackup.index(layer)]
-            widths += width.tolist()
-            thicknesses += [thickness] * len(width)
-            areas += (width * thickness).tolist()
-            if k + 1 < len(coil.lines):  # the via to the next line
-                widths.append(coil.via.bar_width)
-                thicknesses.append(coil.via.bar_width)
-                areas.append(coil.via.barrel_area)
-        return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
 
 
 def _sets_of_layers(coil: Coil, count: int, pitch: float) -> int:
     """Least number of layer sets that keep overlapping coils of a row apart."""
-    outline = shapely.Polygon(coil.outline)
-    near = (1 - _SAME_PLACE) * coil.gap
-
-    def overlaps(steps: int) -> bool:
-        moved = shapely.affinity.translate(outline, steps * pitch)
-        return bool(outline.distance(moved) < near)
-
     require_positive("pitch", pitch)
-    return next((steps for steps in range(1, count) if not overlaps(steps)), count)
+    outline = shapely.Polygon(coil.outline)
+    moved = (shapely.affinity.translate(outline, steps * pitch) for steps in range(1, count))
+    near = (1 - _SAME_PLACE) * coil.gap
+    return next((steps for steps, other in enumerate(moved, start=1) if outline.distance(other) >= near), count)
+
+
+def current_path(placement: Placement, stackup: Stackup, chord: float = CHORD) -> Conductor:
+    """Return the current path of one coil, vias included. `chord` is as in `Coil.current_lines`."""
+    coil = placement.coil
+    vertices: list[FloatArray] = []
+    widths: list[float] = []
+    thicknesses: list[float] = []
+    areas: list[float] = []
+    for k, ((line, width), layer) in enumerate(zip(coil.current_lines(chord), placement.layers, strict=True)):
+        vertices.append(np.column_stack((placement.to_board(line), np.full(len(line), stackup.centre(layer)))))
+        thickness = stackup.copper_thickness[stackup.index(layer)]
+        widths += width.tolist()
+        thicknesses += [thickness] * len(width)
+        areas += (width * thickness).tolist()
+        if k + 1 < len(coil.lines):  # the via to the next line
+            widths.append(coil.via.bar_width)
+            thicknesses.append(coil.via.bar_width)
+            areas.append(coil.via.barrel_area)
+    return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
 
 
 def lattice_array(

@@ -64,14 +64,9 @@ class Material:
         return self.name.replace("_", " ")
 
     def skin_depth(self, frequency: float) -> float:
-        """Skin depth in m at a frequency in Hz.
+        """Skin depth in m at a `frequency` in Hz.
 
         At this depth, 1/√(π f µ σ), a field has fallen by e. It is inf without conductivity.
-
-        Returns
-        -------
-        float
-            Skin depth in m.
         """
         product = math.pi * frequency * MU_0 * self.relative_permeability * self.conductivity
         return math.inf if product == 0 else 1 / math.sqrt(product)
@@ -139,13 +134,7 @@ class Plate:
         return self.z, self.z + self.thickness
 
     def lifted(self, height: float) -> Plate:
-        """Return the plate moved up by `height` in m.
-
-        Returns
-        -------
-        Plate
-            The plate in its new place.
-        """
+        """Return the plate moved up by `height` in m."""
         return replace(self, z=self.z + height)
 
 
@@ -325,25 +314,14 @@ class FinitePlate:
         return np.array([cos * along - sin * across, sin * along + cos * across, normal])
 
     def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
-        """Transform points of the mid-plane to the board's frame.
+        """Transform points of the mid-plane to the board's frame, in m, shape (n, 3).
 
-        The points are given in the plate's own x and y in m, shape (n, 2).
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Positions in the frame of the board in m.
+        The `points` are given in the plate's own x and y in m, shape (n, 2).
         """
         return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
 
     def lifted(self, height: float) -> FinitePlate:
-        """Return the plate moved up by `height` in m.
-
-        Returns
-        -------
-        FinitePlate
-            The plate in its new place.
-        """
+        """Return the plate moved up by `height` in m."""
         x, y, z = self.centre
         return replace(self, centre=(x, y, z + height))
 
@@ -448,15 +426,9 @@ class Target:
         return 2 * self.body.radius
 
     def height(self, face: float, distance: float) -> float:
-        """Height in m of the body's centre.
+        """Height in m of the body's centre, or of the lower face of an infinite plate.
 
-        The body is at a given distance. For an infinite plate it is the height of the lower face. `distance` is
-        measured from `face` to the body's nearest point. Both are in m.
-
-        Returns
-        -------
-        float
-            z in m.
+        `distance` is measured from `face` to the body's nearest point. Both are in m.
         """
         if isinstance(self.body, Plate):
             below = 0.0

@@ -202,36 +202,19 @@ class Coil(SingleCoil):
         return f"<Coil {name}: {lines}, {width:.4g} × {height:.4g} mm>"
 
     def coil(self) -> Coil:
-        """Return the coil itself.
-
-        Returns
-        -------
-        Coil
-            The same coil.
-        """
+        """Return the coil itself."""
         return self
 
     def arcs_of(self, line: int) -> tuple[Arc, ...]:
-        """Return the arcs of a line, given by its index.
-
-        Returns
-        -------
-        tuple of Arc
-            Arcs of the line, in the order of the path. Empty if the line is straight.
-        """
+        """Return the arcs of a `line`, given by its index, in the order of the path."""
         return self.arcs[line] if self.arcs else ()
 
     def current_lines(self, chord: float = CHORD) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield each line and its widths for the field computation.
+        """Yield each line and its widths for the field computation, in m, shapes (n, 2) and (n − 1,).
 
         Arcs are divided into pieces of a suitable size. The pieces of all arcs have the same angle, so the pieces of
         neighbouring turns are parallel. On the largest arc they deviate by `chord` times half the size of the outline.
         Bends within a trace have three pieces.
-
-        Yields
-        ------
-        ndarray, shape (n, 2), and ndarray, shape (n − 1,)
-            Vertices of a line in m, and the widths of its pieces in m.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
         from_middle = self.outline - self.outline.mean(axis=0)  # not the bounds, which change as a coil is turned
@@ -337,30 +320,15 @@ def _arrays(values: Sequence[npt.ArrayLike], message: str) -> tuple[FloatArray, 
 def _refuse_self_crossing(line: FloatArray, index: int) -> None:
     """Raise GeometryError with the place if a line touches itself."""
     closed = bool(np.array_equal(line[0], line[-1]))
-    string = shapely.LineString(line)
-    if string.is_simple and not closed:
+    if shapely.LineString(line).is_simple and not closed:
         return
-    crossing = _first_crossing(line)
-    if crossing is not None:
-        i, j, point = crossing
-        at = place_in_mm(*point)
-        raise GeometryError(f"line {index} of a coil crosses itself: segments {i} and {j} meet at {at}.")
+    segments = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
+    i, j = shapely.STRtree(segments).query(segments, predicate="intersects")
+    for a, b in sorted(zip(i[i < j].tolist(), j[i < j].tolist(), strict=True)):
+        shared = shapely.intersection(segments[a], segments[b])
+        neighbours = b - a == 1 and shared.geom_type == "Point"  # which share their vertex
+        if not neighbours and not (closed and a == 0 and b == len(segments) - 1):
+            at = place_in_mm(*shared.centroid.coords[0])
+            raise GeometryError(f"line {index} of a coil crosses itself: segments {a} and {b} meet at {at}.")
     at = place_in_mm(*line[0])
     raise GeometryError(f"line {index} of a coil must have two separate ends; it closes at {at}.")
-
-
-def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
-    """Find the first two segments that meet. The place in m is returned too."""
-    segments = [shapely.LineString(pair) for pair in np.stack((line[:-1], line[1:]), axis=1)]
-    tree = shapely.STRtree(segments)
-    i, j = tree.query(segments, predicate="intersects")
-    last = len(segments) - 1
-    closed = bool(np.array_equal(line[0], line[-1]))
-    for a, b in sorted(zip(i.tolist(), j.tolist(), strict=True)):
-        if b - a < 1 or (closed and a == 0 and b == last):
-            continue
-        shared = shapely.intersection(segments[a], segments[b])
-        if b - a == 1 and shared.geom_type == "Point":
-            continue  # neighbours share their vertex
-        return a, b, np.array(shared.centroid.coords[0])
-    return None

@@ -125,18 +125,14 @@ def copper_by_layer(array: Array) -> dict[str, dict[str, BaseGeometry]]:
     for placement in array.placements:
         key = id(placement.coil), placement.layers
         if key not in united:
-            united[key] = _united(array, placement.at_origin())
+            shapes: dict[str, list[shapely.Polygon]] = {}
+            origin = placement.at_origin()
+            for feature in (*_traces_of(origin), *_pads_of(array, origin)):
+                shapes.setdefault(feature.layer, []).append(feature.shape)
+            united[key] = {layer: shapely.union_all(parts) for layer, parts in shapes.items()}
         for layer, shape in united[key].items():
             copper[layer][placement.name] = shapely.transform(shape, placement.to_board)
     return copper
-
-
-def _united(array: Array, placement: Placement) -> dict[str, BaseGeometry]:
-    """Unite the copper of a coil on every layer. Layers without copper are left out."""
-    shapes: dict[str, list[shapely.Polygon]] = {}
-    for feature in (*_traces_of(placement), *_pads_of(array, placement)):
-        shapes.setdefault(feature.layer, []).append(feature.shape)
-    return {layer: shapely.union_all(parts) for layer, parts in shapes.items()}
 
 
 def board_outline(array: Array) -> shapely.Polygon:
@@ -190,7 +186,10 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
     2), and `widths` the width of every segment, shape (n − 1,) or scalar, in m.
     """
     runs = uniform_runs(line, np.broadcast_to(np.asarray(widths, dtype=np.float64), (len(line) - 1,)))
-    ribbons = [_ribbon(piece, width) for piece, width in runs]
+    ribbons = [
+        simple_outline(piece, width) or _pieced_outline(piece, width / 2, *_corners(piece, width)[0])
+        for piece, width in runs
+    ]
     # the joint fills the corner and makes the pieces overlap, so their union is one polygon
     joints = [
         disc(float(piece[-1, 0]), float(piece[-1, 1]), min(width, following))
@@ -202,23 +201,15 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
 def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
     """Outline of a simple trace of one width.
 
-    None if corners or runs of the trace meet. `line` is the centre line, shape (n, 2), in m.
+    None if corners or runs of the trace meet. `line` is the centre line, shape (n, 2), in m. The outline is built from
+    the offset corners themselves: the general buffer of GEOS simplifies its input by up to 1 % of the distance, which
+    shows in the area of a finely divided circle.
     """
     offset = _corners(line, width)[1]
     if offset is None:
         return None
     ribbon = shapely.Polygon(np.vstack((line + offset, (line - offset)[::-1])))
     return ribbon if ribbon.is_valid else None
-
-
-def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
-    """Outline of a trace of one width.
-
-    Built from the offset corners themselves. The general buffer of GEOS simplifies its input by up to 1 % of the
-    distance, which shows in the area of a finely divided circle.
-    """
-    simple = simple_outline(line, width)
-    return simple if simple is not None else _pieced_outline(line, width / 2, *_corners(line, width)[0])
 
 
 def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArray], FloatArray | None]:
@@ -248,9 +239,8 @@ def _pieced_outline(line: FloatArray, half: float, left: FloatArray, mitre: Floa
     """Unite the segment rectangles and corner wedges of a trace. It is needed for traces that overlap themselves."""
     side = half * left
     rectangles = np.stack((line[:-1] + side, line[1:] + side, line[1:] - side, line[:-1] - side), axis=1)
-    turn = np.sign(left[:-1, 0] * left[1:, 1] - left[:-1, 1] * left[1:, 0])[
-        :, None
-    ]  # +1: the corner opens on the right
+    # +1: the corner opens on the right
+    turn = np.sign(left[:-1, 0] * left[1:, 1] - left[:-1, 1] * left[1:, 0])[:, None]
     corner, before, after = line[1:-1], -turn * side[:-1], -turn * side[1:]
     tip = np.where((mitre == 0).all(axis=1, keepdims=True), 0.5 * (before + after), -turn * half * mitre)
     # the wedge starts slightly inside, so the union leaves no slit between it and the rectangles

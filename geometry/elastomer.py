@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Literal, TypeAlias
 
@@ -140,8 +141,8 @@ Symmetry = Literal["axial", "plane"]
 """``"axial"`` is a body of revolution, ``"plane"`` a body infinitely long along y."""
 
 
-class _Tip:
-    """Common base of all indenters. Subclasses define `profile` and `radius_at`."""
+class _Tip(ABC):
+    """Common base of all indenters."""
 
     radius: float
     name: ClassVar[str]
@@ -163,6 +164,20 @@ class _Tip:
         """
         return math.inf
 
+    def profile(self, r: npt.ArrayLike) -> FloatArray:
+        """Height above the tip in m at distances `r` in m, of the shape of `r`. It is inf beyond the body."""
+        return self._heights(np.asarray(r, dtype=float))
+
+    @abstractmethod
+    def radius_at(self, height: float) -> float:
+        """Radius in m of the cut at a height above the tip in m, at most `largest_radius`.
+
+        For a plane body it is half the width.
+        """
+
+    @abstractmethod
+    def _heights(self, distance: FloatArray) -> FloatArray: ...
+
 
 @dataclass(frozen=True)
 class _Body(_Tip):
@@ -182,27 +197,20 @@ class _Round(_Body):
         """Radius in m, because only the lower half is known."""
         return self.radius
 
-    def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m. It is R − √(R² − r²). `r` are distances in m. The height is inf beyond R."""
-        distance = np.asarray(r, dtype=float)
+    def _heights(self, distance: FloatArray) -> FloatArray:
         inside = distance <= self.radius
         square = np.where(inside, distance, 0.0) ** 2
         height = square / (self.radius + np.sqrt(self.radius**2 - square))  # R − √(R² − r²) without cancellation
         return np.where(inside, height, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius of the cut at a height, in m.
-
-        For a plane body it is half the width. The height is above the tip. The radius is at most R.
-        """
+        """Radius in m of the cut at a height above the tip in m. For a plane body it is half the width."""
         return self.radius if height >= self.radius else math.sqrt(height * (2 * self.radius - height))
 
 
 @dataclass(frozen=True)
 class Hemisphere(_Round):
-    """Lower half of a ball.
-
-    It is like the tip of a rod. The rod has the same radius.
+    """Lower half of a ball, like the tip of a rod with the same radius.
 
     Parameters
     ----------
@@ -221,10 +229,9 @@ class Hemisphere(_Round):
 
 @dataclass(frozen=True)
 class Paraboloid(_Body):
-    """Paraboloid of revolution, like a ball's tip.
+    """Paraboloid of revolution, like a ball near its tip.
 
-    It is the shape of a ball near its tip. `radius` is the radius of curvature at the tip in m, positive and finite.
-    Otherwise GeometryError is raised.
+    `radius` is the radius of curvature at the tip in m, positive and finite. Otherwise GeometryError is raised.
 
     Examples
     --------
@@ -239,28 +246,11 @@ class Paraboloid(_Body):
         """Largest radius in m, infinite for a paraboloid."""
         return math.inf
 
-    def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m, r²/(2R).
-
-        `r` is in m.
-
-        Returns
-        -------
-        ndarray
-            Height in m, of the shape of `r`.
-        """
-        return np.asarray(r, dtype=float) ** 2 / (2 * self.radius)
+    def _heights(self, distance: FloatArray) -> FloatArray:
+        return np.asarray(distance**2 / (2 * self.radius))
 
     def radius_at(self, height: float) -> float:
-        """Radius of the cut at a height, in m.
-
-        The height is above the tip.
-
-        Returns
-        -------
-        float
-            Radius in m.
-        """
+        """Radius in m of the cut at a height above the tip in m."""
         return math.sqrt(2 * self.radius * height)
 
 
@@ -313,28 +303,11 @@ class FlatPunch(_Edged, _Body):
         super().__post_init__()
         self._check_edge()
 
-    def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m, 0 under the punch.
-
-        `r` are radii in m. The height is inf beyond the punch.
-
-        Returns
-        -------
-        ndarray
-            Height in m, of the shape of `r`.
-        """
-        return np.where(np.asarray(r, dtype=float) <= self.radius, 0.0, np.inf)
+    def _heights(self, distance: FloatArray) -> FloatArray:
+        return np.where(distance <= self.radius, 0.0, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius of the cut at a height, in m.
-
-        It is the same at any height above the tip.
-
-        Returns
-        -------
-        float
-            Radius in m.
-        """
+        """Radius in m, which is the same at any `height`."""
         return self.radius
 
 
@@ -371,29 +344,11 @@ class Cone(_Edged):
             raise GeometryError(f"radius of a cone must be positive; got {self.radius} m.")
         self._check_edge()
 
-    def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m, r/tan(half angle).
-
-        `r` are radii in m. The height is inf beyond the end.
-
-        Returns
-        -------
-        ndarray
-            Height in m, of the shape of `r`.
-        """
-        distance = np.asarray(r, dtype=float)
+    def _heights(self, distance: FloatArray) -> FloatArray:
         return np.where(distance <= self.radius, distance / math.tan(self.half_angle), np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius of the cut at a height, in m.
-
-        The height is above the tip. The radius is at most `radius`.
-
-        Returns
-        -------
-        float
-            Radius in m.
-        """
+        """Radius in m of the cut at a height above the tip in m, at most `radius`."""
         return min(height * math.tan(self.half_angle), self.radius)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,52 +76,31 @@ def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
     holes = _holes(array)
     at = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
     reach = max((hole.diameter / 2 for hole in holes), default=0.0)
+    built: dict[tuple[int, tuple[str, ...], float], list[tuple[str, str, Prism, trimesh.Trimesh]]] = {}
     pieces: dict[str, trimesh.Trimesh] = {}
     for place in array.placements:
+        key = id(place.coil), place.layers, place.rotation
+        if key not in built:  # equal coils once, about the origin
+            alone = replace(array, placements=(replace(place, x=0.0, y=0.0),))
+            copper = [("copper", layer, prism) for layer, _, prism in _copper(alone)]
+            barrels = [("barrel", str(n), prism) for _, n, prism in _barrels(alone)]
+            built[key] = [(kind, part, prism, _extruded(prism)) for kind, part, prism in (*copper, *barrels)]
         away = np.array([place.x, place.y, 0.0])
-        built = _coil_solids(_Alone(replace(array, placements=(replace(place, x=0.0, y=0.0),))))
-        edges = shapely.total_bounds([prism.shape for kind, _, prism, _ in built if kind == "copper"]).reshape(2, 2)
+        own = [prism.shape for kind, _, prism, _ in built[key] if kind == "copper"]
+        edges = shapely.total_bounds(own).reshape(2, 2)
         about = (at >= edges[0] - reach + away[:2]) & (at <= edges[1] + reach + away[:2])
         others = [
             replace(one, x=one.x - place.x, y=one.y - place.y)
             for one in (holes[k] for k in np.flatnonzero(about.all(axis=1)).tolist())
             if one.net != place.name
         ]
-        for kind, part, prism, solid in built:
-            key = f"copper/{part}/{place.name}" if kind == "copper" else f"barrel/{place.name}/{part}"
+        for kind, part, prism, solid in built[key]:
+            name = f"copper/{part}/{place.name}" if kind == "copper" else f"barrel/{place.name}/{part}"
             through = _near(prism, [one for one in others if kind == "copper" and part in one.layers])
             whole = _extruded(_drilled(prism, through)) if through else solid
-            pieces[key] = trimesh.Trimesh(whole.vertices + away, whole.faces, process=False)
+            pieces[name] = trimesh.Trimesh(whole.vertices + away, whole.faces, process=False)
     laminate = _laminate(array)
     return pieces if laminate is None else {**pieces, "board": _extruded(laminate)}
-
-
-class _Alone:
-    """Board of one coil, compared by its copper."""
-
-    def __init__(self, array: Array) -> None:
-        self.array = array
-        (place,) = array.placements
-        coil = place.coil
-        paths = tuple(path.tobytes() for path in (*coil.lines, *coil.widths))
-        self._key = (array.stackup, array.through_holes, place.layers, place.rotation, coil.via, coil.terminal, paths)
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Alone) and self._key == other._key
-
-
-@lru_cache(maxsize=16)  # as coils are moved one after the other, nothing is built again
-def _coil_solids(alone: _Alone) -> tuple[tuple[str, str, Prism, trimesh.Trimesh], ...]:
-    """Build the copper and barrels of a coil.
-
-    Each has a kind, a layer or number, an outline with heights, and a solid.
-    """
-    copper = [("copper", layer, prism) for layer, _, prism in _copper(alone.array)]
-    barrels = [("barrel", str(n), prism) for _, n, prism in _barrels(alone.array)]
-    return tuple((kind, part, prism, _extruded(prism)) for kind, part, prism in (*copper, *barrels))
 
 
 def _extruded(prism: Prism) -> trimesh.Trimesh:
@@ -185,7 +165,8 @@ def _barrels(array: Array) -> Iterator[tuple[str, int, Prism]]:
     stackup, holes = array.stackup, _holes(array)
     for net in array.names:
         for n, hole in enumerate(hole for hole in holes if hole.net == net):
-            wall = shapely.difference(_hole(hole), disc(hole.x, hole.y, hole.diameter - 2 * hole.plating))
+            bore, inside = (disc(hole.x, hole.y, hole.diameter - less) for less in (0.0, 2 * hole.plating))
+            wall = shapely.difference(bore, inside)
             yield net, n, Prism(wall, stackup.span(hole.layers[-1])[0], stackup.span(hole.layers[0])[1])
 
 
@@ -208,25 +189,18 @@ def sheet_prisms(array: Array, sheets: Sequence[Sheet]) -> dict[str, Prism]:
     if len(set(names)) != len(names):
         raise GeometryError(f"sheet names must differ; got {', '.join(names)}.")
     outline = board_outline(array)
-    pieces: dict[str, Prism] = {}
-    z = 0.0
-    for sheet in sheets:
-        pieces[f"sheet/{sheet.name}"] = Prism(outline, z, z + sheet.thickness)
-        z += sheet.thickness
-    return pieces
+    heights = accumulate((sheet.thickness for sheet in sheets), initial=0.0)
+    return {f"sheet/{name}": Prism(outline, *span) for name, span in zip(names, pairwise(heights), strict=True)}
 
 
 def _holes(array: Array) -> list[Drill]:
     return [hole for hole in drills(array) if hole.drilled]
 
 
-def _hole(hole: Drill) -> shapely.Polygon:
-    return disc(hole.x, hole.y, hole.diameter)
-
-
 def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
     """Cut holes out of a prism."""
-    return replace(prism, shape=shapely.difference(prism.shape, shapely.union_all([_hole(hole) for hole in holes])))
+    bored = shapely.union_all([disc(hole.x, hole.y, hole.diameter) for hole in holes])
+    return replace(prism, shape=shapely.difference(prism.shape, bored))
 
 
 def _near(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:

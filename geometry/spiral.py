@@ -140,64 +140,60 @@ class Winding(Construction, SingleCoil):
         return self.winding_rule == "parallel"
 
     @property
-    @abstractmethod
     def inner_apothem(self) -> float:
         """Apothem in m of the centre line's inner end. It is the distance from the centre to the nearest side there."""
+        turns_in = (self.steps - 1) // self.sides if self.is_parallel else self.turns
+        return self._apothem - self.width / 2 - self.pitch * turns_in
 
-    @abstractmethod
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer in the direction of the current.
+        """Vertices of one layer in m, in the direction of the current, shape (n, 2).
 
-        Layers count from 0. Even layers run inwards, odd layers outwards.
-
-        Returns
-        -------
-        ndarray, shape (n, 2)
-            x, y in m, centre at the origin.
+        Layers count from 0. Even layers run inwards, odd layers outwards. Arcs are short straight pieces. If parallel
+        sides are too short for the step inwards, there are fewer than steps + 1 vertices.
         """
+        return self._line(layer)[0]
 
-    @abstractmethod
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return the arcs of the centre line of one layer."""
+        """Return the arcs of the centre line of one `layer`, in the order of the path."""
+        return self._line(layer)[1]
 
     @abstractmethod
     def outline(self) -> FloatArray:
-        """Corners of the enclosing shape, x and y in m.
-
-        The shape is the nominal outer copper edge. The array has the shape (n, 2).
-        """
+        """Corners of the enclosing shape in m, shape (n, 2). The shape is the nominal outer copper edge."""
 
     @abstractmethod
     def rim(self, step: int) -> FloatArray:
-        """Point in m where the outermost turn crosses a ray.
-
-        The ray is the ray on which step number `step` ends. The point has the shape (2,).
-        """
+        """Point in m where the outermost turn crosses the ray on which step number `step` ends, shape (2,)."""
 
     def junction(self, layer: int) -> FloatArray:
-        """Point shared by the ends of `layer` and the next.
+        """Point in m shared by the ends of `layer` and the next, shape (2,).
 
-        If the ends do not meet, they lie about the ray through this point.
-
-        Returns
-        -------
-        ndarray, shape (2,)
-            x and y in m.
+        If the ends do not meet, they lie about the ray through this point. With sharp parallel corners it is the corner
+        where a further turn would begin, on the outside a corner of the outermost polygon.
         """
-        return np.asarray(self.centre_line(layer)[-1])
+        if not self._starts_at_corner:
+            return np.asarray(self.centre_line(layer)[-1])
+        step = (layer + 1) * self.steps
+        inset = self.width / 2 + (self.pitch * (self.steps // self.sides) if layer % 2 == 0 else 0.0)
+        return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, inset))[0])
 
     def outwards(self, step: int) -> FloatArray:
-        """Direction of the leads at the end of a step.
+        """Direction of the leads at the end of a `step`: a dimensionless unit vector, shape (2,).
 
         Vias inside the winding lie in the opposite direction.
-
-        Returns
-        -------
-        ndarray, shape (2,)
-            Dimensionless unit vector.
         """
         rim = self.rim(step)
         return np.asarray(rim / float(np.hypot(*rim)))
+
+    @property
+    @abstractmethod
+    def _apothem(self) -> float:
+        """Half of the smaller outer size in m."""
+
+    @property
+    @abstractmethod
+    def _starts_at_corner(self) -> bool:
+        """Whether the turns are parallel and have sharp corners."""
 
     @abstractmethod
     def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -206,10 +202,9 @@ class Winding(Construction, SingleCoil):
         The normals point from the centre to the sides and have the shape (n, 2).
         """
 
-    @property
-    def _turns_in(self) -> float:
-        """Distance from the outermost to the innermost side, in pitches."""
-        return (self.steps - 1) // self.sides if self.is_parallel else self.turns
+    @abstractmethod
+    def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
+        """Centre line of one layer that does not start at a sharp corner, and its arcs."""
 
     def _insets(self, inwards: IntArray) -> FloatArray:
         """Distances in m of sides from the enclosing shape. The sides are given by their numbers from the outer end."""
@@ -232,24 +227,14 @@ class Winding(Construction, SingleCoil):
         y = (p[1:] * a[:, 0] - p[:-1] * b[:, 0]) / cross
         return np.column_stack((x, y))
 
-    def _sharp_line(self, layer: int) -> FloatArray:
-        """Vertices in m of a layer with sharp corners.
-
-        The sides are parallel, and the layer starts and ends at a corner. The array has the shape (n, 2).
-        """
+    def _line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
+        """Centre line of one layer in m, shape (n, 2), and its arcs."""
+        if not self._starts_at_corner:
+            return self._stepped_line(layer)
         number = np.arange(-1, self.steps + 1)  # from the outer end; the first and the last only bound the others
         sides = layer * self.steps + number if layer % 2 == 0 else (layer + 1) * self.steps - 1 - number
         line = self._parallel_corners(sides, self._insets(np.maximum(number, 0)))[0]
-        return line if layer % 2 == 0 else line[::-1]
-
-    def _sharp_junction(self, layer: int) -> FloatArray:
-        """Corner in m where a further turn would begin.
-
-        On the outside it is a corner of the outermost polygon. The array has the shape (2,).
-        """
-        step = (layer + 1) * self.steps
-        inset = self.width / 2 + (self.pitch * (self.steps // self.sides) if layer % 2 == 0 else 0.0)
-        return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, inset))[0])
+        return line if layer % 2 == 0 else line[::-1], ()
 
     def _parallel_corners(self, sides: IntArray, inset: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Corners in m between parallel sides, and their radii.
@@ -279,11 +264,9 @@ class Winding(Construction, SingleCoil):
         angle = 2 * math.pi * (np.asarray(steps) % self.sides) / self.sides
         return np.asarray(angle if self.winding == "ccw" else -angle)
 
-    def _require_turns(self, outer: float, least: float, direction: str) -> None:
-        """Raise GeometryError if the turns do not fit.
-
-        The outer edge lies at `outer` from the centre. The centre line must stay beyond `least`. Both are in m.
-        """
+    def _require_turns(self, least: float, direction: str) -> None:
+        """Raise GeometryError if the turns do not fit. The centre line must stay beyond `least` (m) from the centre."""
+        outer = self._apothem
         if self.sides < 3:
             raise GeometryError(f"sides must be at least 3; got {self.sides}.")
         if not math.isfinite(getattr(self, direction)):
@@ -380,74 +363,30 @@ class Spiral(Winding):
             side = 2 * math.pi / self.sides
             upwards = side * (0.5 + round((math.pi / 2 - side / 2) / side))
             object.__setattr__(self, "first_corner", upwards)
-        self._require_turns(self.diameter / 2, self.width / 2, "first_corner")
-
-    @property
-    def inner_apothem(self) -> float:
-        """Apothem in m of the line's inner end. The line is the centre line."""
-        return self.diameter / 2 - self.width / 2 - self.pitch * self._turns_in
-
-    def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer, as in `Winding.centre_line`.
-
-        Returns
-        -------
-        ndarray, shape (n, 2)
-            Vertices in m. There are steps + 1 of them, or fewer if parallel sides are too short for the step inwards.
-        """
-        if self.is_parallel:
-            return self._sharp_line(layer)
-        k = np.arange(self.steps + 1)
-        inwards = k if layer % 2 == 0 else self.steps - k
-        apothem = (self.diameter / 2 - self.width / 2) - self.pitch * inwards / self.sides
-        return self._on_rays(layer * self.steps + k, apothem)
-
-    def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return no arcs, because all corners are sharp.
-
-        `layer` has no effect.
-
-        Returns
-        -------
-        tuple of Arc
-            Always empty.
-        """
-        return ()
+        self._require_turns(self.width / 2, "first_corner")
 
     def outline(self) -> FloatArray:
-        """Corners of the enclosing polygon, x and y in m.
-
-        The polygon is the nominal outer copper edge.
-
-        Returns
-        -------
-        ndarray, shape (sides, 2)
-            Corners in m.
-        """
+        """Corners of the enclosing polygon in m, shape (sides, 2). The polygon is the nominal outer copper edge."""
         return self._on_rays(np.arange(self.sides), np.full(self.sides, self.diameter / 2))
 
     def rim(self, step: int) -> FloatArray:
-        """Corner number `step` of the outermost turn, in m.
-
-        Returns
-        -------
-        ndarray, shape (2,)
-            x and y in m.
-        """
+        """Corner number `step` of the outermost turn in m, shape (2,)."""
         apothem = self.diameter / 2 - self.width / 2
         return np.asarray(self._on_rays(np.array([step]), np.array([apothem]))[0])
 
-    def junction(self, layer: int) -> FloatArray:
-        """Corner shared by the ends of `layer` and the next.
+    @property
+    def _apothem(self) -> float:
+        return self.diameter / 2
 
-        See `Winding.junction`.
+    @property
+    def _starts_at_corner(self) -> bool:
+        return self.is_parallel
 
-        Returns
-        -------
-        ndarray, shape (2,)
-            x and y in m.
-        """
-        return self._sharp_junction(layer) if self.is_parallel else super().junction(layer)
+    def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
+        k = np.arange(self.steps + 1)
+        inwards = k if layer % 2 == 0 else self.steps - k
+        apothem = (self.diameter / 2 - self.width / 2) - self.pitch * inwards / self.sides
+        return self._on_rays(layer * self.steps + k, apothem), ()
 
     def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
         half = math.pi / self.sides if self.winding == "ccw" else -math.pi / self.sides
@@ -519,13 +458,13 @@ class RoundedSpiral(Winding):
             raise GeometryError(
                 f"extent and breadth must be equal for {self.sides} sides; got {self.extent} m and {self.breadth} m."
             )
-        smaller = min(self.extent, self.breadth) / 2
+        smaller = self._apothem
         if not 0 <= self.corner_radius <= smaller * (1 + 1e-12):
             raise GeometryError(
                 f"corner_radius must be 0 to {smaller * 1e3:g} mm, half of the smaller size; "
                 f"got {self.corner_radius * 1e3:g} mm."
             )
-        self._require_turns(smaller, max(self.width / 2, self._least_radius), "direction")
+        self._require_turns(max(self.width / 2, self._least_radius), "direction")
 
     @property
     def is_circle(self) -> bool:
@@ -542,88 +481,35 @@ class RoundedSpiral(Winding):
         """Whether the enclosing shape ends in half circles."""
         return self.sides == 4 and self.corner_radius == min(self.extent, self.breadth) / 2
 
-    @property
-    def inner_apothem(self) -> float:
-        """Apothem in m of the centre line's inner end. It is the distance from the centre to the nearest side there."""
-        return min(self.extent, self.breadth) / 2 - self.width / 2 - self.pitch * self._turns_in
-
-    def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer, with arcs as short straight pieces.
-
-        See `Winding.centre_line`.
-
-        Returns
-        -------
-        ndarray, shape (n, 2)
-            Vertices in m, from the outer end to the inner end.
-        """
-        return self._sharp_line(layer) if self._starts_at_corner else self._rounded(layer)[0]
-
-    def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return the arcs of the centre line of one layer.
-
-        Returns
-        -------
-        tuple of Arc
-            Arcs, in the order of the path.
-        """
-        return () if self._starts_at_corner else self._rounded(layer)[1]
-
     def outline(self) -> FloatArray:
-        """Points of the enclosing shape, x and y in m.
-
-        The shape is the nominal outer copper edge.
-
-        Returns
-        -------
-        ndarray, shape (n, 2)
-            Points in m.
-        """
+        """Points of the enclosing shape in m, shape (n, 2). The shape is the nominal outer copper edge."""
         sides = np.arange(self.sides + 1)
         middle = self._corners(sides, np.zeros(self.sides + 1))
         line = np.vstack((self._foot(sides[:1], np.zeros(1)), middle, self._foot(sides[:1], np.zeros(1))))
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
     def rim(self, step: int) -> FloatArray:
-        """Middle of side number `step` of the outermost turn.
+        """Middle of side number `step` of the outermost turn in m, shape (2,).
 
         If turns start at the beginning of a side, it is the beginning of the side.
-
-        Returns
-        -------
-        ndarray, shape (2,)
-            x and y in m.
         """
         if self._starts_at_corner:
             return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, self.width / 2))[0])
         return np.asarray(self._foot(np.array([step]), np.array([self.width / 2]))[0])
 
-    def junction(self, layer: int) -> FloatArray:
-        """Point shared by the ends of `layer` and the next.
-
-        See `Winding.junction`.
-
-        Returns
-        -------
-        ndarray, shape (2,)
-            x and y in m.
-        """
-        return self._sharp_junction(layer) if self._starts_at_corner else super().junction(layer)
-
     def outwards(self, step: int) -> FloatArray:
-        """Outward direction at the start of side `step`.
+        """Outward direction at the start of side `step`: a dimensionless unit vector, shape (2,).
 
         It is the normal of the side if turns start in its middle. Otherwise it lies between the normals of both sides
         at its beginning.
-
-        Returns
-        -------
-        ndarray, shape (2,)
-            Dimensionless unit vector.
         """
         sides = np.array([step - 1, step] if self._starts_at_corner else [step])
         between = self._normals(sides)[0].sum(axis=0)
         return np.asarray(between / float(np.hypot(*between)))
+
+    @property
+    def _apothem(self) -> float:
+        return min(self.extent, self.breadth) / 2
 
     @property
     def _starts_at_corner(self) -> bool:
@@ -636,8 +522,7 @@ class RoundedSpiral(Winding):
     def _radii(self, inset: FloatArray) -> FloatArray:
         return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
 
-    def _rounded(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
-        """Centre line of one layer, and its arcs. The line has the shape (n, 2), in m."""
+    def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
         k = np.arange(self.steps + 1)
         inset = self._insets(k if layer % 2 == 0 else self.steps - k)
         sides = layer * self.steps + k

@@ -165,11 +165,6 @@ class Stackup:
         """Position of the copper layer `name`, 0 on top.
 
         Raises GeometryError if the stack-up has no such layer.
-
-        Returns
-        -------
-        int
-            Position, from 0.
         """
         try:
             return self.names.index(name)
@@ -179,39 +174,17 @@ class Stackup:
             ) from None
 
     def span(self, name: str) -> tuple[float, float]:
-        """Heights (z_bottom, z_top) in m of the copper layer `name`.
-
-        Returns
-        -------
-        tuple of float
-            z of the lower and of the upper face in m.
-        """
+        """Heights (z_bottom, z_top) in m of the copper layer `name`."""
         i = self.index(name)
         z_top = -sum(self.copper_thickness[:i]) - sum(self.dielectric_thickness[:i])
         return z_top - self.copper_thickness[i], z_top
 
     def centre(self, name: str) -> float:
-        """Height in m of a layer's middle plane.
-
-        `name` is the name of the copper layer.
-
-        Returns
-        -------
-        float
-            z in m.
-        """
+        """Height in m of the middle plane of the copper layer `name`."""
         bottom, top = self.span(name)
         return 0.5 * (bottom + top)
 
     def between(self, first: str, last: str) -> tuple[str, ...]:
-        """Names of the copper layers from `first` to `last`.
-
-        Both are included. The order is top to bottom.
-
-        Returns
-        -------
-        tuple of str
-            Names of the layers.
-        """
+        """Names of the copper layers from `first` to `last`, both included, top to bottom."""
         i, j = sorted((self.index(first), self.index(last)))
         return self.names[i : j + 1]

@@ -169,7 +169,6 @@ def test_the_middle_coil_is_that_of_the_board_not_of_the_list():
     )
     array = Array(FOUR_LAYERS, places)
     assert array.middle_coil == "coil1"
-    assert array.nearest_coil(50e-3, 10e-3) == "coil2"
     assert Array(FOUR_LAYERS, places[1:]).middle_coil == "coil2"  # all as near: the first one
     x_min, y_min, x_max, y_max = array.outline_bounds
     outline = COIL.outline
