@@ -30,7 +30,7 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "viz/test_studio_page", "metal/test_backing", "metal/test_ball", "viz/test_studio_doors", "response/test_seat",
+    "viz/test_studio_page", "metal/test_backing", "metal/test_ball", "viz/test_studio_server", "response/test_seat",
     "hardware/test_recording_kill", "viz/test_metal_scenes", "studies/test_optimize_write",
     "compute/test_cluster", "fuzz/test_flips", "fuzz/test_fuzz", "cli/test_live",
     "response/test_response", "test_examples", "cli/test_no_room", "cli/test_interrupts",
@@ -45,7 +45,7 @@ LONGEST = (
     "studies/test_comparison", "circuit/test_volumes", "cli/test_response", "cli/test_export",
     "elastomer/test_contact", "cli/test_sweep", "studies/test_optimize_kill", "cli/test_cli", "hardware/test_guides",
     "hardware/test_campaign", "hardware/test_board_safety", "cli/test_view", "viz/test_window",
-    "viz/test_studio_server", "cli/test_indent", "cli/test_tolerance", "elastomer/test_references",
+    "cli/test_indent", "cli/test_tolerance", "elastomer/test_references",
     "elastomer/test_dent_over_layers", "elastomer/test_dented_layer_3d", "studies/test_optimize_polish",
     "studies/test_optimize_known", "metal/test_magnetic_plates", "geometry/test_rules", "paper/test_ellipse",
     "geometry/test_export_kicad", "cli/test_channel_boards", "circuit/test_plates", "test_pages",

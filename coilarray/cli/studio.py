@@ -59,7 +59,7 @@ def studio(
     """
     where = _folder(design, folder)
     live = LiveOptions(BoardOptions(board, wiring, settings=settings))
-    from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio
+    from coilarray.viz.studio.access import LOOPBACK, Address, bind, check_studio
 
     address = Address(LOOPBACK if host is None else host, port, alone=host is None)
     check_studio()
@@ -110,14 +110,14 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
     bounds = None if response is None else position_bounds(response, design.array)
     table = summary_table(coupling, scan, margins, response, bounds=bounds).brief()
     lines = [*unusual_values(design_document(design)), *verdicts(scan, ())]  # the page says which rules are broken
-    return Summary(table.headers, table.cells(), lines, converter=scan is not None)
+    return Summary(table, lines, converter=scan is not None)
 
 
 # These run in processes of their own, and are therefore functions of a module with plain arguments.
 
 
 def write_report(document: Document, name: str, folder: Path, progress: Progress) -> Path:
-    """See `coilarray.viz.studio.services.WriteReport`."""
+    """Write the report of a design and return its page."""
     from coilarray.design.model import build_design_file
     from coilarray.report.write import write_report as write
 

@@ -28,7 +28,7 @@ from support.studio_tasks import count_to
 if __name__ == "__main__":
     ended = threading.Event()
     outcomes = []
-    Job(count_to, 3, print, lambda outcome: (outcomes.append(outcome.result), ended.set()))
+    Job(count_to, 3, on_message=print, on_end=lambda outcome: (outcomes.append(outcome.result), ended.set()))
     ended.wait()
     assert outcomes == [9]
 """

@@ -76,7 +76,7 @@ from coilarray.studies.comparison import compare_responses
 from coilarray.studies.optimize.goal import GOALS, parse_goal
 from coilarray.studies.optimize.space import axes_of
 from coilarray.studies.tolerance.tolerances import contributors, load_tolerances, typical_text
-from coilarray.viz.studio import server
+from coilarray.viz.studio import access, server
 from fuzz import mutations as change
 
 
@@ -548,9 +548,8 @@ def _requested(path: Path) -> Any:
         raise CoilarrayError(f"no request: {type(error).__name__}.") from None
     said = []
     for alone in (True, False):
-        studio = server._Studio(None, None, None, server.Address("127.0.0.1", 8080, alone, _TOKEN), 0.0)
-        studio._cookie = "coilarray_studio_8080"
-        said.append(studio._refusal(request))
+        address = access.Address("127.0.0.1", 8080, alone, _TOKEN)
+        said.append(access.refusal(request, address, "coilarray_studio_8080"))
     try:
         file = server._file_of(Path(__file__).parent, request.path.removeprefix("/"))._path
     except web.HTTPException:

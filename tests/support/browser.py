@@ -22,7 +22,7 @@ from coilarray.design.model import build_design, build_design_file, load_design_
 from coilarray.errors import MissingDependencyError
 from coilarray.localize.forward import table_grid
 from coilarray.response.dataset import on_board, origin_attributes
-from coilarray.viz.studio.server import check_studio
+from coilarray.viz.studio.access import check_studio
 from support.patience import PATIENCE, until
 
 HERE = Path(__file__).parent
@@ -298,7 +298,7 @@ def summary_of_circuit(design, coupling, response):
     from coilarray.viz.studio.services import Summary
 
     table = summary_table(coupling, None, check_rules(design.array, design.rules), response).brief()
-    return Summary(table.headers, table.cells(), verdicts(None, ()))
+    return Summary(table, verdicts(None, ()))
 
 
 def ideal_circuit(design):
@@ -353,13 +353,13 @@ def slow_report(document, name, folder, progress):
     return page
 
 
-def steady_board(request, send, orders):
+def steady_board(request, link):
     """A board that is pressed at one place for one second in two, after a baseline of two scans."""
     from coilarray.localize.forward import forward_model
     from coilarray.localize.inverse import locate
     from coilarray.localize.presses import Press
     from coilarray.viz.studio import BoardFrame
-    from coilarray.viz.studio.services import ZERO
+    from coilarray.viz.studio.job import QUIT, ZERO
 
     design = build_design(request.document, request.name)
     model = forward_model(on_board(bells(request.document, request.name)))
@@ -367,15 +367,16 @@ def steady_board(request, send, orders):
     location = locate(model, delta)
     zero = 0
     for k in range(1_000_000):
-        if orders():
+        asked = link.orders()
+        if QUIT in asked:
             return
-        if orders.take() == [ZERO]:
+        if ZERO in asked:
             zero = k + 8  # a baseline that is long enough to be seen
         waiting, at = max(0, zero + 2 - k), 0.25 * k
         values = [None] * len(model.states) if waiting else delta.tolist()
         begin = 2.0 * (k // 8)
         press = None if waiting else Press(k // 8 + 1, begin, at if k % 8 == 4 else None, delta.max(), location)
-        send([
+        link.send([
             BoardFrame(
                 f"[emulator] {request.port}: a stand-in", True, k, dict(zip(model.states, values, strict=True)),
                 {design.array.names[0]: "doubtful: amplitude"}, waiting, None if waiting else location, "", 4.0, 0,
@@ -388,7 +389,8 @@ def steady_board(request, send, orders):
 def main():
     """Serve a studio with the stand-ins."""
     from coilarray.viz.studio import design, numbers, server, view
-    from coilarray.viz.studio.server import LOOPBACK, Address, bind, serve
+    from coilarray.viz.studio.access import LOOPBACK, Address, bind
+    from coilarray.viz.studio.server import serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.work import Shelf, work_on
 

@@ -5,17 +5,15 @@ import time
 from pathlib import Path
 
 from coilarray.errors import GeometryError
-from coilarray.viz.studio.job import progress_of
 
 
-def count_to(item, tell, stopped):
-    progress = progress_of(tell)
+def count_to(item, link):
     for k in range(item):
-        progress(k + 1, item)
+        link(k + 1, item)
     return item * item
 
 
-def fail(item, tell, stopped):
+def fail(item, link):
     if item == "ours":
         raise GeometryError("the coil must be round; got a square.")
     if item == "gone":
@@ -23,20 +21,20 @@ def fail(item, tell, stopped):
     raise ZeroDivisionError("nothing to divide")
 
 
-def wait_for_the_word(item, tell, stopped):
-    tell(os.getpid())
-    while not stopped():
+def wait_for_the_word(item, link):
+    link.send(os.getpid())
+    while "q" not in link.orders():
         time.sleep(0.05)
     Path(item).write_text("at rest", encoding="utf-8")
 
 
-def never_listen(item, tell, stopped):
-    tell(os.getpid())
+def never_listen(item, link):
+    link.send(os.getpid())
     while True:
         time.sleep(1.0)
 
 
-def tell_on_and_on(item, tell, stopped):
+def tell_on_and_on(item, link):
     while True:
-        tell(os.getpid())
+        link.send(os.getpid())
         time.sleep(0.05)

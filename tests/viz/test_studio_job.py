@@ -19,7 +19,6 @@ from coilarray.errors import GeometryError
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.job import Calculator, Job, Step
 from coilarray.viz.studio.services import Services
-from coilarray.viz.studio.session import ReportPages
 from coilarray.viz.studio.work import Shelf, Work, work_on
 
 
@@ -28,7 +27,7 @@ class Watched:
 
     def __init__(self, task, item, **options):
         self.messages, self.outcome, self.ended, self.told = [], None, threading.Event(), threading.Event()
-        self.job = Job(task, item, self._message, self._end, **options)
+        self.job = Job(task, item, on_message=self._message, on_end=self._end, **options)
 
     def _message(self, message):
         self.messages.append(message)
@@ -89,15 +88,10 @@ def test_a_job_ends_with_its_studio_even_if_that_is_killed():
     script = """
 import time
 from support.studio_tasks import never_listen
-from coilarray.viz.studio import structure
 from coilarray.viz.studio.job import Job
-from coilarray.viz.studio.session import ReportPages
-from coilarray.viz.studio.services import Services
-from coilarray.viz.studio.work import Shelf
-from coilarray.viz.studio.work import Work, work_on
 
 if __name__ == "__main__":
-    Job(never_listen, None, lambda pid: print(pid, flush=True), lambda outcome: None)
+    Job(never_listen, None, on_message=lambda pid: print(pid, flush=True), on_end=lambda outcome: None)
     time.sleep(600)
 """
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
@@ -173,27 +167,6 @@ def test_a_step_that_waits_for_rest_comes_last_and_once():
     assert times[1] - times[0] >= rest
 
 
-def test_a_step_that_is_late_is_not_put_off_for_ever():
-    patience, times, wishes = 0.2, [], []
-
-    async def ask(calculator, seen):
-        newest, times[:] = threading.Event(), [time.monotonic()]
-        async with asyncio.timeout(PATIENCE):
-            while not any(name == "scene" for name, _ in seen):
-                # every rough step lasts until the next one is asked for: there is one to be done at any time
-                before, newest, k = newest, threading.Event(), len(wishes)
-                calculator.ask([step(seen, "rough", k, gate=newest), step(seen, "scene", k, patience=patience)])
-                wishes.append(k)
-                before.set()
-                await asyncio.sleep(0.01)
-        times.append(time.monotonic())
-        newest.set()
-
-    scenes = [k for name, k in run(ask) if name == "scene"]
-    assert times[1] - times[0] >= patience
-    assert scenes[-1] == wishes[-1]
-
-
 def test_a_step_that_fails_is_told_and_the_next_one_done(capfd):
     async def ask(calculator, seen):
         named = {"first": GeometryError("a line."), "second": KeyError("x"), "third": 3}
@@ -223,8 +196,8 @@ def on_a_page(tmp_path, monkeypatch):
 
     async def whole(use):
         with ThreadPoolExecutor(1) as threads:
-            setup = Setup(Shelf(tmp_path), Services(alone=True), ReportPages(), threads, "no picture")
-            page = Page(setup, work_on(load_design_file("starter"), "starter"))
+            setup = Setup(Shelf(tmp_path), Services(alone=True), {}, threads, "no picture")
+            page = Page(setup, work_on(load_design_file("starter"), "starter"), "tab")
             try:
                 return await use(page)
             finally:
@@ -245,11 +218,11 @@ def test_an_error_in_what_follows_a_job_is_told_on_the_page(on_a_page, capfd):
         told = []
         for done in (broken, lambda result: page.begin(later, result)):
             page.say("")
-            assert page.start_bar("sum", "a sum", count_to, 2, done)
+            assert page.start_bar("sum", "a sum", count_to, 2, done=done)
             while not page.state.problem:
                 await asyncio.sleep(0.02)
             told.append((page.state.problem, page.state.job["running"]))
-        assert page.start_bar("sum", "a sum", fail, "gone", broken)  # whatever tab is open by then
+        assert page.start_bar("sum", "a sum", fail, "gone", done=broken)  # whatever tab is open by then
         assert page.state.problem == ""
         while not page.state.problem:
             await asyncio.sleep(0.02)
@@ -302,13 +275,13 @@ def test_coils_are_led_out_beside_the_page_and_what_is_changed_meanwhile_waits(o
         assert page.state.array_words.startswith("3 hexagonal coils of 16 × ")
         assert told == ["array.columns must leave at most 64 coils for the studio to follow; got 1000."]
         for expected in ({"connector.side": "top"}, {}):
-            page._follow_trail(back=True)
+            page._step(page._before, page._after)
             assert {key: page.work.opened.values[key] for key in expected} == expected
         assert page.work.opened is saved.opened
         gate.clear()
         page.change(connector, told.append)
         await asyncio.sleep(0)
-        page._follow_trail(back=False)  # another design meanwhile: the change is of none that is on show
+        page._step(page._after, page._before)  # another design meanwhile: the change is of none that is on show
         redone = page.work
         gate.set()
         await done()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -20,7 +21,6 @@ from coilarray.geometry.array import array_words
 from coilarray.studies.create.choices import Choices, Shape, read_arrangement, read_size
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.entries import Entry, entries_of, number_of, text_of
-from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session
 from coilarray.viz.studio.work import MOST_COILS, Work, work_on
@@ -141,8 +141,9 @@ class DesignPanel(Panel):
             self._exported.add(path)
             session.state.file_note = line
 
-        item = (write_board, session.work.opened.document, session.work.design.name, path, to)
-        session.start_bar("export", f"{to} of {session.work.design.name}", with_progress, item, done)
+        name = session.work.design.name
+        document = session.work.opened.document
+        session.start_bar("export", f"{to} of {name}", write_board, document, name, path, to, done=done)
 
     def _report(self) -> None:
         """Write the report into the folder."""
@@ -156,16 +157,15 @@ class DesignPanel(Panel):
         def done(result: Path) -> None:
             """Offer the report of the design."""
             if session.work.design.digest == design.digest:
-                try:
-                    session.state.report_url = f"reports/{session.setup.reports.add(result)}"
-                except OSError as error:
-                    session.say(f"cannot read {result}: {error.strerror}.")
+                key = secrets.token_hex(16)
+                session.setup.reports[key] = result
+                session.state.report_url = f"reports/{key}"
                 session.state.file_note = f"wrote {result}"
             else:
                 session.state.file_note = f"wrote {result}, of the design before it was changed"
 
-        item = (write, session.work.opened.document, design.name, folder)
-        session.start_bar("report", f"report of {design.name}", with_progress, item, done)
+        document = session.work.opened.document
+        session.start_bar("report", f"report of {design.name}", write, document, design.name, folder, done=done)
 
 
 def _groups(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:
@@ -233,7 +233,7 @@ class NewPanel(Panel):
 
         state.new_problem = ""
         state.new_dialog = not session.start_bar(
-            "new", f"new design {name}", with_progress, (make_design, name, choices), done, failed
+            "new", f"new design {name}", make_design, name, choices, done=done, failed=failed
         )
 
 
@@ -334,10 +334,10 @@ class BuildPanel(Panel):
         self._change(_with_layers, count)
 
     def _set_leads(self, there: bool) -> None:
-        self._change(structure.set_leads, there=there, before=self._session.earlier)
+        self._change(structure.set_leads, there=there)
 
     def _set_connector(self, edge: str) -> None:
-        self._change(structure.set_connector, edge, before=self._session.earlier)
+        self._change(structure.set_connector, edge)
 
     def _set_house(self, house: str) -> None:
         self._change(structure.set_house, house)
@@ -346,7 +346,7 @@ class BuildPanel(Panel):
         self._change(structure.remove_sheet, index)
 
     def _set_base(self, base: str) -> None:
-        self._change(structure.set_base, base, before=self._session.earlier)
+        self._change(structure.set_base, base)
 
     def _place(self, name: str, key: str, text: str) -> None:
         """Set one part of a coil's placement."""

@@ -25,24 +25,58 @@ from typing import Any, Literal
 from coilarray.compute.memory import collect_seldom
 from coilarray.compute.workers import starting
 from coilarray.errors import CoilarrayError
-from coilarray.viz.studio.services import Orders, Tell
 
-Task = Callable[[Any, Tell, Orders], Any]
-"""Function of a module. It takes an item, a function to send messages, and the orders of the page, first to stop."""
+QUIT, ZERO = "q", "z"
+"""Orders to a running task: end, and, to a watched board, measure the baseline again."""
 
 PATIENCE = 0.5
 """Default time in s for a process to end by itself after `Job.stop`."""
 
-_TOLD = 0.03  # share of a job before which no remaining time is shown
+_FIRST_PART = 0.03  # share of a job before which no remaining time is shown
 _SOME_MINUTES = 90.0  # s
-
-_STOP = "stop"
-_MOST_ORDERS = 100
 _GOODBYE = 5.0  # s, longest time for a killed process to end
 
 
 class Cancelled(Exception):  # noqa: N818 - it is no error
-    """Raised by `Tell` in a process of a stopped job."""
+    """Raised by `Link.send` in a process of a stopped job."""
+
+
+class Link:
+    """Link of a task to its page, which the task may call as a `coilarray.compute.threads.Progress`."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection, self._sending = connection, threading.Lock()
+        self._orders: deque[str] = deque()
+        self._stopped = threading.Event()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Send the progress of the task."""
+        self.send((done, total))
+
+    def send(self, message: Any) -> None:
+        """Send a message to the page, or raise `Cancelled` after a stop."""
+        if self._stopped.is_set():
+            raise Cancelled
+        self.pass_on("message", message)
+
+    def orders(self) -> str:
+        """Take the letters of the orders since the last call, `QUIT` at every call after a stop."""
+        return QUIT if self._stopped.is_set() else "".join(self._orders.popleft() for _ in range(len(self._orders)))
+
+    def pass_on(self, kind: str, value: Any) -> None:
+        """Send a value of a kind to the `Job`."""
+        data = pickle.dumps((kind, value))
+        with self._sending, suppress(OSError):
+            self._connection.send_bytes(data)
+
+    def listen(self, patience: float) -> None:
+        """Take orders, and end the process some time after a stop or the studio's end."""
+        with suppress(EOFError, OSError):
+            while (order := self._connection.recv()) != QUIT:
+                self._orders.append(order)
+        self._stopped.set()
+        time.sleep(patience)
+        os._exit(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,26 +89,25 @@ class Outcome:
 
 
 class Job:
-    """Task that runs in a process of its own.
+    """Function of a module that runs in a process of its own.
 
-    It has a pickled `item`, and starts at once. In a thread of the job, `on_message` is called with every message of
-    the task, and `on_end` once with the `Outcome`. After `stop` the process has `patience` seconds to end by itself.
+    It is called with pickled arguments and a `Link`, and starts at once. In a thread of the job, `on_message` is called
+    with every message of the function, and `on_end` once with the `Outcome`. After `stop` the process has `patience`
+    seconds to end by itself.
     """
 
     def __init__(
         self,
-        task: Task,
-        item: Any,
+        function: Callable[..., Any],
+        *arguments: Any,
         on_message: Callable[[Any], None],
         on_end: Callable[[Outcome], None],
-        *,
         patience: float = PATIENCE,
     ) -> None:
         context = get_context("spawn")  # OpenMP kills forked children
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_serve, args=(theirs, pickle.dumps((task, item)), patience), daemon=True, name="coilarray-studio"
-        )
+        task = pickle.dumps((function, arguments))
+        self._process = context.Process(target=_serve, args=(theirs, task, patience), daemon=True, name="coilarray")
         with starting():  # an interrupt goes to the studio, which then ends the job
             self._process.start()
         theirs.close()
@@ -84,19 +117,18 @@ class Job:
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
-    def stop(self) -> None:
-        """Ask the job to end and return at once."""
-        if not self._stopped.is_set():
-            self._stopped.set()
-            with suppress(OSError):
-                self._connection.send(_STOP)
-            threading.Thread(target=self._end, daemon=True).start()
-
     def send(self, order: str) -> None:
-        """Send an order to the task, see `Orders`."""
+        """Send a letter to the function, see `Link.orders`."""
         if not self._stopped.is_set():
             with suppress(OSError):
                 self._connection.send(order)
+
+    def stop(self) -> None:
+        """Ask the job to end and return at once."""
+        if not self._stopped.is_set():
+            self.send(QUIT)
+            self._stopped.set()
+            threading.Thread(target=self._end, args=(self._patience,), daemon=True).start()
 
     def close(self) -> None:
         """Stop the job, and wait until its process has ended."""
@@ -114,8 +146,7 @@ class Job:
                     break
                 if not self._stopped.is_set():
                     self._on_message(value)
-        self._process.join(_GOODBYE)
-        self._kill()
+        self._end(_GOODBYE)
         if self._stopped.is_set():
             outcome = Outcome("cancelled")
         elif outcome.kind == "cancelled":
@@ -124,25 +155,11 @@ class Job:
         self._connection.close()
         self._on_end(outcome)
 
-    def _end(self) -> None:
-        self._process.join(self._patience)
-        self._kill()
-
-    def _kill(self) -> None:
+    def _end(self, patience: float) -> None:
+        self._process.join(patience)
         if self._process.exitcode is None:
             self._process.kill()
             self._process.join(_GOODBYE)
-
-
-def with_progress(item: Any, tell: Tell, _: Orders) -> Any:
-    """Call the function and arguments of an item with a progress function."""
-    function, *arguments = item
-    return function(*arguments, progress_of(tell))
-
-
-def progress_of(tell: Tell) -> Callable[[int, int], None]:
-    """Make a `coilarray.compute.threads.Progress` that sends (done, total)."""
-    return lambda done, total: tell((done, total))
 
 
 def time_left(part: float, since: float) -> str:
@@ -155,7 +172,7 @@ def time_left(part: float, since: float) -> str:
     >>> time_left(0.01, 3), time_left(0.25, 11), time_left(0.5, 130), time_left(1.0, 130)
     ('', 'about 35 s left', 'about 2 min left', '')
     """
-    if not _TOLD < part < 1:
+    if not _FIRST_PART < part < 1:
         return ""
     seconds = since * (1 - part) / part
     if seconds < _SOME_MINUTES:
@@ -163,29 +180,20 @@ def time_left(part: float, since: float) -> str:
     return f"about {round(seconds / 60)} min left"
 
 
-def _serve(connection: Connection, payload: bytes, patience: float) -> None:
-    """Run the task in a process that ends with the connection."""
+def _serve(connection: Connection, task: bytes, patience: float) -> None:
+    """Call the function in a process that ends with the connection."""
     collect_seldom()
+
+    def leave(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
     if hasattr(signal, "SIGTERM"):
-        signal.signal(signal.SIGTERM, _leave)
-    orders = _Orders()
-    stopped = orders.stopped
-    lock = threading.Lock()
-
-    def send(kind: str, value: Any) -> None:
-        data = pickle.dumps((kind, value))
-        with lock, suppress(OSError):
-            connection.send_bytes(data)
-
-    def tell(message: Any) -> None:
-        if stopped.is_set():
-            raise Cancelled
-        send("message", message)
-
-    threading.Thread(target=_watch, args=(connection, orders, patience), daemon=True).start()
+        signal.signal(signal.SIGTERM, leave)
+    link = Link(connection)
+    threading.Thread(target=link.listen, args=(patience,), daemon=True).start()
     try:
-        task, item = pickle.loads(payload)
-        outcome = Outcome("done", task(item, tell, orders))
+        function, arguments = pickle.loads(task)
+        outcome = Outcome("done", function(*arguments, link))
     except (Cancelled, SystemExit, KeyboardInterrupt):
         outcome = Outcome("cancelled")
     except CoilarrayError as error:
@@ -193,36 +201,8 @@ def _serve(connection: Connection, payload: bytes, patience: float) -> None:
     except Exception as error:
         traceback.print_exc()
         outcome = Outcome("failed", problem=f"{type(error).__name__}: {error}")
-    send("end", outcome)
+    link.pass_on("end", outcome)
     connection.close()
-
-
-class _Orders:
-    """Orders to the task of this process, see `coilarray.viz.studio.services.Orders`."""
-
-    def __init__(self) -> None:
-        self.stopped = threading.Event()
-        self.waiting: deque[str] = deque(maxlen=_MOST_ORDERS)
-
-    def __call__(self) -> bool:
-        return self.stopped.is_set()
-
-    def take(self) -> list[str]:
-        return [self.waiting.popleft() for _ in range(len(self.waiting))]
-
-
-def _watch(connection: Connection, orders: _Orders, patience: float) -> None:
-    """End the process after a stop or the studio's end."""
-    with suppress(EOFError, OSError):
-        while (order := connection.recv()) != _STOP:
-            orders.waiting.append(order)
-    orders.stopped.set()
-    time.sleep(patience)
-    os._exit(1)
-
-
-def _leave(number: int, _: object) -> None:
-    raise SystemExit(128 + number)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +214,6 @@ class Step:
     show: Callable[[Any], None]  # runs on the page
     fail: Callable[[str], None]  # runs on the page with one line of text
     rest: float = 0.0  # s without a new request before it begins
-    patience: float = 3600.0  # s after which it goes first and without rest, although new requests keep coming
 
 
 class Calculator:
@@ -244,7 +223,6 @@ class Calculator:
         self._threads = threads
         self._todo: dict[str, Step] = {}
         self._asked = 0.0
-        self._waiting: dict[str, float] = {}  # start of the wait
         self._wake = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
         self._closed = False
@@ -256,13 +234,11 @@ class Calculator:
         """
         if self._closed:
             return
-        kept = {name: step for name, step in self._todo.items() if name not in {one.name for one in steps}}
-        self._todo = {step.name: step for step in steps} | kept
-        self._asked = self._now()
-        for step in steps:
-            self._waiting.setdefault(step.name, self._asked)
+        new = {step.name: step for step in steps}
+        self._todo = new | {name: step for name, step in self._todo.items() if name not in new}
+        self._asked = time.monotonic()
         self._wake.set()
-        if self._task is None or self._task.done():
+        if self.idle:
             self._task = asyncio.get_running_loop().create_task(self._run())
 
     @property
@@ -280,36 +256,18 @@ class Calculator:
     async def _run(self) -> None:
         """Do the steps until none is left."""
         while self._todo:
-            step, wait = self._next()
+            step = min(self._todo.values(), key=lambda one: one.rest)  # the first of them
+            wait = self._asked + step.rest - time.monotonic()
             if wait > 0:
                 self._wake.clear()
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._wake.wait(), wait)
                 continue
             del self._todo[step.name]
-            del self._waiting[step.name]
-            await self._do(step)
-
-    def _next(self) -> tuple[Step, float]:
-        """Next step, and the time in s before it may begin."""
-        now = self._now()
-        for step in self._todo.values():
-            if now - self._waiting[step.name] > step.patience:
-                return step, 0.0
-        step = min(self._todo.values(), key=lambda one: one.rest)  # the first of them
-        return step, max(0.0, self._asked + step.rest - now)
-
-    async def _do(self, step: Step) -> None:
-        """Compute a step, and show its result or its error."""
-        try:
-            result = await asyncio.get_running_loop().run_in_executor(self._threads, step.compute)
-            step.show(result)
-        except CoilarrayError as error:
-            step.fail(str(error))
-        except Exception as error:
-            traceback.print_exc()
-            step.fail(f"{type(error).__name__}: {error}")
-
-    @staticmethod
-    def _now() -> float:
-        return asyncio.get_running_loop().time()
+            try:
+                step.show(await asyncio.get_running_loop().run_in_executor(self._threads, step.compute))
+            except CoilarrayError as error:
+                step.fail(str(error))
+            except Exception as error:
+                traceback.print_exc()
+                step.fail(f"{type(error).__name__}: {error}")

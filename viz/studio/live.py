@@ -37,8 +37,8 @@ from coilarray.viz.studio.drawing import (
     state_colours,
     top_view,
 )
-from coilarray.viz.studio.job import Outcome
-from coilarray.viz.studio.services import ZERO, BoardFrame, BoardRequest, Orders, Tell
+from coilarray.viz.studio.job import ZERO, Outcome
+from coilarray.viz.studio.services import BoardFrame, BoardRequest
 from coilarray.viz.studio.session import Panel, Session
 
 SPANS = (10.0, 60.0, 600.0, 3600.0)
@@ -317,9 +317,7 @@ class LivePanel(Panel):
         except CoilarrayError as error:
             state.live_problem = str(error)
             return
-        if session.start_job(
-            _JOB, _watch, (watch, request), on_message=self._take, on_end=self._ended, patience=_PATIENCE
-        ):
+        if session.start_job(_JOB, watch, request, on_message=self._take, on_end=self._ended, patience=_PATIENCE):
             self.show(design)
             state.update({
                 "live_running": True, "live_problem": "", "live_line": "opening …", "live_paused": False,
@@ -454,8 +452,3 @@ def _lines(frame: BoardFrame) -> list[str]:
         where = [frame.problem] if frame.problem else []
     rate = "" if frame.rate is None else f"{frame.rate:.2f} scans/s, "
     return [*where, f"{rate}{frame.lost} lost"]
-
-
-def _watch(item: Any, tell: Tell, orders: Orders) -> None:
-    watch, request = item
-    watch(request, tell, orders)

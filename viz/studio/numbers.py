@@ -20,7 +20,7 @@ from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.geometry.rules import Margin, broken_rules, check_rules
 from coilarray.viz.palette import DIVERGING
-from coilarray.viz.studio.job import Step, with_progress
+from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document, Summary
 from coilarray.viz.studio.session import Circuit, Panel, Session
 
@@ -163,7 +163,6 @@ def _colours(parts: FloatArray) -> list[list[tuple[str, str]]]:
 
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
 _MOST_IN_DIGITS = 8  # largest number of coils whose matrix has numbers in its cells from the start
-_PATIENCE = 2.0  # s, longest delay of the margins while a slider moves; they take the time of some pictures
 
 
 class NumbersPanel(Panel):
@@ -239,9 +238,7 @@ class NumbersPanel(Panel):
     def rules(self, design: Design) -> Step:
         """Make the step that computes the margins."""
         fail = partial(self._session.failed, "rules", design)
-        return Step(
-            "rules", lambda: (design, margins_of(design)), self._show_margins, fail, rest=_REST, patience=_PATIENCE
-        )
+        return Step("rules", lambda: (design, margins_of(design)), self._show_margins, fail, rest=_REST)
 
     def _show(self, found: tuple[Design, Numbers]) -> None:
         """Show numbers of the design."""
@@ -332,7 +329,7 @@ class SummaryPanel(Panel):
             with self._session.state as state:
                 if self._session.is_current(design):
                     state.summary = {
-                        "headers": list(summary.headers), "rows": [list(row) for row in summary.rows],
+                        "headers": summary.table.headers, "rows": summary.table.cells(),
                         "verdicts": list(summary.verdicts), "converter": summary.converter,
                     }  # fmt: skip
                     state.summary_lacks = response is None and design.indentation is not None
@@ -352,8 +349,8 @@ class SummaryPanel(Panel):
             if circuit is not None:
                 session.slow.ask(self.steps(session.work.design, circuit.coupling))
 
-        item = (map_of, session.work.opened.document, design.name)
-        session.start_bar("response", f"response of {design.name}", with_progress, item, done)
+        document, text = session.work.opened.document, f"response of {design.name}"
+        session.start_bar("response", text, map_of, document, design.name, done=done)
 
 
 def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:

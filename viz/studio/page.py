@@ -27,14 +27,14 @@ _PARTS = (
 )  # fmt: skip
 # Results that a change of the design makes stale.
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
-_NUMBERS_FIRST = 0.015  # s for which the scene waits, as two threads of Python make each other slow
 
 
 class Page(Session):
     """Open page, which begins with the design `work`."""
 
-    def __init__(self, setup: Setup, work: Work) -> None:
+    def __init__(self, setup: Setup, work: Work, tab: str) -> None:
         super().__init__(setup, work)
+        self.tab = tab  # of the browser
         self.endpoint: Any = None  # endpoint of its messages
         self.numbers = NumbersPanel(self, self._circuit_solved, self._circuit_failed)
         self.summary = SummaryPanel(self, lambda: self.numbers.circuit)
@@ -54,7 +54,7 @@ class Page(Session):
             self.state.change("tab")(lambda function=function, **_: function())
         self.state.change("matrix_of")(lambda **_: self.numbers.draw())
         self._build_layout()
-        self.server.controller.on_server_bind.add(self._bind)
+        self.server.controller.on_server_bind.add(lambda server: setattr(self, "endpoint", server["ws"]))
         self.server.controller.on_error.add(_log_error)
         self.server.controller.on_exception.add(self._refuse_call)
         self.server.start(
@@ -122,15 +122,15 @@ class Page(Session):
         if self.setup.services.alone:
             return
         design, numbers = self.work.design, self.numbers
-        self.redraw(after=_NUMBERS_FIRST)
         self.calculator.ask([numbers.rough(design), numbers.rules(design), numbers.full(design)])
+        self.redraw()
         self.slow.ask(self.metal.steps(design))
 
-    def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
-        """Compute the scene of the current tab again after some seconds."""
+    def redraw(self, *, moving: bool = False) -> None:
+        """Compute the scene of the current tab again."""
         if not moving:
             self.scene.expect()
-        self.scenes.ask([replace(step, rest=after, patience=after) for step in self.scene.steps()])
+        self.scenes.ask(self.scene.steps())
 
     def _circuit_solved(self) -> None:
         """Show what depends on the circuit."""
@@ -150,9 +150,6 @@ class Page(Session):
         if any(str(frame.f_globals.get("__name__")).startswith("coilarray.") for frame, _ in frames):
             traceback.print_exception(error)
         self.say(str(CoilarrayError(f"{type(error).__name__}: {error}")))
-
-    def _bind(self, server: Any) -> None:
-        self.endpoint = server["ws"]
 
     def _build_layout(self) -> None:
         """Build the page from its HTML parts."""

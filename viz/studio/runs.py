@@ -19,7 +19,7 @@ from coilarray.studies.optimize.goal import unbeaten
 from coilarray.studies.optimize.run import FILE, read_studies
 from coilarray.studies.quantities import QUANTITIES
 from coilarray.viz.studio.entries import number_of
-from coilarray.viz.studio.job import Step, with_progress
+from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session, image_of
 
@@ -292,9 +292,9 @@ class RunsPanel(Panel):
             if folder.name in run_folders(folder.parent):
                 session.begin(self._read, folder.name)
 
-        item = (search_goal, session.work.opened.document, design.name, goal, count, folder)
+        item = (session.work.opened.document, design.name, goal, count, folder)
         stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
-        if session.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, cancelled=stopped):
+        if session.start_bar("search", f"{goal} of {design.name}", search_goal, *item, done=ended, cancelled=stopped):
             state.runs_problem = ""
             self._started[folder.name] = design.digest
             self._starting = session.begin(self._read_first, folder)

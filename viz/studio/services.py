@@ -1,6 +1,4 @@
-"""Functions that the studio needs from outside `coilarray.viz`.
-
-Reports, stored response tables and boards.
+"""Functions that the studio needs from outside `coilarray.viz`: reports, stored response tables and boards.
 
 `coilarray.viz` imports neither hardware nor reports, so the caller of the studio passes these functions. They run in
 processes of their own and are therefore functions of a module with plain arguments.
@@ -11,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
+
+from coilarray.viz.studio.job import Link
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.localize.inverse import Location
@@ -59,46 +60,11 @@ class BoardFrame:
 
 @dataclass(frozen=True)
 class Summary:
-    """Summary of a design.
+    """Summary of a design. `converter` is False if it is unknown what a converter reads."""
 
-    `converter` is False if it is unknown what a converter reads.
-    """
-
-    headers: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    table: Table
     verdicts: Sequence[str]
     converter: bool = True
-
-
-Tell = Callable[[Any], None]
-"""Sends a message from the process of a job. After a stop it raises `coilarray.viz.studio.job.Cancelled`."""
-
-ZERO = "z"
-"""Order to a watched board to measure the baseline again."""
-
-
-class Orders(Protocol):
-    """Orders of the page to a job while it runs."""
-
-    def __call__(self) -> bool:
-        """Check if the job should end."""
-
-    def take(self) -> list[str]:
-        """Take the orders that came since the last call."""
-
-
-WriteReport = Callable[[Document, str, Path, "Progress"], Path]
-"""Writes the report of a design (document, name) into a folder and returns its page."""
-
-ResponseTable = Callable[[Document, str, "Progress"], "xr.Dataset"]
-"""Returns the response of a design (document, name) at the positions of `coilarray.localize.forward.table_grid`."""
-
-Summarize = Callable[["Design", "xr.Dataset", "xr.Dataset | None"], "Summary"]
-"""Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the board, if known."""
-
-WatchBoard = Callable[[BoardRequest, Callable[[Sequence[BoardFrame]], None], Orders], None]
-"""Opens a board or a recording, sends a frame for every scan, several at once, until it is stopped, and leaves the
-board at rest. It follows the order `ZERO`."""
 
 
 def compute_table(document: Document, name: str, progress: Progress) -> xr.Dataset:
@@ -111,14 +77,17 @@ def compute_table(document: Document, name: str, progress: Progress) -> xr.Datas
 
 @dataclass(frozen=True)
 class Services:
-    """Functions that the caller of the studio provides."""
+    """Functions that the caller of the studio provides. A missing function has no button, tab or table."""
 
-    response_table: ResponseTable = compute_table
-    # A `WriteReport`, a `WatchBoard` and a `Summarize`. A missing function has no button, tab or table.
-    write_report: WriteReport | None = None
-    watch_board: WatchBoard | None = None
+    # Returns the response of a design (document, name) at the positions of `coilarray.localize.forward.table_grid`.
+    response_table: Callable[[Document, str, Progress], xr.Dataset] = compute_table
+    # Writes the report of a design (document, name) into a folder and returns its page.
+    write_report: Callable[[Document, str, Path, Progress], Path] | None = None
+    # Opens a board or a recording, sends lists of frames, and leaves the board at rest. It follows the order `ZERO`.
+    watch_board: Callable[[BoardRequest, Link], None] | None = None
     port: str = "emulator"  # port of the watched board, if the page does not name another port
-    summarize: Summarize | None = None
+    # Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the board, if known.
+    summarize: Callable[[Design, xr.Dataset, xr.Dataset | None], Summary] | None = None
     recording: str | None = None  # file of a recording that is replayed instead
     log: str | None = None  # file of a recording to be written
     reference: Sequence[str] = ()  # states that nothing touches, for the first reading

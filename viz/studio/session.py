@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
+import inspect
 import io
 import math
 import secrets
@@ -16,14 +16,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pydantic import ConfigDict, ValidationError, validate_call
 
 from coilarray.circuit.network import Network
 from coilarray.compute.table import png_url
 from coilarray.design.model import Design
-from coilarray.errors import CoilarrayError
-from coilarray.viz.studio.job import PATIENCE, Calculator, Job, Outcome, Task, time_left
-from coilarray.viz.studio.messages import MessageError, checked
+from coilarray.errors import CoilarrayError, shown
+from coilarray.viz.studio.job import PATIENCE, Calculator, Job, Outcome, time_left
 from coilarray.viz.studio.services import Document, Services
 from coilarray.viz.studio.work import Shelf, Work
 
@@ -32,34 +33,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _JOINED = 1.0  # s, changes of a slider within it are undone together
-_NOTICED = 0.3  # s after which the page shows that leads are being routed
 _LONGEST = 200  # designs that can be undone
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
 _DPI = 110
-
-
-class ReportPages:
-    """Reports of a studio, each by a key that nobody can guess, unless the file has changed since."""
-
-    def __init__(self) -> None:
-        self._written: dict[str, tuple[Path, bytes]] = {}  # with the SHA-256 digest of the file
-
-    def add(self, path: Path) -> str:
-        """Add a report and return its key, or raise OSError."""
-        key = secrets.token_hex(16)
-        self._written[key] = path, hashlib.sha256(path.read_bytes()).digest()
-        return key
-
-    def read(self, key: str) -> bytes | None:
-        """Report of a key, or None if it is unknown, gone or replaced."""
-        if key not in self._written:
-            return None
-        path, digest = self._written[key]
-        try:
-            page = path.read_bytes()
-        except OSError:
-            return None
-        return page if hashlib.sha256(page).digest() == digest else None
+_STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
@@ -68,41 +45,19 @@ class Setup:
 
     shelf: Shelf
     services: Services
-    reports: ReportPages  # written by its pages
+    reports: dict[str, Path]  # written by its pages, by keys that nobody can guess
     threads: Executor  # computes the steps
     rendering_problem: str | None  # why there is no picture in 3-D
 
 
-@dataclass(frozen=True, eq=False)
-class Circuit:
+class Circuit(NamedTuple):
     """Circuit of a design as the converter sees it."""
 
     network: Network  # coils, switches and tank with all losses and strays
     coupling: xr.Dataset  # of `coilarray.circuit.coupling.couple_design`
 
 
-@dataclass(frozen=True, eq=False)
-class Trail:
-    """Earlier designs, and undone designs, of which the next comes first."""
-
-    before: tuple[Work, ...] = ()
-    after: tuple[Work, ...] = ()
-
-    def left(self, work: Work) -> Trail:
-        """Trail after a new design has replaced `work`."""
-        return Trail((*self.before, work)[-_LONGEST:])
-
-    def undo(self, work: Work) -> tuple[Trail, Work]:
-        """Trail and design before `work`, which must exist, as of the same file."""
-        return Trail(self.before[:-1], (work, *self.after)), self.before[-1].of_file(work)
-
-    def redo(self, work: Work) -> tuple[Trail, Work]:
-        """Trail and design that was undone last, which must exist."""
-        return Trail((*self.before, work), self.after[1:]), self.after[0].of_file(work)
-
-
-@dataclass(frozen=True, eq=False)
-class _Change:
+class _Change(NamedTuple):
     """Change of the design that waits for earlier changes."""
 
     made: Callable[[Work], Document]
@@ -118,7 +73,9 @@ class Session(ABC):
 
         self.setup = setup
         self.key, self.secret = secrets.token_hex(16), secrets.token_hex(16)  # the client makes letters small
-        self.work, self._trail, self._changed_at = work, Trail(), -math.inf
+        self.work, self._changed_at = work, -math.inf
+        self._before: list[Work] = []  # earlier designs, and undone designs, the next one last
+        self._after: list[Work] = []
         self._changes: dict[object, _Change] = {}  # waiting changes
         self._changing: asyncio.Task[None] | None = None
         self.server: Any = get_server(self.key, client_type="vue3")
@@ -128,30 +85,21 @@ class Session(ABC):
         self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
-        self.state.update(
-            {
-                "problem": "",
-                "job": _NO_JOB,
-                "stale": [],
-                "failures": {},
-                "shown_accuracy": "",
-                "accuracy": "",
-                "can_undo": False,
-                "can_redo": False,
-                "routing": False,
-            }
-        )
+        self.state.update({
+            "problem": "", "job": _NO_JOB, "stale": [], "failures": {}, "shown_accuracy": "", "accuracy": "",
+            "can_undo": False, "can_redo": False, "routing": False,
+        })  # fmt: skip
         self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
-        self.trigger("undo", lambda: self._follow_trail(back=True))
-        self.trigger("redo", lambda: self._follow_trail(back=False))
+        self.trigger("undo", lambda: self._step(self._before, self._after))
+        self.trigger("redo", lambda: self._step(self._after, self._before))
 
     @abstractmethod
     def _show(self, work: Work, *, typed: bool) -> None:
         """Show a design on all panels."""
 
     @abstractmethod
-    def redraw(self, *, after: float = 0.0, moving: bool = False) -> None:
-        """Compute the scene of the current tab again after some seconds.
+    def redraw(self, *, moving: bool = False) -> None:
+        """Compute the scene of the current tab again.
 
         A `moving` scene is not marked as stale, because it is always a little late.
         """
@@ -173,10 +121,13 @@ class Session(ABC):
     def take(self, work: Work, *, typed: bool = False) -> None:
         """Show another or a changed design, `typed` if it comes from the fields."""
         if work.file != self.work.file:
-            self._trail = Trail()
+            self._before.clear()
+            self._after.clear()
             self._changes.clear()
         elif work is not self.work and not (typed and time.monotonic() - self._changed_at < _JOINED):
-            self._trail = self._trail.left(self.work)
+            self._before.append(self.work)
+            del self._before[:-_LONGEST]
+            self._after.clear()
         self._changed_at = time.monotonic() if typed else -math.inf
         self._show(work, typed=typed)
 
@@ -191,66 +142,48 @@ class Session(ABC):
         """Change the document of the design and show the design.
 
         `made` makes the new document from the present design. `refused` is called with one line if the change is
-        impossible. Routing coils to a connector takes seconds: it is done beside the page, and changes meanwhile wait.
-        From several changes of one `entry` only the last is made.
+        impossible. Changes are made one after the other, and of several changes of one `entry` only the last.
         """
         change = _Change(made, refused, typed)
-        if self._changing is None or self._changing.done():
-            try:
-                document = made(self.work)
-                if "connector" not in document:
-                    self._take_change(self.work.with_document(document), change)
-                    return
-            except CoilarrayError as error:
-                refused(str(error))
-                return
-            self._changing = self.begin(self._route)
         self._changes.pop(entry, None)
         self._changes[entry or change] = change
+        if self._changing is None or self._changing.done():
+            self._changing = self.begin(self._make_changes)
 
-    async def _route(self) -> None:
+    async def _make_changes(self) -> None:
         """Make the changes that wait, unless the design is undone or another is opened meanwhile."""
-
-        def say(routing: bool) -> None:
-            with self.state:
-                self.state.routing = routing
-
-        saying = self._loop.call_later(_NOTICED, say, True)
-        try:
-            while self._changes:
-                change = self._changes.pop(next(iter(self._changes)))
-                begun = self.work
-                try:
-                    work = await asyncio.to_thread(lambda: begun.with_document(change.made(begun)))  # noqa: B023
-                except CoilarrayError as error:
+        while self._changes:
+            change = self._changes.pop(next(iter(self._changes)))
+            begun = self.work
+            try:
+                document = change.made(begun)
+                if "connector" in document:  # to route all coils to it takes seconds
                     with self.state:
-                        change.refused(str(error))
-                    continue
-                if self.work.opened.document is begun.opened.document:
-                    self._take_change(work.of_file(self.work), change)
-        finally:
-            saying.cancel()
-            say(False)
+                        self.state.routing = True
+                    work = await asyncio.to_thread(begun.with_document, document)
+                else:
+                    work = begun.with_document(document)
+            except CoilarrayError as error:
+                with self.state:
+                    change.refused(str(error))
+                continue
+            finally:
+                with self.state:
+                    self.state.routing = False
+            same = self.work.opened.document is begun.opened.document
+            if same and not (change.typed and work.design.digest == begun.design.digest):
+                self.take(work.of_file(self.work), typed=change.typed)
 
-    def _take_change(self, work: Work, change: _Change) -> None:
-        if not change.typed or work.design.digest != self.work.design.digest:
-            self.take(work, typed=change.typed)
-
-    @property
-    def earlier(self) -> list[Document]:
-        """Documents of the design before its changes, the last first."""
-        return [*(work.opened.document for work in reversed(self._trail.before)), self.work.kept]
-
-    def _follow_trail(self, *, back: bool) -> None:
+    def _step(self, there: list[Work], back: list[Work]) -> None:
         """Undo the last change, or redo it."""
-        if self._trail.before if back else self._trail.after:
-            self._trail, work = (self._trail.undo if back else self._trail.redo)(self.work)
+        if there:
+            back.append(self.work)
             self._changed_at = -math.inf
             self._changes.clear()
-            self._show(work, typed=False)
+            self._show(there.pop().of_file(self.work), typed=False)
 
     def _say_trail(self) -> None:
-        self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
+        self.state.can_undo, self.state.can_redo = bool(self._before), bool(self._after)
 
     # ---------------------------------------------------------------- what is shown of it
 
@@ -292,12 +225,19 @@ class Session(ABC):
             self.state.problem = problem
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
-        """Let the page call a function or coroutine by name, and show its errors."""
-        strict = checked(name, function)
+        """Let the page call a function or coroutine by name with checked arguments, and show its errors."""
+        strict = validate_call(config=_STRICT)(function)
 
         async def call(*arguments: Any) -> None:
             with self._showing_errors():
-                await strict(*arguments)
+                try:
+                    result = strict(*arguments)
+                    if inspect.isawaitable(result):
+                        await result
+                except ValidationError as error:
+                    first = error.errors(include_url=False, include_context=False)[0]
+                    place = ".".join(map(str, first["loc"]))
+                    self.say(f"{name}: {place}: {first['msg']}; got {shown(first['input'])}.")
 
         self.server.controller.trigger(name)(call)
 
@@ -315,14 +255,13 @@ class Session(ABC):
     def start_job(
         self,
         name: str,
-        task: Task,
-        item: Any,
-        *,
+        function: Callable[..., Any],
+        *arguments: Any,
         on_message: Callable[[Any], None],
         on_end: Callable[[Outcome], None],
         patience: float = PATIENCE,
     ) -> bool:
-        """Start a `Job` whose functions are called on the page, unless one of its name runs."""
+        """Start a `Job` whose `on_message` and `on_end` are called on the page, unless one of its name runs."""
         if name in self._jobs:
             return False
 
@@ -335,15 +274,17 @@ class Session(ABC):
             with self.state:
                 on_message(value)
 
-        self._jobs[name] = Job(task, item, self._on_loop(message), self._on_loop(ended), patience=patience)
+        self._jobs[name] = Job(
+            function, *arguments, on_message=self._on_loop(message), on_end=self._on_loop(ended), patience=patience
+        )
         return True
 
     def start_bar(
         self,
         name: str,
         text: str,
-        task: Task,
-        item: Any,
+        function: Callable[..., Any],
+        *arguments: Any,
         done: Callable[[Any], None],
         failed: Callable[[str], None] | None = None,
         cancelled: Callable[[], None] = lambda: None,
@@ -357,10 +298,10 @@ class Session(ABC):
         begun = time.monotonic()
 
         def heard(message: Any) -> None:
-            (progress if isinstance(message, tuple) else watch)(message)
-
-        def progress(message: tuple[int, int] | None = None) -> None:
-            part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
+            if not isinstance(message, tuple):
+                watch(message)
+                return
+            part = round(100 * message[0] / message[1], 1) if message[1] else None
             left = "" if part is None else time_left(part / 100, time.monotonic() - begun)
             self.state.job = {"name": name, "text": text, "part": part, "left": left, "running": True}
 
@@ -373,10 +314,10 @@ class Session(ABC):
             else:
                 cancelled()
 
-        started = self.start_job(name, task, item, on_message=heard, on_end=ended)
+        started = self.start_job(name, function, *arguments, on_message=heard, on_end=ended)
         if started:
             self.say("")
-            progress()
+            heard((0, 0))
         return started
 
     def tell_job(self, name: str, order: str) -> None:
@@ -407,8 +348,6 @@ class Session(ABC):
         """Show an error of the block on the page, as no other code would see it."""
         try:
             yield
-        except MessageError as error:
-            self.say(str(error))
         except Exception as error:
             traceback.print_exc()
             self.say(f"{type(error).__name__}: {error}")

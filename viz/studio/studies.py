@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from typing_extensions import TypedDict
 
 from coilarray.compute.display_units import DisplayUnit, value_text
 from coilarray.compute.netcdf import save_dataset
@@ -24,9 +25,8 @@ from coilarray.studies.sweep import RULES, parse_axis, plan_sweep, run_sweep
 from coilarray.studies.tolerance import analyse, load_tolerances
 from coilarray.studies.tolerance.analysis import default_quantities
 from coilarray.viz.studio.entries import Entry, entries_of, number_of, text_of
-from coilarray.viz.studio.job import progress_of, with_progress
-from coilarray.viz.studio.messages import Axis
-from coilarray.viz.studio.services import Document, Orders, Tell
+from coilarray.viz.studio.job import Link
+from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session, image_of
 from coilarray.viz.studio.work import Work
 
@@ -34,6 +34,15 @@ _EVERY = 1.0  # s between two results of a running sweep
 _STEPS = 5  # number of offered values
 _NEAR = 0.2  # range of the offered values to both sides, over the present value
 _THREE = DisplayUnit(digits=3, significant=True)
+
+
+class Axis(TypedDict):
+    """Axis of a sweep as on the page."""
+
+    number: int
+    key: str | None
+    values: str
+
 
 PLAIN = tuple(name for name, quantity in QUANTITIES.items() if not any(one.required for one in quantity.options))
 """Names of the quantities that need no options."""
@@ -67,7 +76,7 @@ class Row:
     broken: bool = False  # breaks fabrication rules
 
 
-def sweep_entries(item: SweepRequest, tell: Tell, _: Orders) -> SweepResult:
+def sweep_entries(item: SweepRequest, link: Link) -> SweepResult:
     """Sweep as ``coilarray sweep`` does, with the same store."""
     file = build_design_file(item.document, item.name)
     wanted = item.quantities or default_quantities(file.design)[:1]
@@ -77,10 +86,10 @@ def sweep_entries(item: SweepRequest, tell: Tell, _: Orders) -> SweepResult:
     def watch(so_far: Callable[[], xr.Dataset]) -> None:
         nonlocal sent
         if time.monotonic() - sent > _EVERY:
-            tell(SweepResult(plan.points, so_far()))
+            link.send(SweepResult(plan.points, so_far()))
             sent = time.monotonic()
 
-    found = run_sweep(plan, 1, open_store(None), progress=progress_of(tell), watch=watch)
+    found = run_sweep(plan, 1, open_store(None), progress=link, watch=watch)
     return SweepResult(plan.points, found)
 
 
@@ -208,21 +217,21 @@ class StudiesPanel(Panel):
         try:
             if kind == "sweep":
                 texts = tuple(f"{axis['key']}={axis['values']}" for axis in axes if axis["key"])
-                item: Any = SweepRequest(work.opened.document, work.design.name, texts, names)
+                item: Any = (SweepRequest(work.opened.document, work.design.name, texts, names),)
             elif kind == "tolerance":
                 count = round(number_of("boards", str(boards)))
                 if not 0 <= count <= _MOST_BOARDS:
                     raise DesignError(f"boards must be 0 to {_MOST_BOARDS}; got {boards}.")
                 path = None if file == _TYPICAL else session.setup.shelf.path(file)
-                task = with_progress
-                item = (spread_boards, work.opened.document, work.design.name, path, names, count)
+                task = spread_boards
+                item = (work.opened.document, work.design.name, path, names, count)
             else:
                 return
         except CoilarrayError as error:
             state.study_problem = str(error)
             return
         name = f"{kind} of {work.design.name}"
-        if session.start_bar("study", name, task, item, done, cancelled=cancelled, watch=watch):
+        if session.start_bar("study", name, task, *item, done=done, cancelled=cancelled, watch=watch):
             state.study_problem, state.study = "", _NONE
             self._of, self._found = None, None
 

@@ -36,7 +36,6 @@ from coilarray.viz.studio.drawing import (
     top_view,
 )
 from coilarray.viz.studio.entries import number_of, place_text
-from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.session import Panel, Session
 
 _STEP = 1e-3  # m between the points of a map to which ellipses are fitted
@@ -266,8 +265,9 @@ class TouchPanel(Panel):
         def note(text: str = "Cancelled.") -> None:
             session.state.touch_note = text
 
-        item = (session.setup.services.response_table, session.work.opened.document, design.name)
-        if session.start_bar("table", f"response of {design.name}", with_progress, item, done, cancelled=note):
+        table, text = session.setup.services.response_table, f"response of {design.name}"
+        document = session.work.opened.document
+        if session.start_bar("table", text, table, document, design.name, done=done, cancelled=note):
             note("")
 
     def _take_table(self, design: Design, table: xr.Dataset) -> None:

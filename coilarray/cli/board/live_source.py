@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from coilarray.hardware.scan.readings import ScanReading
     from coilarray.hardware.scan.settings import ScanSettings
     from coilarray.localize.forward import ForwardModel
-    from coilarray.viz.studio.services import BoardFrame, BoardRequest, Orders
+    from coilarray.viz.studio.job import Link
+    from coilarray.viz.studio.services import BoardFrame, BoardRequest
 
 QUIT, ZERO = "q", "z"
 """Orders to a running display: end, and measure the baseline again."""
@@ -287,11 +288,13 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
     HardwareError if the reading of the board failed.
     """
     from coilarray.hardware.record.recorder import open_recorder
-    from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, serve
+    from coilarray.viz.studio.access import LOOPBACK, Address, bind, check_studio
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.work import Shelf, work_on
 
     check_studio()
+    from coilarray.viz.studio.server import serve
+
     if options.out is not None:
         with open_recorder(options.out):
             pass  # one that exists is refused before the page is shown, not by it
@@ -320,31 +323,23 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
 # This runs in a process of its own, and is therefore a function of a module with plain arguments.
 
 
-def watch_board(
-    base: LiveOptions,
-    locate: bool,
-    request: BoardRequest,
-    send: Callable[[Sequence[BoardFrame]], None],
-    orders: Orders,
-) -> None:
-    """See `coilarray.viz.studio.services.WatchBoard`; `base` has all options that the page does not offer."""
+def watch_board(base: LiveOptions, locate: bool, request: BoardRequest, link: Link) -> None:
+    """Send the readings of a board to a page; `base` has all options that the page does not offer."""
     from coilarray.design.model import build_design
 
     design = build_design(request.document, request.name)
     options = _options(base, request)
-    with _sender(send) as tell:
+    with _sender(link.send) as tell:
         name = request.recording or request.port
         emulated = request.recording is None and is_emulator(request.port)
         wait = partial(_wait, tell, name, emulated)
         locates = locate and design.indentation is not None
-        with live_source(options, design, locate=locates, progress=wait) as source:
-
-            def asked() -> str:
-                return QUIT if orders() else "".join(orders.take())
-
-            with closing(live_readings(source, options, asked)) as readings:
-                for reading in readings:
-                    tell(_frame(reading, source.line, emulated=source.emulated))
+        with (
+            live_source(options, design, locate=locates, progress=wait) as source,
+            closing(live_readings(source, options, link.orders)) as readings,
+        ):
+            for reading in readings:
+                tell(_frame(reading, source.line, emulated=source.emulated))
 
 
 def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
