@@ -18,6 +18,7 @@ import typer.core
 from coilarray.cli import (
     calibrate,
     check,
+    docs,
     export,
     impedance,
     init,
@@ -38,12 +39,16 @@ from coilarray.cli.board import campaign, compare, info, live, measure, self_tes
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt, was_interrupted
 from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
-from coilarray.compute.memory import collect_seldom
+from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
+_SMALL = {"check", "docs", "keys"}
+_LEAST_MEMORY = 0.6e9  # bytes of address space, below which libraries of linear algebra wait for memory without end
+# bytes of address space: for pictures in three dimensions, and for Optuna beside processes that are started
+_MORE_MEMORY = {"report": 1.8e9, "view": 1.8e9, "optimize": 1.2e9}
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
 # Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
 # It reads these when NumPy is first imported, which no module here does before a command runs.
@@ -65,7 +70,7 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
         "board live": live.live,
     },
     "Paper": {"paper fit": paper.fit, "paper distortion": paper.distortion},
-    "Help": {"keys": keys.keys},
+    "Help": {"keys": keys.keys, "docs": docs.docs},
 }  # fmt: skip
 """Every command by its name, in the groups and the order of the help."""
 
@@ -150,6 +155,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if len(arguments) == 1 and arguments[0] in _FAMILIES:
         arguments.append("--help")
     command = " ".join(arguments[:2]) if arguments[0] in _FAMILIES else arguments[0]
+    needed = _MORE_MEMORY.get(command, _LEAST_MEMORY)
+    if command in COMMANDS.keys() - _SMALL and "--help" not in arguments and own_limit() < needed:
+        return _refuse(
+            f"coilarray {command} needs {needed / 1e9:g} GB of address space; "
+            f"{own_limit() / 1e9:.2f} GB are left (ulimit -v)."
+        )
     try:
         with _telling_unusual_values():
             code = program(command)(arguments, prog_name="coilarray", standalone_mode=False)

@@ -18,7 +18,7 @@ from coilarray.compute.threads import Progress, threads
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.words import metal_words
 from coilarray.design.write import as_file
-from coilarray.errors import CoilarrayError, LocalizeError
+from coilarray.errors import CoilarrayError, LocalizeError, OutputError
 from coilarray.geometry.array import array_words
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.report import circuit_tables, figures, position
@@ -27,6 +27,8 @@ from coilarray.report.page import html_page, now, provenance_section
 from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, both_planes, lead, model_words
 from coilarray.report.summary import summary_table, verdicts
 from coilarray.response.dataset import coils_outside
+
+_GENERATOR = b'name="generator" content="coilarray"'  # in the first bytes of every page
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,8 @@ def write_report(
     LocalizeError
         A distortion of another design.
     OutputError
-        A file that cannot be written. Each file is written under a temporary name first, so none is left half-written.
+        A file that cannot be written, or a ``report.html`` that is no report of coilarray. Each file is written under a
+        temporary name first, so none is left half-written.
 
     Notes
     -----
@@ -122,6 +125,9 @@ def write_report(
         raise LocalizeError(f"the distortion is that of another design than {design.name}.")
     folder = Path(where)
     make_folder(folder)  # a folder that cannot be written is known before the work begins
+    target = folder / "report.html"
+    if target.is_file() and _GENERATOR not in target.read_bytes()[:500]:
+        raise OutputError(f"{target} exists and is not a report of coilarray; move it, or choose another folder.")
     made: dict[str, Section] = {}
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:
@@ -171,11 +177,11 @@ def write_report(
         write_text(data_folder / name, text)
     for name, content in contents.items():
         write_bytes(data_folder / f"{name}.nc", content)
-    write_text(folder / "report.html", page)
+    write_text(target, page)
     if progress is not None:
         progress(len(SECTIONS) + 1, len(SECTIONS) + 1)
     return Report(
-        folder / "report.html", data_folder, results.coupling.result(), data, problem.result(), summary.brief(),
+        target, data_folder, results.coupling.result(), data, problem.result(), summary.brief(),
         broken, tuple(sections),
     )  # fmt: skip
 

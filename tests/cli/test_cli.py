@@ -14,12 +14,13 @@ import xarray as xr
 from support.command_line import mistakes, runner, successes
 
 from coilarray import couple_design, load_design, load_design_file, new_design
+from coilarray.cli.docs import find_page
 from coilarray.cli.main import COMMANDS, GROUPS, program, summary
 from coilarray.cli.shared import lengths
 from coilarray.compute.netcdf import save_dataset
 from coilarray.compute.table import text_table
 from coilarray.design.bundled import read
-from coilarray.errors import ElastomerError
+from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
 from coilarray.report.tables import matrix_tables
 from coilarray.studies.create import Choices
 
@@ -58,6 +59,46 @@ def test_help_of_every_command_has_an_example(capsys, command):
 
 def test_a_misspelt_command_gets_the_right_one_named(capsys):
     assert "No such command 'impedence'. Did you mean 'impedance'?" in refused(capsys, "impedence")
+
+
+@pytest.fixture
+def built(tmp_path):
+    """Return a clone with built pages."""
+    for page in ("index", "start/index", "start/first_report", "reference/commands/report"):
+        path = tmp_path / "docs" / "_build" / "html" / f"{page}.html"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    return tmp_path
+
+
+def test_pages_are_found_by_the_end_of_their_path(built):
+    html = built / "docs" / "_build" / "html"
+    assert find_page(built, "index") == html / "index.html"  # the one with the shortest path
+    assert find_page(built, "start/index") == find_page(built, "start/index.html") == html / "start" / "index.html"
+    assert find_page(built, "report") == html / "reference" / "commands" / "report.html"
+    with pytest.raises(OutputError, match=r"art/index.*index"):
+        find_page(built, "art/index")
+    with pytest.raises(OutputError, match="coilarray docs"):
+        find_page(built, "")
+    with pytest.raises(OutputError, match="there is no page"):
+        find_page(built, "../../../secret")
+    (html / "index.html").unlink()
+    with pytest.raises(MissingDependencyError, match=r"not built; in a clone of .* python -m sphinx docs docs/_build"):
+        find_page(built, "index")
+
+
+def test_docs_opens_a_page_or_prints_its_path(built, capsys, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
+    monkeypatch.setattr("coilarray.cli.docs.CLONE", built)
+    page = built / "docs" / "_build" / "html" / "start" / "first_report.html"
+    assert good(capsys, "docs", "first_report", "--print") == f"{page}\n"
+    assert not opened
+    assert good(capsys, "docs", "first_report") == f"{page}\n"
+    assert opened == [page.as_uri()]
+    monkeypatch.setattr("webbrowser.open", lambda url: False)
+    code, _, err = run(capsys, "docs", "first_report")
+    assert (code, err) == (2, f"coilarray: error: no browser can be opened here; the page is {page}.\n")
 
 
 @pytest.mark.parametrize(
@@ -209,6 +250,12 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
     assert file.document["coils"]["square"]["outer_across_flats_mm"] == 8
     assert file.values["fab.profile"] == "aisler-4-layer"
     assert file.design.indentation is None
+
+
+def test_a_page_of_the_user_is_not_replaced_by_a_report(capsys):
+    Path("report.html").write_text("mine", encoding="utf-8")
+    assert "report.html exists and is not a report of coilarray" in refused(capsys, "report", "starter")
+    assert Path("report.html").read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.slow

@@ -103,7 +103,7 @@ def test_every_command(monkeypatch, command, encoding):
 
 
 def test_every_command_is_looked_at():
-    assert set(map(command_of, quickest())) | {"studio"} == set(COMMANDS)
+    assert set(map(command_of, quickest())) | {"docs", "studio"} == set(COMMANDS)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

@@ -187,3 +187,7 @@ def test_lack_of_memory_is_one_line(monkeypatch, capsys, error, code):
     monkeypatch.setattr(main, "program", lambda name: program)
     assert main.main(["impedance"]) == code
     assert capsys.readouterr().err == "coilarray: error: there is not enough memory for coilarray impedance.\n"
+    monkeypatch.setattr(main, "own_limit", lambda: 3e8)
+    assert main.main(["impedance"]) == 2
+    line = "coilarray: error: coilarray impedance needs 0.6 GB of address space; 0.30 GB are left (ulimit -v).\n"
+    assert capsys.readouterr().err == line

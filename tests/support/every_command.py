@@ -78,7 +78,7 @@ WRITES = [
 # these take long to draw, and are only stopped later: s.png and n.png, which are written alike, at their first byte too
 PICTURES = {"c.png", "d.png", "i.png", "m.png", "r.png", "rules.png", "t.png"}
 SLOW = PICTURES | {"folder", "m.s1p", "r.nc", "v.gif", "v.html", "v.png"}
-WRITES_NOTHING = {"locate", "studio", "keys", "board test"}
+WRITES_NOTHING = {"locate", "studio", "docs", "keys", "board test"}
 BALL = """[target]
 shape = "sphere"
 diameter_mm = 8

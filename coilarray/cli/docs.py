@@ -1,0 +1,67 @@
+"""``coilarray docs``."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coilarray.compute.extras import python_command
+from coilarray.errors import MissingDependencyError, OutputError
+
+CLONE = Path(__file__).resolve().parents[2]
+"""Folder in which the package lies: the clone, where it is installed from one."""
+_BUILT = Path("docs", "_build", "html")  # of a clone, where the command of CONTRIBUTING.md writes them
+_PAGE = ".html"
+
+
+def docs(
+    page: Annotated[
+        str,
+        typer.Argument(metavar="PAGE", help="Page to open, such as start/first_report, or a command such as report."),
+    ] = "index",
+    only_print: Annotated[bool, typer.Option("--print", help="Print the page's path and open nothing.")] = False,
+) -> None:
+    """Open the documentation in the browser, once it is built.
+
+    The pages are in docs/_build/html of the clone that the package is installed from. PAGE is the end of a page's path:
+    first_report and start/first_report name the same page.
+
+    Example: coilarray docs start/first_report
+
+    Example: coilarray docs report --print
+    """
+    path = find_page(CLONE, page)
+    typer.echo(path)
+    if only_print:
+        return
+    import webbrowser
+
+    if not webbrowser.open(path.as_uri()):
+        raise OutputError(f"no browser can be opened here; the page is {path}.")
+
+
+def find_page(clone: Path, page: str) -> Path:
+    """Return the file of a built page by the end of its path.
+
+    Of several it is the shortest path, and of those the first. Raises MissingDependencyError without built pages,
+    OutputError for a page that is not there.
+    """
+    built = clone / _BUILT
+    if not (built / f"index{_PAGE}").is_file():
+        where, python = "a clone of coilarray (an installed package has no pages)", "python"
+        if (clone / "docs" / "conf.py").is_file():
+            where, python = str(clone), python_command(clone)
+        build = f'{python} -m pip install -e ".[docs]" && {python} -m sphinx docs docs/_build/html'
+        raise MissingDependencyError(f"the pages are not built; in {where}: {build}")
+    parts = tuple(page.strip("/").removesuffix(_PAGE).split("/"))
+    paths = [path.relative_to(built).with_suffix("") for path in built.rglob(f"*{_PAGE}")]
+    found = [path for path in paths if path.parts[-len(parts) :] == parts]
+    if not found:
+        close = difflib.get_close_matches(parts[-1], [path.name for path in paths], n=1)
+        meant = f"; did you mean {close[0]}?" if close else "; `coilarray docs` opens the first one."
+        raise OutputError(f"there is no page {page!r}{meant}")
+    first = min(found, key=lambda path: (len(path.parts), str(path)))
+    return built / first.with_name(first.name + _PAGE)
