@@ -168,6 +168,7 @@ def _print_quantities(*, as_json: bool) -> None:
 
 def _lines(result: Optimization) -> list[str | Table]:
     """Describe the search, and compare given and best designs."""
+    from coilarray.geometry import check_rules
     from coilarray.report.optimization import (
         at_ends,
         chosen_designs,
@@ -188,6 +189,10 @@ def _lines(result: Optimization) -> list[str | Table]:
     chosen = chosen_designs(result)
     lines: list[str | Table] = [tried, "", quantity_table(result, chosen, result.goal.quantities).without("says"), ""]
     lines += [variable_table(result, chosen), "", *at_ends(result, chosen)]
+    designs = {one.label: one.design for one in chosen}
+    broken = [label for label, of in designs.items() if not all(m.kept for m in check_rules(of.array, of.rules))]
+    if broken:
+        lines.append(f"{', '.join(broken)} break fabrication rules (coilarray check), which the goal allows")
     lines += [f"{one.label}: {words}" for one in chosen if (words := unread_words(one.design))]
     if len(result.goal.objectives) > 1:
         lines.append(f"Pareto front: {len(result.front)} designs")
