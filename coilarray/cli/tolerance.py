@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-_LARGEST_STEP_CHANGE = 0.05  # of a standard deviation
 _ERRORS_OFF = 3.0  # standard errors
 _NAMED = 6  # outputs in a line
 
@@ -123,12 +122,15 @@ def _numbers(result: xr.Dataset) -> dict[str, Any]:
 
 def _remarks(result: xr.Dataset) -> list[str]:
     """Sentences below the tables."""
+    import numpy as np
+
     boards, drawn = int(result.attrs["boards"]), int(result.sizes.get("sample", 0))
     lines = [
         f"{boards} boards computed: the nominal one, {boards - drawn - 1} with one error each, {drawn} drawn; "
         "the shares of board and layer add up"
     ]
-    bent = _not_linear(result)
+    off = np.abs(result.ratio - 1) > _ERRORS_OFF * result.ratio_error if "ratio" in result else None
+    bent = [] if off is None else [str(name) for name in result.output.values[off.values]]
     if bent:
         more = f" and {len(bent) - _NAMED} more" if len(bent) > _NAMED else ""
         lines.append(
@@ -153,14 +155,3 @@ def _remarks(result: xr.Dataset) -> list[str]:
             "not fit within the noise"
         )
     return lines
-
-
-def _not_linear(result: xr.Dataset) -> list[str]:
-    """Name the outputs whose linearised spread is not valid."""
-    import numpy as np
-
-    bent = result.step_change.values > _LARGEST_STEP_CHANGE
-    if "ratio" in result:
-        off = np.abs(result.ratio.values - 1)
-        bent |= np.nan_to_num(off) > _ERRORS_OFF * np.nan_to_num(result.ratio_error.values)
-    return [str(name) for name in result.output.values[bent]]

@@ -164,8 +164,7 @@ def _significant(digits: int) -> DisplayUnit:
 def spread_table(result: xr.Dataset) -> Table:
     """Return nominal value, linearised and sampled spread and largest contributors by output.
 
-    Values are in the units of the outputs' names. ``step_change`` is the dependence of the linearisation on its step,
-    in standard deviations.
+    Values are in the units of the outputs' names.
     """
     import xarray as xr
 
@@ -176,10 +175,10 @@ def spread_table(result: xr.Dataset) -> Table:
         columns[name] = value.assign_attrs(long_name=text)
     largest = [_largest(result.isel(output=k)) for k in range(result.sizes["output"])]
     columns["largest"] = ("output", largest, {"long_name": "largest shares of the linear variance"})
-    names = ("output", "nominal", "linear_deviation", "step_change", *sampled, "low", "high", "largest")
+    names = ("output", "nominal", "linear_deviation", *sampled, "low", "high", "largest")
     shown = {name: _significant(3) for name in ("linear_deviation", "sample_deviation")}
     shown |= {name: _significant(6) for name in ("nominal", "sample_mean", "low", "high")}
-    shown |= {"step_change": _significant(2)} | {name: DisplayUnit(digits=3) for name in ("ratio", "ratio_error")}
+    shown |= {name: DisplayUnit(digits=3) for name in ("ratio", "ratio_error")}
     return dataset_table("spread", "Spread", result.assign(columns), names, shown)
 
 

@@ -18,7 +18,6 @@ from support.tolerance_boards import (
 
 from coilarray import load_design
 from coilarray.compute.store import open_store
-from coilarray.compute.workers import open_executor
 from coilarray.constants import MU_0
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError, LocalizeError
@@ -99,7 +98,6 @@ def test_small_errors_are_linear_board_by_board(small):
     miss = np.abs(small.value.values - predicted) / small.linear_deviation.values
     # errors of 1e-7 m of 1e-3 m: second order is 1e-4 of the first at three standard deviations
     assert miss.max() < 1e-2
-    assert (small.step_change < 1e-3).all()
 
 
 def test_the_drawn_spread_is_the_linear_one(small):
@@ -111,11 +109,6 @@ def test_the_drawn_spread_is_the_linear_one(small):
     low, high = small.percentiles.values
     # 64 boards have one or two beyond each end; the quantile is known to a fifth of the spread or so
     np.testing.assert_allclose(high - low, 2 * 1.96 * small.linear_deviation, rtol=0.3)
-
-
-def test_independent_samples_agree_too():
-    result = analyse(loops(4.0), SMALL, samples=64, seed=3, sampling="random", quantities=[K], accuracy="full")
-    assert abs(float(result.ratio[0]) - 1) < 3 * float(result.ratio_error[0])  # one output, three standard errors
 
 
 def test_effects_of_layers_and_shares_of_the_variance_add_up(small):
@@ -184,18 +177,16 @@ def test_boards_that_fail_are_counted_with_the_reason():
     assert np.isfinite(result.sample_deviation).all()
 
 
-def test_seeds_and_workers_repeat_to_the_last_digit(tmp_path):
+def test_seeds_repeat_to_the_last_digit(tmp_path):
     few = Tolerances({"dielectric": Spread(board=1e-4), "copper": Spread("uniform", board=1e-3)})
 
-    def run(seed, workers=1, cache=None):
-        return analyse(loops(), few, samples=8, seed=seed, quantities=[K], workers=workers, cache=cache)
+    def run(seed, cache=None):
+        return analyse(loops(), few, samples=8, seed=seed, quantities=[K], cache=cache)
 
     one, other = run(1), run(2)
     xr.testing.assert_identical(run(1), one)
     assert not np.array_equal(one.value, other.value)
     np.testing.assert_array_equal(one.effect, other.effect)
-    with open_executor(2) as pool:
-        xr.testing.assert_identical(run(1, workers=pool), one)
     cache = open_store(tmp_path)
     xr.testing.assert_identical(run(1, cache=cache), one)
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
@@ -233,7 +224,7 @@ AT = Positions((0.0,), (0.0,), 1e-3)
     (SMALL, {"quantities": ["peak_delta"]}, r"no \[indenter\]"),
     (replace(SMALL, limits=(Limit("worst", at_most=1.0),)), {"quantities": [K]},
      r"the limit worst ≤ 1 does not name an output; there are k\[upper,lower\]"),
-    (replace(SMALL, positions=AT), {}, "positions need"), (Tolerances({"etch": Spread(board=25e-6)}), {},
+    (replace(SMALL, positions=AT), {}, "positions need"), (Tolerances({"etch": Spread(board=45e-6)}), {},
      r"etch\.L1 .*one standard deviation or less, cannot be made: .*trace_width"),
     # both boards next to the nominal one are possible, but some of the eight drawn ones are not
     (Tolerances({"dielectric": Spread(board=0.99)}), {"samples": 8, "quantities": [K]},

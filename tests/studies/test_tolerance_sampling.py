@@ -4,20 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.stats import kstest, norm, uniform
 
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance import Contributor, Limit, draw, errors_of
-from coilarray.studies.tolerance.spread import (
-    deviation_error,
-    difference_points,
-    error_steps,
-    kept,
-    sensitivity,
-    yield_of,
-)
+from coilarray.studies.tolerance.analysis import deviation_error, kept
 
 LAYERS = ("L1", "L2", "L3")
 
@@ -33,26 +24,17 @@ def etch(deviation_of_board, deviation_of_layer, distribution="normal"):
     return (board, *parts)
 
 
-def linearised(found, function):
-    """Sensitivity of a function of the errors, given as an array in the order of the layers."""
-    steps = error_steps(found)
-    points = [np.array([errors.get(f"etch.{layer}", 0.0) for layer in LAYERS]) for errors in difference_points(steps)]
-    return sensitivity(found, steps, np.array([np.atleast_1d(function(point)) for point in points]))
-
-
-@pytest.mark.parametrize("sampling", ["sobol", "random"])
 @pytest.mark.parametrize(("distribution", "law"), [("normal", norm()), ("uniform", uniform(-(3**0.5), 2 * 3**0.5))])
-def test_every_error_has_its_distribution(sampling, distribution, law):
-    values = draw(etch(2e-6, 3e-6, distribution), 4096, seed=1, sampling=sampling)
+def test_every_error_has_its_distribution(distribution, law):
+    values = draw(etch(2e-6, 3e-6, distribution), 4096, seed=1)
     assert values.shape == (4096, 4)
     for column, deviation in zip(values.T, (2e-6, 3e-6, 3e-6, 3e-6), strict=True):
         # a right law falls below this probability in one of 1000 draws; the seed is fixed
         assert kstest(column / deviation, law.cdf).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("sampling", ["sobol", "random"])
-def test_errors_are_independent(sampling):
-    values = draw(etch(1.0, 1.0), 4096, seed=2, sampling=sampling)
+def test_errors_are_independent():
+    values = draw(etch(1.0, 1.0), 4096, seed=2)
     off = np.corrcoef(values.T)[np.triu_indices(4, 1)]
     assert np.abs(off).max() < 4 / math.sqrt(4096)  # four standard errors of no correlation
 
@@ -71,12 +53,11 @@ def test_few_boards_of_many_errors_hardly_correlate(parts, most, rms):
 
 def test_seeds_repeat():
     found = etch(1.0, 1.0)
-    for sampling in ("sobol", "random"):
-        one, same, other = (draw(found, 64, seed, sampling) for seed in (5, 5, 6))
-        np.testing.assert_array_equal(one, same)
-        assert not np.array_equal(one, other)
-        # more boards begin with the same ones, so that the cache of a shorter run serves a longer one
-        np.testing.assert_array_equal(draw(found, 100, 5, sampling)[:64], one)
+    one, same, other = (draw(found, 64, seed) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+    # more boards begin with the same ones, so that the cache of a shorter run serves a longer one
+    np.testing.assert_array_equal(draw(found, 100, 5)[:64], one)
 
 
 @pytest.mark.parametrize(("parts", "count", "seed", "message"), [
@@ -96,47 +77,6 @@ def test_the_board_part_moves_all_layers_alike():
     np.testing.assert_allclose(errors, values[:, :1] + values[:, 1:], rtol=1e-12)
     # variances add up, and layers share the board's: 4 + 9 and 4, to four standard errors of a covariance
     np.testing.assert_allclose(np.cov(errors.T), 4 + 9 * np.eye(3), atol=4 * 13 * math.sqrt(2 / 4096))
-
-
-@settings(max_examples=50)
-@given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3), st.just(0) | st.floats(1e-3, 10), st.floats(1e-3, 10))
-def test_a_linear_function_has_the_variance_of_the_sum(slopes, of_board, of_layer):
-    found = etch(of_board, of_layer)
-    if of_board == 0:
-        found = found[1:]
-    result = linearised(found, lambda e: 5.0 + np.dot(slopes, e))
-    # var Σ aᵢ(b + lᵢ) = (Σ aᵢ)² σ_b² + Σ aᵢ² σ_l²
-    variance = (sum(slopes) * of_board) ** 2 + np.dot(slopes, slopes) * of_layer**2
-    # differences of numbers of up to 5e4 with an error of 1e-16 each
-    np.testing.assert_allclose(result.deviation, math.sqrt(variance), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(result.effects, result.wide_effects, atol=1e-8)
-
-
-def test_shares_add_up_and_are_zero_without_variance():
-    """Opposite layers cancel in the board's part."""
-    result = linearised(etch(1.0, 1.0), lambda e: e[0] - e[1])
-    np.testing.assert_allclose(result.effects[:, 0], [0, 1, -1, 0], atol=1e-15)
-    np.testing.assert_allclose(result.shares[:, 0], [0, 0.5, 0.5, 0], atol=1e-15)
-    result = linearised(etch(1.0, 2.0), lambda e: np.array([e.sum(), e[0] ** 3, 7.0]))
-    np.testing.assert_allclose(result.shares.sum(axis=0), [1, 1, 0], rtol=1e-12)
-    assert result.deviation[2] == result.step_change[2] == 0
-
-
-def test_the_step_is_checked_against_half_of_it():
-    """d(e³)/de at 0 is h² by central differences of half width h: σ² and σ²/4 at the two steps."""
-    found = etch(0.0, 2.0)[1:]
-    result = linearised(found, lambda e: e[0] ** 3)
-    np.testing.assert_allclose(result.effects[0], 2.0 * 2.0**2 / 4, rtol=1e-12)
-    np.testing.assert_allclose(result.wide_effects[0], 2.0 * 2.0**2, rtol=1e-12)
-    np.testing.assert_allclose(result.step_change, 3, rtol=1e-12)
-
-
-def test_sensitivities_go_through_a_linear_map():
-    found, matrix = etch(1.0, 2.0), np.array([[1.0, -2.0], [0.5, 3.0], [0.0, 1.0]])
-    both = linearised(found, lambda e: np.array([e[0] + 2 * e[2], e[1]]))
-    mapped = linearised(found, lambda e: matrix @ [e[0] + 2 * e[2], e[1]])
-    np.testing.assert_allclose(both.through(matrix).effects, mapped.effects, atol=1e-12)
-    assert both.joined(mapped).effects.shape == (4, 5)
 
 
 @pytest.mark.parametrize(("law", "kurtosis"), [("normal", 3.0), ("uniform", 1.8)])
@@ -164,15 +104,3 @@ def test_limits_keep_what_lies_between():
     values = np.array([[2.0, 1.0], [2.1, 2.0], [-1.0, 3.5], [math.nan, 2.0]])
     # a board without the value keeps no limit of it
     assert kept(limits, ["a", "b"], values).tolist() == [[1, 1, 1], [0, 1, 1], [1, 0, 0], [0, 1, 0]]
-
-
-def test_the_interval_of_a_yield_is_wilsons():
-    """(p + z²/2n ± z √(p(1 − p)/n + z²/4n²))/(1 + z²/n), z = 1.96 (Wilson 1927)."""
-    n, good = 50, 45
-    z, p = norm.ppf(0.975), good / n
-    middle, half = p + z**2 / (2 * n), z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    told = yield_of(good, n)
-    assert told.share == p
-    wanted = np.array([middle - half, middle + half]) / (1 + z**2 / n)
-    assert (told.low, told.high) == pytest.approx(tuple(wanted), rel=1e-12)
-    assert (yield_of(0, 10).low, yield_of(10, 10).high) == (0, 1)

@@ -103,7 +103,7 @@ class Axis:
         """Return the parameter of a continuous variable at a fraction of its range."""
         part = min(max(part, 0.0), 1.0)
         if self.log:
-            return min(max(self.low * (self.high / self.low) ** part, self.low), self.high)
+            return float(min(max(self.low * (self.high / self.low) ** part, self.low), self.high))
         return self.low + part * (self.high - self.low)
 
     def part(self, parameter: float) -> float:

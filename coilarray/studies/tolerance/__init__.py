@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from coilarray.studies.tolerance.analysis import analyse, check_analysis, default_quantities
+from coilarray.studies.tolerance.draw import draw, errors_of
 from coilarray.studies.tolerance.perturb import error_names, perturb
-from coilarray.studies.tolerance.spread import draw, errors_of
 from coilarray.studies.tolerance.tolerances import (
     Contributor,
     Limit,

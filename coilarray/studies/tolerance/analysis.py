@@ -1,7 +1,18 @@
-"""Whole tolerance analysis: boards around the design, randomly drawn boards, and the spread from both."""
+"""Whole tolerance analysis: boards around the design, randomly drawn boards, and the spread from both.
+
+With the outputs q, the errors e of the board and independent contributors c that move the errors equally,
+
+    q ≈ q₀ + Σ_c J_c c,   J_c = Σ_(e moved by c) ∂q/∂e,   var q = Σ_c (J_c σ_c)².
+
+Positions are found with the response table of the nominal board. The board reads δ + Δδ. Near the truth the likelihood
+of the table is the likelihood of a linear model with J = ∂δ/∂(x, y, depth). With the covariance Σ of the noise its
+maximum is shifted by (JᵀΣ⁻¹J)⁻¹ JᵀΣ⁻¹ Δδ. Unknowns that the reading hardly determines are left out of J, so they are
+taken as known. An example is y itself on the middle line of a board that is symmetric in y.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -10,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.stats import binomtest
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import BoolArray, FloatArray
@@ -21,33 +33,26 @@ from coilarray.design.model import Design, DesignFile, build_design
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
-from coilarray.localize.forward import forward_model, table_for, table_grid
+from coilarray.localize.forward import ForwardModel, forward_model, table_for, table_grid, whitening_of
+from coilarray.localize.identifiability import covariance_of, fisher_information
+from coilarray.localize.inverse import locate_all
 from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.points import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, request
+from coilarray.studies.tolerance.draw import draw, errors_of
 from coilarray.studies.tolerance.perturb import perturb
-from coilarray.studies.tolerance.position import Shifts, require_states, shifts_at
-from coilarray.studies.tolerance.spread import (
-    CENTRAL,
-    LEAST_SAMPLES,
-    Sampling,
-    Sensitivity,
-    deviation_error,
-    difference_points,
-    draw,
-    error_steps,
-    errors_of,
-    kept,
-    sensitivity,
-    yield_of,
-)
 from coilarray.studies.tolerance.tolerances import UNITS, Contributor, Limit, Positions, Tolerances, contributors
 
 UNREAD = "unread values"
 """Name of an outcome that is not an output."""
+LEAST_SAMPLES = 8
+"""Smallest number of boards for a sampled spread."""
 _MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a readable table
-_LEAST_KNOWN = 0.5  # of the thickness of all sheets, a length over which δ changes much
+_LEAST_KNOWN = 0.5  # of the thickness of all sheets, a length over which δ changes much and nothing is linear
+_STEP = 0.5  # half width of the central differences in standard deviations
 _LINEAR_SAMPLES = 1 << 16  # of the linear model, for its yield: errs by less than 1e-3
+_ENOUGH = 32  # values whose fourth moment is known to better than its own size, in a normal distribution
+_CENTRAL = (2.5, 97.5)  # percentiles between which 95 % of the boards lie
 
 
 def default_quantities(design: Design) -> tuple[str, ...]:
@@ -78,34 +83,15 @@ class Outputs:
         at = self.positions
         if at is None:
             return ()
-        return tuple(f"x_mm={_mm(x)},y_mm={_mm(y)},depth_mm={_mm(at.depth)}" for y, x in product(at.y, at.x))
 
-    def item(self, document: Mapping[str, Any], errors: Mapping[str, float]) -> dict[str, Any]:
-        """Return one board as plain data, for `evaluate_board`."""
-        at = self.positions and replace(self.positions, noise=None)  # which matters only for locating
-        return {"document": document, "errors": dict(errors), "outputs": replace(self, positions=at)}
+        def mm(length: float) -> str:
+            return f"{round(length * 1e3, 6):g}"  # to the nanometre
 
-
-def wanted_outputs(
-    design: Design, quantities: Sequence[str], positions: Positions | None, accuracy: Accuracy = "screen"
-) -> Outputs:
-    """Check the requested outputs, counting repeated quantities once.
-
-    Raises GoalError if a quantity or coil is unknown, or if positions are given for a design without an indentation.
-    """
-    if positions is not None and design.indentation is None:
-        raise GoalError(f"positions need [indenter] and [indentation], which the design {design.name} does not have.")
-    requests = {one.key: one for one in map(request, quantities)}
-    if not requests and positions is None:
-        raise GoalError("at least one quantity or position must be asked for.")
-    nominal = Evaluation(design, accuracy)
-    for coil in (coil for one in requests.values() for coil in one.coils):
-        nominal.coil(coil)
-    return Outputs(tuple(requests), positions, accuracy)
+        return tuple(f"x_mm={mm(x)},y_mm={mm(y)},depth_mm={mm(at.depth)}" for y, x in product(at.y, at.x))
 
 
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the outputs of one board from `Outputs.item`, on a worker.
+    """Compute the outputs of one board, on a worker.
 
     `UNREAD` is the number of values among them that no converter can read. Raises GoalError if the errors leave no
     board or the board does not have a quantity, and CoilarrayError if the physics cannot be solved.
@@ -121,11 +107,6 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     return {**values, UNREAD: float(evaluation.unread)}
 
 
-def _mm(length: float) -> str:
-    """Write a length in mm, to the nanometre."""
-    return f"{round(length * 1e3, 6):g}"
-
-
 def analyse(
     design: Design | DesignFile,
     tolerances: Tolerances,
@@ -133,7 +114,6 @@ def analyse(
     quantities: Sequence[str] = (),
     samples: int = 64,
     seed: int = 0,
-    sampling: Sampling = "sobol",
     accuracy: Accuracy = "screen",
     table: xr.Dataset | None = None,
     workers: int | Executor = 1,
@@ -144,7 +124,7 @@ def analyse(
 
     `tolerances` are the distributions of the errors, positions and limits. `quantities` are by default of the
     tolerances, otherwise `default_quantities`. Quantities in limits are added. `samples` is the number of drawn boards,
-    0 or at least 8, with `seed` and `sampling` as in `draw`. The `accuracy` ``screen`` shifts values by 1e-4 of L and
+    0 or at least 8, with `seed` as in `draw`. The `accuracy` ``screen`` shifts values by 1e-4 of L and
     5e-5 in k, the same for all boards, so their spread is accurate to 1 %. `table` is the response table for locating
     positions, from `table_for`, by default computed. `workers` are a number of local processes or an executor. `cache`
     keeps the boards. `progress` is called with (done, total). Raises GoalError if `check_analysis` refuses the
@@ -157,8 +137,8 @@ def analyse(
         Dataset over ``output``, quantities in the units of their names, δ by place and state and shifts of the located
         position in mm, and over ``contributor``, the errors:
 
-        - ``nominal``, ``linear_deviation`` and ``step_change`` (see `Sensitivity`) of each output.
-        - ``effect``, ``wide_effect`` and ``share`` (contributor, output).
+        - ``nominal`` and ``linear_deviation`` of each output.
+        - ``effect`` of one standard deviation and ``share`` of the variance (contributor, output).
         - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with a reason.
         - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a board has no value or a
           reading has no position, with the cause in ``failure``; ``sample_mean``, ``sample_deviation`` with its
@@ -179,21 +159,26 @@ def analyse(
     """
     file = as_file(design)
     design = file.design
-    found, outputs, limits, drawn = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
+    found, outputs, limits, drawn = _asked(design, tolerances, quantities, samples, seed, accuracy)
     if table is None:
         _check_places(design, outputs)
-    shifts = None
+    shifts, outs = None, outputs.names(design)
+    names = outs
     if outputs.positions is not None:
         model = forward_model(table_for(design) if table is None else table)
         shifts = shifts_at(model, outputs.positions, _LEAST_KNOWN * design.top)
-    outs = outputs.names(design)
-    names = (*outs, *(() if shifts is None else shifts.names(outputs.places())))
+        names = (*outs, *shifts.names(outputs.places()))
     _check_limits(limits, names)
 
-    steps = error_steps(found)
-    around = difference_points(steps)
+    variances: dict[str, float] = {}
+    for one in found:
+        for target in one.targets:
+            variances[target] = variances.get(target, 0.0) + one.deviation**2
+    steps = {target: _STEP * math.sqrt(variance) for target, variance in variances.items()}
+    around = [{name: sign * step} for name, step in steps.items() for sign in (1.0, -1.0)]
     boards = [{}, *around, *(errors_of(found, row) for row in drawn)]
-    items = [outputs.item(file.document, errors) for errors in boards]
+    bare = replace(outputs, positions=outputs.positions and replace(outputs.positions, noise=None))
+    items = [{"document": file.document, "errors": errors, "outputs": bare} for errors in boards]
     outcomes: list[Outcome] = [""] * len(boards)
     with open_executor(workers) as executor:
         for k, outcome in run_cached(evaluate_board, items, executor, cache, progress=progress, total=len(boards)):
@@ -201,27 +186,36 @@ def analyse(
                 raise GoalError(outcome)  # no board at all
             outcomes[k] = outcome
     near, taken = outcomes[: 1 + len(around)], outcomes[1 + len(around) :]
-    values = _near_values(near, boards, outs)
-    nominal, linear = values[0], sensitivity(found, steps, values[1:])
+    rows = []
+    for outcome, errors in zip(near, boards, strict=False):
+        if isinstance(outcome, str):
+            ((name, value),) = errors.items()
+            raise GoalError(
+                f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be made: {outcome}"
+            )
+        rows.append([outcome[name] for name in outs])
+    nominal, effects = np.array(rows[0]), sensitivity(found, steps, np.array(rows[1:]))
     sampled = np.array([[np.nan] * len(nominal) if isinstance(o, str) else [o[name] for name in outs] for o in taken])
     sampled = sampled.reshape(samples, len(nominal))
     located: dict[str, str] = {}
     if shifts is not None:
-        nominal, linear, sampled, located = _with_shifts(shifts, outputs, nominal, linear, sampled)
-    result = _linear_part(names, found, tolerances, nominal, linear)
+        nominal, effects, sampled, located = _with_shifts(shifts, outputs, nominal, effects, sampled)
+    result = _linear_part(names, found, tolerances, nominal, effects)
     if samples:
         failures = [outcome if isinstance(outcome, str) else "" for outcome in taken]
-        result = result.merge(_sampled_part(names, linear, drawn, sampled, failures))
+        result = result.merge(_sampled_part(result, drawn, sampled, failures))
     unread = [not isinstance(one, str) and one.get(UNREAD, 0.0) > 0 for one in (near[0], *taken)]
     if limits:
-        result = result.merge(_yields(limits, names, found, nominal, linear, sampled, np.array(unread[1:], dtype=bool)))
+        result = result.merge(
+            _yields(limits, names, found, nominal, effects, sampled, np.array(unread[1:], dtype=bool))
+        )
     if any(unread):
         words = {"long_name": "whether no converter can read the board"}
         result = result.assign(unread=("sample", np.array(unread[1:], dtype=np.bool_), words)) if samples else result
         located["not_read"] = (
             f"{'the' if unread[0] else 'not the'} nominal board, {sum(unread[1:])} of {samples} drawn ones"
         )
-    about = {"seed": seed, "sampling": sampling, "accuracy": accuracy, "boards": len(boards)}
+    about = {"seed": seed, "accuracy": accuracy, "boards": len(boards)}
     return result.assign_attrs({**provenance(design), **about, **located})
 
 
@@ -232,7 +226,6 @@ def check_analysis(
     quantities: Sequence[str] = (),
     samples: int = 64,
     seed: int = 0,
-    sampling: Sampling = "sobol",
     accuracy: Accuracy = "screen",
     with_table: bool = False,
 ) -> None:
@@ -244,7 +237,7 @@ def check_analysis(
     lies outside the table to be computed, or there are fewer states than unknowns.
     """
     design = as_file(design).design
-    _, outputs, limits, _ = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
+    _, outputs, limits, _ = _asked(design, tolerances, quantities, samples, seed, accuracy)
     shifts = [f"shift_{parameter}_mm[{place}]" for place in outputs.places() for parameter in PARAMETERS]
     _check_limits(limits, (*outputs.names(design), *shifts))
     if not with_table:
@@ -257,7 +250,6 @@ def _asked(
     quantities: Sequence[str],
     samples: int,
     seed: int,
-    sampling: Sampling,
     accuracy: Accuracy,
 ) -> tuple[Sequence[Contributor], Outputs, list[Limit], FloatArray]:
     """Check the input of an analysis; return its contributors, outputs, limits and drawn errors."""
@@ -271,12 +263,18 @@ def _asked(
         if limit.quantity.partition("[")[0].strip() in QUANTITIES:  # otherwise δ or a shift
             limits[k] = replace(limit, quantity=canonical(limit.quantity))
             by_name.append(limits[k].quantity)
-    outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
-    if tolerances.positions is not None:
-        states, places = len(design.plan), len(tolerances.positions.x) * len(tolerances.positions.y)
+    at = tolerances.positions
+    if at is not None and design.indentation is None:
+        raise GoalError(f"positions need [indenter] and [indentation], which the design {design.name} does not have.")
+    requests = {one.key: one for one in map(request, [*asked, *by_name])}
+    nominal = Evaluation(design, accuracy)
+    for coil in (coil for one in requests.values() for coil in one.coils):
+        nominal.coil(coil)
+    if at is not None:
+        states, places = len(design.plan), len(at.x) * len(at.y)
         needed = 8.0 * len(PARAMETERS) * states * places**2  # of `Shifts.matrix`
         require_memory(needed, f"the matrix of shifts at {places} positions", "take fewer")
-    return found, outputs, limits, draw(found, samples, seed, sampling)
+    return found, Outputs(tuple(requests), at, accuracy), limits, draw(found, samples, seed)
 
 
 def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
@@ -301,24 +299,122 @@ def _check_places(design: Design, outputs: Outputs) -> None:
     require_states([state.name for state in design.plan], len(PARAMETERS))
 
 
-def _near_values(
-    outcomes: Sequence[Outcome], boards: Sequence[Mapping[str, float]], names: Sequence[str]
-) -> FloatArray:
-    """Return the outputs of the nominal board and its neighbours, shape (boards, outputs)."""
-    rows = []
-    for outcome, errors in zip(outcomes, boards, strict=False):
-        if isinstance(outcome, str):
-            ((name, value),) = errors.items()
-            raise GoalError(
-                f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be made: {outcome}"
-            )
-        rows.append([outcome[name] for name in names])
-    return np.array(rows)
+@dataclass(frozen=True, eq=False)
+class Shifts:
+    """Shifts of located positions by errors of the board.
+
+    `model` is the response of the board without errors, and `points` are the true x, y and depth in m, shape (places,
+    3). `noise` is the standard deviation of δ. `determined` lists for each place the indices of x, y and depth that a
+    reading determines.
+    """
+
+    model: ForwardModel
+    points: FloatArray
+    noise: float | None
+    determined: tuple[tuple[int, ...], ...]
+
+    def names(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Names of the outputs, place by place."""
+        return tuple(
+            f"shift_{PARAMETERS[axis]}_mm[{place}]"
+            for place, axes in zip(places, self.determined, strict=True)
+            for axis in axes
+        )
+
+    def undetermined(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Return the unknowns that no reading determines, like ``y at x_mm=0,y_mm=0,depth_mm=1``."""
+        texts = []
+        for place, axes in zip(places, self.determined, strict=True):
+            missing = [PARAMETERS[axis] for axis in range(self.model.unknowns) if axis not in axes]
+            if missing:
+                texts.append(f"{', '.join(missing)} at {place}")
+        return tuple(texts)
+
+    def matrix(self) -> FloatArray:
+        """Shifts in mm per change of δ, shape (shifts, places · states), zero between places."""
+        states = len(self.model.states)
+        rows = []
+        for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
+            weights = whitening_of(self.model, self.noise, self.model.delta(point), point)
+            inverse = np.linalg.pinv(weights.slopes(self.model.jacobian(point)[:, list(axes)]))
+            for row in inverse @ weights.slopes(np.eye(states)) * 1e3:
+                rows.append(np.zeros(len(self.points) * states))
+                rows[-1][k * states : (k + 1) * states] = row
+        return np.array(rows).reshape(-1, len(self.points) * states)
+
+    def located(self, changes: FloatArray) -> tuple[FloatArray, int]:
+        """Locate readings with the real solver.
+
+        `changes` is Δδ of n boards relative to the board without errors, finite, shape (n, places · states). The first
+        result is the located position minus the true position in mm, shape (n, shifts). It is computed for the mode
+        next to the truth, and is NaN if a reading has no mode. The second result is the number of positions that are
+        ``"found"``. Others are on the border of the table, or have residuals beyond noise.
+        """
+        states = len(self.model.states)
+        shifts, found = [], 0
+        for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
+            readings = self.model.delta(point) + changes[:, k * states : (k + 1) * states]
+            locations = locate_all(self.model, readings, noise=self.noise)
+            found += sum(location.verdict == "found" for location in locations)
+            there = np.full((len(changes), len(axes)), np.nan)
+            for row, location in zip(there, locations, strict=True):
+                if location.modes:
+                    away = np.array([[mode.x, mode.y, mode.depth] for mode in location.modes]) - point
+                    nearest = away[np.argmin(np.hypot(away[:, 0], away[:, 1]))]
+                    row[:] = nearest[list(axes)] * 1e3
+            shifts.append(there)
+        return np.hstack(shifts), found
+
+
+def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shifts:
+    """Prepare to locate readings at positions within the table.
+
+    Readings have their usual noise. An unknown counts as determined if its standard deviation by noise alone is up to
+    `largest` in m. Raises LocalizeError if a position lies outside the table, or there are fewer states than unknowns.
+    """
+    points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
+    require_states(model.states, model.unknowns)
+    information = fisher_information(model, points, positions.noise)
+    return Shifts(model, points, positions.noise, tuple(_determined(one, largest) for one in information))
+
+
+def require_states(states: Sequence[str], unknowns: int) -> None:
+    """Raise LocalizeError if there are fewer states than unknowns."""
+    if len(states) < unknowns:
+        raise LocalizeError(f"{unknowns} unknowns need at least as many states; the scan has {', '.join(states)}.")
+
+
+def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
+    """Leave out the least known unknowns until the others are known well enough."""
+    axes = list(range(len(information)))
+    while axes:
+        among = information[np.ix_(axes, axes)]
+        deviations = np.sqrt(np.diag(covariance_of(among)))
+        if deviations.max() <= largest:
+            break
+        # if the information is singular, all deviations are infinite: then the worst unknown taken alone is left out
+        known = np.isfinite(deviations).all()
+        del axes[int(np.argmax(deviations) if known else np.argmin(np.diag(among)))]
+    return tuple(axes)
+
+
+def sensitivity(contributors: Sequence[Contributor], steps: Mapping[str, float], values: FloatArray) -> FloatArray:
+    """Return the effects J_c σ_c (contributors, outputs) from the outputs of boards above and below by the steps.
+
+    `values` has the shape (boards, outputs), with the board above and the board below of each step in turn.
+    """
+    names = list(steps)
+    above, below = values[::2], values[1::2]
+    slopes = (above - below) / (2 * np.array(list(steps.values())))[:, None]
+    moved = np.zeros((len(contributors), len(names)))
+    for k, one in enumerate(contributors):
+        moved[k, [names.index(target) for target in one.targets]] = one.deviation
+    return np.asarray(moved @ slopes)
 
 
 def _with_shifts(
-    shifts: Shifts, outputs: Outputs, nominal: FloatArray, linear: Sensitivity, sampled: FloatArray
-) -> tuple[FloatArray, Sensitivity, FloatArray, dict[str, str]]:
+    shifts: Shifts, outputs: Outputs, nominal: FloatArray, effects: FloatArray, sampled: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, str]]:
     """Append the shifts of the located positions to the outputs, with attributes of the result."""
     first, by_delta = len(outputs.quantities), shifts.matrix()
     matrix = np.hstack((np.zeros((len(by_delta), first)), by_delta))
@@ -326,26 +422,26 @@ def _with_shifts(
     located = np.full((len(sampled), len(by_delta)), np.nan)
     located[good], found = shifts.located(sampled[good, first:] - nominal[first:])
     attributes = {
-        "found": f"{int(found.sum())} of {int(good.sum()) * len(shifts.points)} readings",
+        "found": f"{found} of {int(good.sum()) * len(shifts.points)} readings",
         "undetermined": "; ".join(shifts.undetermined(outputs.places())),
     }
-    none = np.zeros(len(by_delta))
-    return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), attributes
+    effects = np.hstack((effects, effects @ matrix.T))
+    return np.append(nominal, np.zeros(len(by_delta))), effects, np.hstack((sampled, located)), attributes
 
 
 def _linear_part(
-    names: Sequence[str], found: Sequence[Contributor], tolerances: Tolerances, nominal: FloatArray, linear: Sensitivity
+    names: Sequence[str], found: Sequence[Contributor], tolerances: Tolerances, nominal: FloatArray, effects: FloatArray
 ) -> xr.Dataset:
     """Make the part of the result from the linear model."""
     both, single, of_error = ("contributor", "output"), ("output",), ("contributor",)
+    variance = (effects**2).sum(axis=0)
+    shares = np.divide(effects**2, variance, out=np.zeros_like(effects), where=variance > 0)
     return xr.Dataset(
         {
             "nominal": (single, nominal, {"long_name": "nominal value"}),
-            "linear_deviation": (single, linear.deviation, {"long_name": "σ, linear"}),
-            "step_change": (single, linear.step_change, {"units": "1", "long_name": "change by twice the step (σ)"}),
-            "effect": (both, linear.effects, {"long_name": "effect of 1 σ"}),
-            "wide_effect": (both, linear.wide_effects, {"long_name": "effect of 1 σ, twice the step"}),
-            "share": (both, linear.shares, {"units": "1", "long_name": "share of the linearised variance"}),
+            "linear_deviation": (single, np.sqrt(variance), {"long_name": "σ, linear"}),
+            "effect": (both, effects, {"long_name": "effect of 1 σ"}),
+            "share": (both, shares, {"units": "1", "long_name": "share of the linearised variance"}),
             "deviation": (of_error, [one.deviation for one in found], {"long_name": "standard deviation"}),
             "unit": (of_error, [UNITS[one.table] for one in found]),
             "table": (of_error, [one.table for one in found]),
@@ -357,11 +453,9 @@ def _linear_part(
     )
 
 
-def _sampled_part(
-    names: Sequence[str], linear: Sensitivity, drawn: FloatArray, values: FloatArray, failures: Sequence[str]
-) -> xr.Dataset:
+def _sampled_part(linear: xr.Dataset, drawn: FloatArray, values: FloatArray, failures: Sequence[str]) -> xr.Dataset:
     """Make the part of the result from drawn boards."""
-    single = ("output",)
+    single, names, expected = ("output",), linear.output.values.tolist(), linear.linear_deviation.values
     # a board without a position still has its other outputs
     columns = [column[np.isfinite(column)] for column in values.T]
     short = [name for name, column in zip(names, columns, strict=True) if len(column) < LEAST_SAMPLES]
@@ -371,9 +465,7 @@ def _sampled_part(
     deviation = np.array([column.std(ddof=1) for column in columns])
     error = np.array([float(deviation_error(column)) for column in columns])
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio, ratio_error = (
-            np.where(linear.deviation > 0, of / linear.deviation, np.nan) for of in (deviation, error)
-        )
+        ratio, ratio_error = (np.where(expected > 0, of / expected, np.nan) for of in (deviation, error))
     return xr.Dataset(
         {
             "error": (("sample", "contributor"), drawn, {"long_name": "drawn errors in SI"}),
@@ -384,10 +476,34 @@ def _sampled_part(
             "sample_deviation_error": (single, error, {"long_name": "standard error of σ"}),
             "ratio": (single, ratio, {"units": "1", "long_name": "ratio of both σ"}),
             "ratio_error": (single, ratio_error, {"units": "1", "long_name": "± ratio"}),
-            "percentiles": (("percentile", "output"), np.array([np.percentile(c, CENTRAL) for c in columns]).T),
+            "percentiles": (("percentile", "output"), np.array([np.percentile(c, _CENTRAL) for c in columns]).T),
         },
-        coords={"percentile": list(CENTRAL)},
+        coords={"percentile": list(_CENTRAL)},
     )
+
+
+def deviation_error(values: FloatArray) -> FloatArray:
+    """Estimate the standard error of a sampled standard deviation of values (n, …).
+
+    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s. A normal
+    distribution has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10). It is taken as
+    the lower limit if there are too few values to determine μ₄. For Sobol points the estimate is too large rather than
+    too small.
+    """
+    n = len(values)
+    variance = values.var(axis=0, ddof=1)
+    fourth = ((values - values.mean(axis=0)) ** 4).mean(axis=0)
+    of_variance = np.sqrt(np.maximum(fourth - variance**2 * (n - 3) / (n - 1), 0.0) / n)
+    deviation = np.sqrt(variance)
+    error = np.divide(of_variance, 2 * deviation, out=np.zeros_like(deviation), where=deviation > 0)
+    return np.asarray(error if n >= _ENOUGH else np.maximum(error, deviation / np.sqrt(2 * (n - 1))))
+
+
+def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> BoolArray:
+    """Whether boards (n, outputs) keep limits, shape (n, limits). NaN keeps no limit."""
+    columns = values[:, [names.index(limit.quantity) for limit in limits]]
+    low, high = np.array([limit.at_least for limit in limits]), np.array([limit.at_most for limit in limits])
+    return np.asarray((columns >= low) & (columns <= high))
 
 
 def _yields(
@@ -395,7 +511,7 @@ def _yields(
     names: Sequence[str],
     found: Sequence[Contributor],
     nominal: FloatArray,
-    linear: Sensitivity,
+    effects: FloatArray,
     values: FloatArray,
     unread: BoolArray,
 ) -> xr.Dataset:
@@ -403,7 +519,7 @@ def _yields(
     units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
     columns = [names.index(limit.quantity) for limit in limits]
     picked = [limit.quantity for limit in limits]
-    in_linear = kept(limits, picked, nominal[columns] + units @ linear.effects[:, columns])
+    in_linear = kept(limits, picked, nominal[columns] + units @ effects[:, columns])
     variables: dict[str, tuple[Any, ...]] = {
         "limited": ("limit", [*picked, ""]),
         "at_least": ("limit", [*(limit.at_least for limit in limits), -np.inf]),
@@ -418,8 +534,9 @@ def _yields(
         )
         good = kept(limits, names, values) & ~(unread[:, None] & is_read)
         counts = [*good.sum(axis=0).tolist(), int(good.all(axis=1).sum())]
-        yields = [yield_of(count, len(values)) for count in counts]
-        for end, text in (("share", "yield of boards"), ("low", "at least"), ("high", "at most")):
-            name = "sample_yield" if end == "share" else f"sample_yield_{end}"
-            variables[name] = ("limit", [getattr(one, end) for one in yields], {"long_name": text})
+        # Wilson's interval, which holds the true share with 95 %, only approximately for Sobol points
+        ends = [binomtest(count, len(values)).proportion_ci(0.95, method="wilson") for count in counts]
+        variables["sample_yield"] = ("limit", np.array(counts) / len(values), {"long_name": "yield of boards"})
+        variables["sample_yield_low"] = ("limit", [float(end.low) for end in ends], {"long_name": "at least"})
+        variables["sample_yield_high"] = ("limit", [float(end.high) for end in ends], {"long_name": "at most"})
     return xr.Dataset(variables, coords={"limit": [*(limit.text for limit in limits), "all limits"]})
