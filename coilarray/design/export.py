@@ -142,8 +142,8 @@ def _format_of(path: Path) -> Format:
 
 
 def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
-    """Read a board back and return its first three faults: cut or touching coils, foreign copper, wrong nets."""
-    from coilarray.fabrication.nets import board_layers, check_names, check_nets
+    """Read a board back and return its first three faults: cut or touching coils, and foreign copper."""
+    from coilarray.fabrication.nets import board_layers, check_nets
 
     if to == "kicad":
         from coilarray.fabrication.kicad_reader import read_kicad
@@ -156,5 +156,4 @@ def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
     layers, holes = board_layers(copper)
     # KiCad gives a board of one copper layer an empty back.
     known = {layer: shapes for layer, shapes in layers.items() if shapes or layer in design.array.stackup.names}
-    found = check_nets(design.array, known, holes).faults or check_names(design.array, copper)
-    return [fault.text for fault in found[:_SHOWN_FAULTS]]
+    return [fault.text for fault in check_nets(design.array, known, holes)[:_SHOWN_FAULTS]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -43,7 +43,7 @@ class Barrel:
     layers: tuple[str, ...]
 
 
-FaultKind = Literal["bridge", "cut", "missing", "foreign", "net"]
+FaultKind = Literal["bridge", "cut", "missing", "foreign"]
 Place = Sequence[float] | FloatArray
 
 
@@ -51,10 +51,10 @@ Place = Sequence[float] | FloatArray
 class NetFault:
     """Difference between the copper of a file and its coils.
 
-    `kind`: "bridge": two coils in one piece; "cut": a terminal cut off; "missing": copper or a hole missing beside an
-    unbroken path; "foreign": copper or a hole that the design does not have; "net": copper with no net or with the net
-    of another coil. `coils`: the coils concerned; empty for copper that touches no coil. `layer`: copper layer of the
-    place; for a hole it is the uppermost layer. `x`, `y`: place in m. `text`: one line with the place in mm.
+    `kind`: "bridge": several coils in one piece; "cut": a terminal cut off; "missing": copper or a hole missing beside
+    an unbroken path; "foreign": copper or a hole that the design does not have. `coils`: the coils concerned; empty for
+    copper that touches no coil. `layer`: copper layer of the place; for a hole it is the uppermost layer. `x`, `y`:
+    place in m. `text`: one line with the place in mm.
     """
 
     kind: FaultKind
@@ -63,22 +63,6 @@ class NetFault:
     x: float
     y: float
     text: str
-
-
-@dataclass(frozen=True)
-class NetCheck:
-    """Result of a net check.
-
-    `pieces`: number of connected pieces of copper. `faults`: bridges first, then cuts, missing and foreign copper.
-    """
-
-    pieces: int
-    faults: tuple[NetFault, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether the copper is exactly the coils."""
-        return not self.faults
 
 
 def connected_pieces(
@@ -142,11 +126,12 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 
 def check_nets(
     array: Array, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
-) -> NetCheck:
+) -> tuple[NetFault, ...]:
     """Compare the copper of a file with its coils.
 
-    The check has passed if both terminals of every coil are in one piece, no two coils are in one piece, all copper and
-    holes of every coil are present, also if they carry no current, and nothing else is present.
+    Returns bridges first, then cuts, missing and foreign copper. There is no fault if both terminals of every coil are
+    in one piece, no two coils are in one piece, all copper and holes of every coil are present, also if they carry no
+    current, and nothing else is present.
 
     `layers`: copper of the file in m by name of the layer; a layer that is left out has no copper. `holes`: plated
     holes of the file. `tolerance`: length in m by which shapes may differ, because of rounding and polygons of arcs in
@@ -168,11 +153,27 @@ def check_nets(
     bridges: list[NetFault] = []
     cuts: list[NetFault] = []
     missing: list[NetFault] = []
-    foreign = [_foreign_hole(hole) for hole in foreign_holes]
+    foreign = [
+        _fault(
+            "foreign",
+            (),
+            hole.layers[0],
+            (hole.x, hole.y),
+            f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}",
+        )
+        for hole in foreign_holes
+    ]
     for piece in pieces:
-        owners = [coil for coil in coils if coil.lies_on(piece)]
+        owners = [
+            coil
+            for coil in coils
+            if any(
+                layer in piece and shapely.intersects(piece[layer], shapely.LineString(line))
+                for line, layer in zip(coil.lines, coil.line_layers, strict=True)
+            )
+        ]
         if len(owners) > 1:
-            bridges += _bridges(piece, owners, foreign_holes, tolerance)
+            bridges.append(_bridge(piece, owners, foreign_holes, tolerance))
         else:
             foreign += _foreign_copper(piece, owners or coils, tolerance)
     for coil in coils:
@@ -181,49 +182,12 @@ def check_nets(
             cuts.append(cut)
         else:
             missing += coil.missing(copper, holes, tolerance)
-    return NetCheck(len(pieces), (*bridges, *cuts, *missing, *foreign))
-
-
-def check_names(array: Array, board: BoardCopper) -> tuple[NetFault, ...]:
-    """Compare the nets of a board's copper with the coils.
-
-    The copper has passed `check_nets`. There is a fault for each track, hole or pad that has no net, or a net other
-    than the name of the coil on which it lies.
-    """
-    lines: list[tuple[str, str, BaseGeometry]] = [
-        (layer, placement.name, shapely.LineString(line))
-        for placement in array.placements
-        for line, _, layer in placement.traces()
-    ]
-    middles = [shapely.LineString([track.start, track.end]).centroid for track in board.tracks]
-    faults: list[NetFault] = []
-    for layer in array.stackup.names:
-        coils = [(name, way) for on, name, way in lines if on == layer]
-        copper = [(at, track.net) for at, track in zip(middles, board.tracks, strict=True) if track.layer == layer]
-        copper += [(shapely.Point(pad.x, pad.y), pad.net) for pad in board.pads if pad.layer == layer]
-        faults += _misnamed(f"copper on {layer}", layer, copper, coils)
-    bores = [(drill.net, shapely.Point(drill.x, drill.y)) for drill in drills(array) if drill.drilled]
-    holes = [(shapely.Point(hole.x, hole.y), hole.net) for hole in board.holes]
-    return (*faults, *_misnamed("a plated hole", array.stackup.names[0], holes, bores))
+    return *bridges, *cuts, *missing, *foreign
 
 
 def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
     """Make a fault. The place in mm is appended to the text."""
     return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {place_in_mm(*place)}")
-
-
-def _misnamed(
-    what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
-) -> Iterator[NetFault]:
-    """Compare the net at every place with the coils. The name of the nearest coil is expected."""
-    if not coils or not places:
-        return
-    nearest = shapely.STRtree([shape for _, shape in coils]).query_nearest([at for at, _ in places], all_matches=False)
-    for (at, net), k in zip(places, nearest[1].tolist(), strict=True):
-        name = coils[k][0]
-        if net != name:
-            has = "no net" if net is None else f"the net {net}"
-            yield _fault("net", (name,), layer, (at.x, at.y), f"{what} of {name} has {has}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,13 +231,6 @@ class _Coil:
             {layer: shapely.union_all(shapes) for layer, shapes in most.items()},
         )
 
-    def lies_on(self, piece: Mapping[str, BaseGeometry]) -> bool:
-        """Whether the centre lines meet the piece."""
-        return any(
-            layer in piece and shapely.intersects(piece[layer], shapely.LineString(line))
-            for line, layer in zip(self.lines, self.line_layers, strict=True)
-        )
-
     def cut(self, pieces: Sequence[Mapping[str, BaseGeometry]]) -> NetFault | None:
         """Find where the path leaves the first terminal's piece. None if both terminals are in one piece."""
         begin, end = self.lines[0][0], self.lines[-1][-1]
@@ -290,13 +247,12 @@ class _Coil:
             lost = shapely.get_coordinates(way - bored - piece.get(layer, shapely.Polygon()))
             if not len(lost):
                 continue
-            along = shapely.line_locate_point(way, shapely.points(lost))
-            place = lost[int(np.argmin(along))]
             if k > 0 and not self._reached(piece, line[0], layer):
                 text = f"{off}nothing joins {self.line_layers[k - 1]} and {layer}"
                 return _fault("cut", (self.name,), layer, line[0], text)
-            return _fault("cut", (self.name,), layer, place, f"{off}its copper ends on {layer}")
-        return NetFault("cut", (self.name,), last, float(end[0]), float(end[1]), f"{off}no copper on {last}")
+            along = shapely.line_locate_point(way, shapely.points(lost))
+            return _fault("cut", (self.name,), layer, lost[np.argmin(along)], f"{off}its copper ends on {layer}")
+        return _fault("cut", (self.name,), last, end, f"{off}no copper on {last}")
 
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
         """Whether the piece reaches a point of a layer.
@@ -320,56 +276,26 @@ class _Coil:
                 yield _fault("missing", (self.name,), layer, place, f"copper of {self.name} is missing on {layer}")
 
 
-def _bridges(
+def _bridge(
     piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
-) -> Iterator[NetFault]:
-    """Pairs of touching coils in a piece, and where. At least one pair is given."""
-    nowhere = True
-    for a, b in combinations(owners, 2):
-        for layer, x, y in _meetings(piece, a, b, owners, foreign_holes):
-            nowhere = False
-            yield _fault("bridge", (a.name, b.name), layer, (x, y), f"{a.name} and {b.name} touch on {layer}")
-    if nowhere:  # a way over several layers
-        names = tuple(coil.name for coil in owners)
-        stray = next(_foreign_copper(piece, owners, tolerance), None)
-        x, y = owners[0].lines[0][0].tolist() if stray is None else (stray.x, stray.y)
-        layer = owners[0].line_layers[0] if stray is None else stray.layer
-        yield _fault("bridge", names, layer, (x, y), f"{' and '.join(names)} are joined by way of {layer}")
-
-
-def _meetings(
-    piece: Mapping[str, BaseGeometry], a: _Coil, b: _Coil, owners: Sequence[_Coil], foreign_holes: Sequence[Barrel]
-) -> Iterator[tuple[str, float, float]]:
-    """Layer and place of each connection between two coils.
-
-    It is a hole, copper of both coils, or foreign copper beside both.
-    """
-    for hole in foreign_holes:
-        if _reaches(hole, a) and _reaches(hole, b):
-            yield hole.layers[0], hole.x, hole.y
-    for layer in piece:
-        if layer not in a.most or layer not in b.most:
-            continue
-        both = shapely.intersection(a.most[layer], b.most[layer])
-        between = piece[layer] - shapely.union_all([coil.most[layer] for coil in owners if layer in coil.most])
-        beside = [
-            part
-            for part in shapely.get_parts(between)
-            if shapely.dwithin(part, a.most[layer], _TOUCHING) and shapely.dwithin(part, b.most[layer], _TOUCHING)
-        ]
-        for x, y in _places((*shapely.get_parts(both), *beside)):
-            yield layer, x, y
-
-
-def _reaches(hole: Barrel, coil: _Coil) -> bool:
-    centre = shapely.Point(hole.x, hole.y)
-    radius = hole.drill / 2 + _BARREL_MARGIN
-    return any(layer in coil.most and shapely.dwithin(coil.most[layer], centre, radius) for layer in hole.layers)
-
-
-def _foreign_hole(hole: Barrel) -> NetFault:
-    text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
-    return _fault("foreign", (), hole.layers[0], (hole.x, hole.y), text)
+) -> NetFault:
+    """Fault of several coils in one piece, where two of them meet, or a hole or copper that is of none of them."""
+    names = tuple(coil.name for coil in owners)
+    shared = (
+        (layer, place)
+        for layer in piece
+        for one, other in combinations([coil.most[layer] for coil in owners if layer in coil.most], 2)
+        for place in _places(shapely.get_parts(one & other))
+    )
+    bores = (
+        (hole.layers[0], (hole.x, hole.y))
+        for hole in foreign_holes
+        if any(shapely.dwithin(piece.get(layer), shapely.Point(hole.x, hole.y), hole.drill) for layer in hole.layers)
+    )
+    strays = ((stray.layer, (stray.x, stray.y)) for stray in _foreign_copper(piece, owners, tolerance))
+    begin = owners[0].line_layers[0], owners[0].lines[0][0]
+    layer, place = next(chain(shared, bores, strays, [begin]))
+    return _fault("bridge", names, layer, place, f"{' and '.join(names)} are joined on {layer}")
 
 
 def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], tolerance: float) -> Iterator[NetFault]:

@@ -316,7 +316,7 @@ def test_regions_and_clear_shapes(tmp_path: Path) -> None:
     files = unzipped(export(array, tmp_path))
     files["board-In2_Cu.gbr"] = files["board-In2_Cu.gbr"].replace("M02*", f"{REGION.replace('X', 'X-')}\nM02*")
     check = check_nets(array, *board_layers(read(tmp_path, files)))
-    assert [(fault.kind, fault.layer) for fault in check.faults] == [("foreign", "L3")]
+    assert [(fault.kind, fault.layer) for fault in check] == [("foreign", "L3")]
 
 
 def test_the_job_file_of_another_program(tmp_path: Path) -> None:
@@ -381,7 +381,7 @@ def test_kicads_own_plots_of_a_design_are_its_copper_with_the_same_inductances(k
     board = read_gerbers(kicad_plots, array.stackup)
     expected = inductance_matrix(array.conductors())
     assert inductances(board, array.names) == pytest.approx(expected, rel=1e-6)
-    assert check_nets(array, *board_layers(board)).faults == ()
+    assert check_nets(array, *board_layers(board)) == ()
 
 
 def test_paths_that_are_no_board_or_a_damaged_one(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def test_boards_of_arcs_are_written_as_arcs_and_read_back(write, read, arc, tmp_
     file = write(tmp_path)
     assert len(re.findall(arc, text_of(file))) == ARCS
     layers, holes = board_layers(read(file))
-    assert check_nets(BOARD, layers, holes).faults == ()
+    assert check_nets(BOARD, layers, holes) == ()
     for layer, nets in copper_by_layer(BOARD).items():
         expected = shapely.union_all(list(nets.values()))
         copper = shapely.union_all(layers[layer])
