@@ -8,13 +8,11 @@ from __future__ import annotations
 import json
 import math
 import re
-import shutil
 import tempfile
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +23,7 @@ from coilarray.errors import OutputError
 from coilarray.fabrication.silk import Label, silk_labels
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import Array, Placement
-from coilarray.geometry.copper import Drill, drills_of
+from coilarray.geometry.copper import drills_of
 from coilarray.geometry.rules import FabRules
 from coilarray.geometry.stackup import Stackup
 
@@ -132,10 +130,6 @@ class Drawing:
         """Transform points of the design to the sheet, in nm. The points have the shape (…, 2), in m."""
         return np.asarray(nanometres(xy) * np.array([1, -1]) + np.array([self.x0, self.y0]))
 
-    def point(self, x: float, y: float) -> IntArray:
-        """Transform a point of the design to the sheet. The point is in m. The result has the shape (2,), in nm."""
-        return self.points((x, y))
-
     def within(self, part: str) -> Drawing:
         """Return the drawing of a part, with its own identifiers."""
         return replace(self, root=f"{self.root}/{part}")
@@ -180,26 +174,14 @@ def copper_names(stackup: Stackup) -> dict[str, str]:
 _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM))})
 
 
-def library_footprints(array: Array) -> dict[str, str]:
-    """Write footprints of all coil shapes.
-
-    There is a footprint for every shape and set of layers. It is named after the first coil with this shape and these
-    layers.
-
-    Pads 1 and 2 are the terminals. A footprint has no vias. They are pads V1, V2, … without a net. The winding is drawn
-    as lines on the copper layers. The footprint is a net tie, KiCad's word for a part that joins nets on purpose.
-    KiCad's check then allows different nets at the terminals, as a coil has in a circuit.
-
-    All holes go through the board, because pads of a footprint have no blind holes.
-    """
-    shapes: dict[tuple[int, tuple[str, ...]], list[Placement]] = {}
-    for placement in array.placements:
-        shapes.setdefault((id(placement.coil), placement.layers), []).append(placement)
-    return {alike[0].name: _winding(array, alike) for alike in shapes.values()}
-
-
 def _winding(array: Array, alike: Sequence[Placement]) -> str:
-    """Footprint of equal coils, in the frame of their shape. The coils differ in place and rotation only."""
+    """Footprint of equal coils, in the frame of their shape, named after the first of them.
+
+    Pads 1 and 2 are the terminals. A footprint has no vias: they are pads V1, V2, … without a net, under the solder
+    mask. The winding is drawn as lines on the copper layers. The footprint is a net tie, KiCad's word for a part that
+    joins nets on purpose. KiCad's check then allows different nets at the terminals, as a coil has in a circuit. All
+    holes go through the board, because pads of a footprint have no blind holes.
+    """
     name = alike[0].name
     placement = replace(alike[0].at_origin(), name="REF**")
     single = replace(array, placements=(placement,), through_holes=True)
@@ -217,7 +199,18 @@ def _winding(array: Array, alike: Sequence[Placement]) -> str:
             node(f"fp_{'line' if len(ends) == 2 else 'arc'}", *ends, layer, width, drawing.identifier("line", k))
             for k, (ends, width, layer) in enumerate(tracks(placement, drawing))
         ),
-        *_via_pads(single, placement, drawing),
+        *(
+            _pad(
+                f"V{k + 1}",
+                "thru_hole",
+                drawing.points((via.x, via.y)),
+                via.pad,
+                node("drill", length(via.diameter)),
+                node("layers", _through(array.stackup)),
+                drawing.identifier("via", k),
+            )
+            for k, via in enumerate(hole for hole in drills_of(single, placement) if hole.kind == "via")
+        ),
         *_terminal_pads(single, placement, (), drawing),
     ]
     head = (quoted(name), node("version", FILE_VERSION), node("generator", GENERATOR), on_layer("F.Cu"))
@@ -232,7 +225,7 @@ def terminal_footprint(array: Array, placement: Placement, label: Label | None, 
     """
     children = [
         drawing.identifier("footprint"),
-        at("at", drawing.point(placement.x, placement.y)),
+        at("at", drawing.points((placement.x, placement.y))),
         _attributes(placement, "board_only"),
         _reference(placement, label, drawing),
         _value("coil", drawing),
@@ -260,14 +253,6 @@ def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, 
                 yield ends, node("width", length(widths[piece.first])), drawing.layer(layer)
 
 
-def holes_of(
-    array: Array, placement: Placement, kind: Literal["via", "terminal"], drawing: Drawing
-) -> list[tuple[Drill, IntArray]]:
-    """Holes of one coil with places in nm. The places are on the sheet. They are in the order of the path."""
-    own = drills_of(array, placement)
-    return [(hole, drawing.point(hole.x, hole.y)) for hole in own if hole.kind == kind]
-
-
 def _attributes(placement: Placement, *more: str) -> str:
     return node("attr", "smd" if placement.coil.terminal is None else "through_hole", *more, *_NO_PART)
 
@@ -276,7 +261,7 @@ def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> s
     """Write the coil's name as reference. It is on the silk screen if it fits."""
     if label is None:
         return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
-    place = drawing.point(label.x, label.y) - drawing.point(placement.x, placement.y)
+    place = drawing.points((label.x, label.y)) - drawing.points((placement.x, placement.y))
     return _text("reference", placement.name, at("at", place), "F.SilkS", label.size, drawing)
 
 
@@ -298,14 +283,6 @@ def _outline(placement: Placement, drawing: Drawing) -> str:
     return node("fp_poly", points, *style, drawing.identifier("outline"))
 
 
-def _via_pads(array: Array, placement: Placement, drawing: Drawing) -> Iterator[str]:
-    """Yield the pads V1, V2, … for vias. They are under the solder mask."""
-    for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
-        layers = node("layers", _through(array))
-        drill = node("drill", length(hole.diameter))
-        yield _pad(f"V{k + 1}", "thru_hole", point, hole.pad, drill, layers, drawing.identifier("via", k))
-
-
 def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
     """Yield pads 1 and 2 at the path's ends.
 
@@ -313,11 +290,11 @@ def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawi
     adds no copper. For KiCad's check it marks the intended end of the track.
     """
     coil = placement.coil
-    origin = drawing.point(placement.x, placement.y)
+    origin = drawing.points((placement.x, placement.y))
     ends = drawing.points(placement.to_board(coil.terminal_points)) - origin
     layers = (placement.layers[0], placement.layers[-1])
     widths = (coil.widths[0][0], coil.widths[-1][-1])
-    holes = [hole for hole, _ in holes_of(array, placement, "terminal", drawing)]
+    holes = [hole for hole in drills_of(array, placement) if hole.kind == "terminal"]
     for k, (end, layer, width) in enumerate(zip(ends, layers, widths, strict=True)):
         number, rest = str(k + 1), (*net, drawing.identifier("terminal", k))
         copper = drawing.layers[layer]
@@ -325,16 +302,16 @@ def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawi
             yield _pad(number, "smd", end, width, node("layers", quoted(copper)), *rest)
         elif holes[k].drilled:
             drill = node("drill", length(holes[k].diameter))
-            both = node("layers", _through(array), quoted("*.Mask"))
+            both = node("layers", _through(array.stackup), quoted("*.Mask"))
             yield _pad(number, "thru_hole", end, holes[k].pad, drill, both, *rest)
         else:
             mask = () if copper.startswith("In") else (quoted(copper.replace(".Cu", ".Mask")),)
             yield _pad(number, "smd", end, holes[k].pad, node("layers", quoted(copper), *mask), *rest)
 
 
-def _through(array: Array) -> str:
+def _through(stackup: Stackup) -> str:
     """Copper layers of a hole through the board. The back of a board of one copper layer stays empty."""
-    return quoted("*.Cu" if len(array.stackup.names) > 1 else "F.Cu")
+    return quoted("*.Cu" if len(stackup.names) > 1 else "F.Cu")
 
 
 def _pad(number: str, kind: str, point: IntArray, diameter: float, *rest: str) -> str:
@@ -368,7 +345,7 @@ def write_kicad(
     It was tried with 6.0.11 and 9.0.2.
 
     `path` is the folder, made completely or not at all. In an existing folder the files of the project are replaced,
-    all or none, and all other files stay. `name`, the name of the project, has letters, digits and ``_ . + -``, with
+    and all other files stay. `name`, the name of the project, has letters, digits and ``_ . + -``, with
     ``-`` not first. `rules` are the limits of KiCad's own check. `title` stands on the sheet, by default the name.
     `check` is called with the path of the finished board before any file is moved to its place. If it raises, nothing
     is changed.
@@ -402,14 +379,38 @@ def write_kicad(
             raise OutputError(
                 f"the name of a {what} for KiCad must be letters, digits, _ . + - and not begin with -; got {text!r}."
             )
+    # with its table KiCad finds the footprints of the project, in a library with the project's name
+    library = {"name": name, "type": "KiCad", "uri": f"${{KIPRJMOD}}/{name}.pretty", "options": ""}
+    library["descr"] = "windings of the coils"
+    row = node("lib", *(node(key, quoted(value)) for key, value in library.items()))
     texts = {
         f"{name}.kicad_pcb": board_text(array, name, title or name),
         f"{name}.kicad_pro": _project_text(array, name, rules),
-        "fp-lib-table": _library_table_text(name),
+        "fp-lib-table": block("fp_lib_table", (), (row,)) + "\n",
     }
-    for footprint, text in library_footprints(array).items():
-        texts[f"{name}.pretty/{footprint}.kicad_mod"] = text
-    _write_folder(path, texts, check)
+    alike: dict[tuple[int, tuple[str, ...]], list[Placement]] = {}  # coils that differ in place and rotation only
+    for placement in array.placements:
+        alike.setdefault((id(placement.coil), placement.layers), []).append(placement)
+    texts |= {f"{name}.pretty/{one[0].name}.kicad_mod": _winding(array, one) for one in alike.values()}
+    try:
+        remove_left(path.parent)
+        with tempfile.TemporaryDirectory(prefix=hidden_prefix(path.name), dir=path.parent) as temporary:
+            staged = Path(temporary) / "project"
+            for file, text in texts.items():
+                (staged / file).parent.mkdir(parents=True, exist_ok=True)
+                (staged / file).write_text(text, encoding="utf-8", newline="\n")
+            if check is not None:
+                check(staged / next(iter(texts)))
+            if path.exists():
+                for folder in dict.fromkeys((path / file).parent for file in texts):
+                    make_folder(folder)
+                for file in texts:
+                    (staged / file).replace(path / file)
+            else:
+                staged.rename(path)
+    except OSError as error:
+        place = error.filename2 or path  # the target of a file that could not be moved
+        raise OutputError(f"cannot write {place}: {error.strerror or error}.") from None
     return tuple(path / file for file in texts)
 
 
@@ -512,22 +513,17 @@ def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
         for k, (ends, width, layer) in enumerate(tracks(placement, own)):
             kind = "segment" if len(ends) == 2 else "arc"
             yield node(kind, *ends, width, layer, net, own.identifier("track", k))
-        yield from _vias(array, placement, net, own)
-
-
-def _vias(array: Array, placement: Placement, net: str, drawing: Drawing) -> Iterator[str]:
-    """Yield the vias of one coil."""
-    for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
-        through = hole.layers == array.stackup.names
-        ends = (drawing.layers[hole.layers[0]], drawing.layers[hole.layers[-1]])
-        sizes = (node("size", length(hole.pad)), node("drill", length(hole.diameter)))
-        rest = (at("at", point), *sizes, node("layers", *map(quoted, ends)), net, drawing.identifier("via", k))
-        yield node("via", *(() if through else ("blind",)), *rest)
+        for k, hole in enumerate(hole for hole in drills_of(array, placement) if hole.kind == "via"):
+            through = hole.layers == array.stackup.names
+            ends = quoted(own.layers[hole.layers[0]]), quoted(own.layers[hole.layers[-1]])
+            sizes = (node("size", length(hole.pad)), node("drill", length(hole.diameter)))
+            rest = (*sizes, node("layers", *ends), net, own.identifier("via", k))
+            yield node("via", *(() if through else ("blind",)), at("at", own.points((hole.x, hole.y))), *rest)
 
 
 def _edge(array: Array, drawing: Drawing) -> str:
     x_min, y_min, x_max, y_max = array.bounds
-    corners = (at("start", drawing.point(x_min, y_max)), at("end", drawing.point(x_max, y_min)))
+    corners = (at("start", drawing.points((x_min, y_max))), at("end", drawing.points((x_max, y_min))))
     style = (on_layer("Edge.Cuts"), node("width", "0.05"), node("fill", "none"))
     return node("gr_rect", *corners, *style, drawing.identifier("edge"))
 
@@ -571,68 +567,3 @@ def _project_text(array: Array, name: str, rules: FabRules) -> str:
         "net_settings": {"classes": [default_class], "meta": {"version": 2}},
     }
     return json.dumps(project, indent=2) + "\n"
-
-
-def _library_table_text(name: str) -> str:
-    """Text of the project's ``fp-lib-table``.
-
-    With it KiCad finds the footprints of the project. The library has the project's name.
-    """
-    folder = f"${{KIPRJMOD}}/{name}.pretty"
-    fields = {"name": name, "type": "KiCad", "uri": folder, "options": "", "descr": "windings of the coils"}
-    library = node("lib", *(node(key, quoted(value)) for key, value in fields.items()))
-    return block("fp_lib_table", (), (library,)) + "\n"
-
-
-def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], None] | None) -> None:
-    """Write files and move them into a folder.
-
-    The folder is made beside `path` and renamed, or its files are moved into an existing folder. If OutputError is
-    raised, a new folder does not remain, and an existing folder is unchanged.
-    """
-    try:
-        remove_left(path.parent)
-        with tempfile.TemporaryDirectory(prefix=hidden_prefix(path.name), dir=path.parent) as temporary:
-            staged = Path(temporary) / "project"
-            for file, text in texts.items():
-                (staged / file).parent.mkdir(parents=True, exist_ok=True)
-                (staged / file).write_text(text, encoding="utf-8", newline="\n")
-            if check is not None:
-                check(staged / next(iter(texts)))
-            if path.exists():
-                _replace_files(path, staged, texts, Path(temporary) / "before")
-            else:
-                staged.rename(path)
-    except OSError as error:
-        place = error.filename2 or path  # the target of a file that could not be moved
-        raise OutputError(f"cannot write {place}: {error.strerror or error}.") from None
-
-
-def _replace_files(path: Path, staged: Path, files: Iterable[str], before: Path) -> None:
-    """Move files into a folder, and undo it on failure.
-
-    `before` holds the copies of the replaced files, which are put back.
-    """
-    made: list[Path] = []
-    replaced: list[str] = []
-    try:
-        for file in files:
-            folder = (path / file).parent
-            if not folder.is_dir():
-                make_folder(folder)
-                made.append(folder)
-            if (path / file).exists():
-                make_folder((before / file).parent)
-                shutil.copy2(path / file, before / file)
-        for file in files:
-            (staged / file).replace(path / file)
-            replaced.append(file)
-    except BaseException:
-        for file in replaced:
-            if (before / file).exists():
-                (before / file).replace(path / file)
-            else:
-                (path / file).unlink()
-        for folder in made:
-            folder.rmdir()
-        raise

@@ -19,12 +19,9 @@ from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, SurfacePa
 from coilarray.fabrication.track_graph import (
     JOINED,
     TracedCoil,
-    TrackGraph,
     follow,
-    found_in_parts,
     natural_order,
     place,
-    require_followable,
     track_graph,
     where,
 )
@@ -75,8 +72,6 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     hole joins its turns.
     """
     by_net, nameless = _by_net(board)
-    if nets is None:
-        require_followable(nameless.tracks)  # before any shape is made
     obstacles = Obstacles(nameless.all)
     if nets is not None:
         for net in nets:
@@ -177,7 +172,10 @@ def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil
     graph = track_graph(tracks, copper.holes, copper.pads)
     pieces = graph.components()
     if len(pieces) != 1:
-        at = " and ".join(_beginning(graph, piece[0], tracks) for piece in pieces[:2])
+        at = " and ".join(
+            f"at {place(graph, piece[0])} on {graph.edges[piece[0]].layer} ({where(graph, piece[0], tracks)})"
+            for piece in pieces[:2]
+        )
         raise BoardError(
             f"{tracks[0].where}: net {net} must be one piece of copper; it has {len(pieces)} that do not meet"
             f"{', ' if at else ''}{at}."
@@ -186,10 +184,6 @@ def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil
     obstacles.refuse_contact(f"net {net}", coil)
     refuse_bridges(f"net {net}", coil, copper.stands)
     return coil
-
-
-def _beginning(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
-    return f"at {place(graph, edge)} on {graph.edges[edge].layer} ({where(graph, edge, tracks)})"
 
 
 def _trace_nameless(
@@ -277,7 +271,7 @@ class Obstacles:
         segments = list(_segments(coil))
         lines = [segment.line for segment in segments]
         within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
-        for k, index in found_in_parts(self._tree, lines, within):
+        for k, index in self._tree.query(lines, predicate="dwithin", distance=within).T.tolist():
             item, layer, _ = self._found[index]
             if layer == segments[k].layer and id(item) not in own:
                 at = place_in_mm(*lines[k].coords[0])
@@ -409,14 +403,22 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
             shapes.append(placement)
         placements.append(placement)
         notes += _notes(coil)
-    through = _through(board, coils)
-    if through is None:
+    joining = [hole for coil in coils for hole in (*coil.vias, *coil.ends) if isinstance(hole, Hole)]
+    through = {hole.layers == board.stackup.names for hole in joining}
+    if len(through) > 1:
         notes.append(
             "Some holes go through the whole board and some do not; all taken as reaching only what they join."
         )
-    array = Array(_stackup(board, assumed, notes), tuple(placements), 0.0, bool(through))
+    array = Array(_stackup(board, assumed, notes), tuple(placements), 0.0, False not in through)
     array = _with_margin(array, board, assumed, notes)
-    notes += [f"{coil.name}: the current enters at {_begin(coil)}." for coil in coils]
+    for coil in coils:
+        at = f"{place_in_mm(*coil.path[0])} on {coil.layers[0]}"
+        first, last = ("" if end is None else end.number for end in coil.ends)
+        if first == last:
+            at += ", where its first track is, for its ends have no numbers to tell them apart"
+        else:
+            at = f"pad {first}, {at}" if first else f"{at}, opposite to pad {last}"
+        notes.append(f"{coil.name}: the current enters at {at}.")
     return TracedArray(array, assumed, tuple(notes))
 
 
@@ -505,21 +507,6 @@ def _notes(coil: TracedCoil) -> Iterator[str]:
         yield f"{coil.name}: pads without a hole at its ends left out; the trace ends in their centres."
     if coil.passed:
         yield f"{coil.name}: {len(coil.passed)} of the holes on the path join none of its lines and are left out."
-
-
-def _begin(coil: TracedCoil) -> str:
-    at = f"{place_in_mm(*coil.path[0])} on {coil.layers[0]}"
-    first, last = ("" if end is None else end.number for end in coil.ends)
-    if first == last:
-        return f"{at}, where its first track is, for its ends have no numbers to tell them apart"
-    return f"pad {first}, {at}" if first else f"{at}, opposite to pad {last}"
-
-
-def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:
-    """Whether all holes go through the whole board. None if some do and some do not."""
-    holes = [hole for coil in coils for hole in (*coil.vias, *coil.ends) if isinstance(hole, Hole)]
-    through = {hole.layers == board.stackup.names for hole in holes}
-    return None if len(through) > 1 else through != {False}
 
 
 def _with_margin(array: Array, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import groupby, pairwise
@@ -12,7 +12,6 @@ from itertools import groupby, pairwise
 import numpy as np
 import numpy.typing as npt
 import shapely
-from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError
@@ -27,10 +26,6 @@ JOINED = 1e-6
 # Relative to the squared length of a path: a smaller area that it runs around counts as zero.
 _BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6
-_MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond
-_SAMPLE = 1000  # ends by which they are counted
-_FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which it is certain
-_AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +133,6 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
     cuts: dict[int, list[Point]] = {k: [] for k in long}
     lines = shapely.STRtree([shapely.LineString((tracks[k].start, tracks[k].end)) for k in long])
     points = _points(marks)
-    require_followable(tracks)
     for mark, index in lines.query(points, predicate="dwithin", distance=JOINED).T.tolist():
         track, (layer, at) = tracks[long[index]], marks[mark]
         if track.layer == layer and min(math.dist(at, track.start), math.dist(at, track.end)) > JOINED:
@@ -151,56 +145,29 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
     return pieces
 
 
-def require_followable(tracks: Sequence[Track]) -> None:
-    """Refuse tracks whose bounds overlap too often.
-
-    Searching for their meeting points would take longer than minutes.
-    """
-    ends = np.array([(track.start, track.end) for track in tracks]).reshape(-1, 2, 2)
-    lines = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
-    points: npt.NDArray[np.object_] = np.asarray(shapely.points(ends.reshape(-1, 2)))
-    for count, certain in ((_FEW, _CERTAIN), (_SAMPLE, 1.0)):  # a small sample is enough for gross excess
-        sample = points[:: max(len(points) // count, 1)]
-        pairs = lines.query(sample).shape[1] / max(len(sample), 1) * len(points)
-        if pairs > certain * _MOST_PAIRS:
-            raise BoardError(
-                f"{tracks[0].where}: {len(tracks)} tracks lie across each other too often to be followed: their bounds "
-                f"meet about {pairs:.0e} times, and may {_MOST_PAIRS:.0e} times."
-            )
-
-
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
     """Copper from loose ends to overlapping copper. The loose ends overlap a pad or another loose end."""
     ends = [(piece, at) for piece in pieces for at in (piece.start, piece.end)]
     places = [*((piece.layer, at) for piece, at in ends), *((stand.layer, stand.at) for stand in stands)]
-    company = [0] * len(places)
-    for i, j in _close_pairs(places, JOINED):
-        company[i] += 1
-        company[j] += 1
-    loose = [k for k in range(len(ends)) if not company[k]]
+    joined = {k for pair in _close_pairs(places, JOINED) for k in pair}
+    loose = [k for k in range(len(ends)) if k not in joined]
     bridges = []
-    free = []
-    widest_stand = max((stand.size for stand in stands), default=0.0)
-    near: dict[int, list[_Stand]] = {}
     tree = shapely.STRtree(_points([(stand.layer, stand.at) for stand in stands]))
-    found = tree.query(_points([(ends[k][0].layer, ends[k][1]) for k in loose]), "dwithin", distance=widest_stand / 2)
+    widest_stand = max((stand.size for stand in stands), default=0.0)
+    found = tree.query(_points([places[k] for k in loose]), "dwithin", distance=widest_stand / 2)
+    around: dict[int, list[tuple[float, Point]]] = {}
     for number, index in found.T.tolist():
-        near.setdefault(loose[number], []).append(stands[index])
-    for k in loose:
+        (layer, at), stand = places[loose[number]], stands[index]
+        if stand.layer == layer and (apart := math.dist(stand.at, at)) <= stand.size / 2:
+            around.setdefault(loose[number], []).append((apart, stand.at))
+    for k, near in around.items():
         piece, at = ends[k]
-        around = [
-            stand
-            for stand in near.get(k, ())
-            if stand.layer == piece.layer and math.dist(stand.at, at) <= stand.size / 2
-        ]
-        if around:
-            nearest = min(around, key=lambda stand: math.dist(stand.at, ends[k][1]))
-            bridges.append(_Piece(piece.layer, at, nearest.at, piece.width, piece.track))
-        else:
-            free.append(k)
+        _, nearest = min(near, key=lambda place: place[0])
+        bridges.append(_Piece(piece.layer, at, nearest, piece.width, piece.track))
+    free = [k for k in loose if k not in around]
     widest = max((ends[k][0].width for k in free), default=0.0)
     met: set[int] = set()
-    for i, j in _close_pairs([(ends[k][0].layer, ends[k][1]) for k in free], widest / 2):
+    for i, j in _close_pairs([places[k] for k in free], widest / 2):
         (one, at), (other, there) = ends[free[i]], ends[free[j]]
         radius = min(one.width, other.width) / 2
         if one is not other and not {i, j} & met and math.dist(at, there) <= radius:
@@ -214,20 +181,6 @@ def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[t
     points = _points(places)
     pairs = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance).T.tolist()
     return [(i, j) for i, j in pairs if i < j and places[i][0] == places[j][0]]
-
-
-def found_in_parts(
-    tree: shapely.STRtree, shapes: Sequence[BaseGeometry], within: Sequence[float]
-) -> Iterator[tuple[int, int]]:
-    """Yield close pairs of shapes and tree entries.
-
-    `within` is the distance in m for each shape. Few shapes are searched at a time, so a caller who stops at the first
-    pair needs no memory for all.
-    """
-    for begin in range(0, len(shapes), _AT_ONCE):
-        part = slice(begin, begin + _AT_ONCE)
-        for i, j in tree.query(shapes[part], predicate="dwithin", distance=within[part]).T.tolist():
-            yield begin + i, j
 
 
 def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
@@ -353,10 +306,7 @@ class TracedCoil:
 
 
 def _cross(points: FloatArray) -> FloatArray:
-    """Twice the signed area of the triangle on each side.
-
-    The triangles have the origin as a corner. The path is closed.
-    """
+    """Twice the signed area of the triangle of the origin and each side of a closed path."""
     following = np.roll(points, -1, axis=0)
     return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
 
@@ -407,13 +357,35 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
     if not ends:
         begins = where(graph, piece[0], tracks)
         raise BoardError(f"{begins}: {what} must have two ends; it is closed, through {place(graph, piece[0])}.")
-    _refuse_crossing(what, graph, piece, tracks)
+    lines = [
+        shapely.LineString([(graph.nodes[number].x, graph.nodes[number].y) for number in graph.edges[index].ends])
+        for index in piece
+    ]
+    for i, j in shapely.STRtree(lines).query(lines, predicate="intersects").T.tolist():
+        one, other = graph.edges[piece[i]], graph.edges[piece[j]]
+        if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):
+            at = place_in_mm(*shapely.get_coordinates(lines[i].intersection(lines[j]))[0])
+            raise BoardError(
+                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at {at} "
+                f"({where(graph, piece[j], tracks)})."
+            )
+
+    def precedence(number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
+        """Sort key of an end: numbered pads first, by number, then the place in the file."""
+        edge, pad_number = graph.edges[graph.nodes[number].edges[0]], _pad_number(graph, number)
+        return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
+
     pad_numbers = [_pad_number(graph, number) for number in ends]
-    if sorted(pad_numbers) == ["", "2"]:  # the pad 1 is missing, not the pad 3
-        start = ends[pad_numbers.index("")]
-    else:
-        start = min(ends, key=lambda number: _precedence(graph, number))
-    return _traced(name, graph, list(_walk(graph, start)), tracks)
+    only_second = sorted(pad_numbers) == ["", "2"]  # the pad 1 is missing, not the pad 3
+    start = ends[pad_numbers.index("")] if only_second else min(ends, key=precedence)
+    steps: list[tuple[TrackEdge, int]] = []
+    came, here = -1, start
+    while onward := [index for index in graph.nodes[here].edges if index != came]:
+        came = onward[0]
+        first, last = graph.edges[came].ends
+        here = last if first == here else first
+        steps.append((graph.edges[came], here))
+    return _traced(name, graph, start, steps, tracks)
 
 
 def place(graph: TrackGraph, edge: int) -> str:
@@ -427,53 +399,15 @@ def where(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
     return tracks[graph.edges[edge].track].where
 
 
-def _precedence(graph: TrackGraph, number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
-    """Sort key of an end of a path. Numbered pads come first, by number, then the place in the file."""
-    edge = graph.edges[graph.nodes[number].edges[0]]
-    pad_number = _pad_number(graph, number)
-    return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
-
-
 def _pad_number(graph: TrackGraph, number: int) -> str:
     pad = graph.nodes[number].pad
     return "" if pad is None else pad.number
 
 
-def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:
-    """Raise BoardError if tracks cross away from their ends. Only tracks on one layer are compared."""
-    if len(piece) < 2:
-        return
-    ends = [[graph.nodes[number] for number in graph.edges[index].ends] for index in piece]
-    lines = [shapely.LineString([(node.x, node.y) for node in pair]) for pair in ends]
-    for i, j in found_in_parts(shapely.STRtree(lines), lines, [0.0] * len(lines)):
-        one, other = graph.edges[piece[i]], graph.edges[piece[j]]
-        if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):
-            at = place_in_mm(*shapely.get_coordinates(lines[i].intersection(lines[j]))[0])
-            raise BoardError(
-                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at {at} "
-                f"({where(graph, piece[j], tracks)})."
-            )
-
-
-def _walk(graph: TrackGraph, start: int) -> Iterator[tuple[TrackEdge, int]]:
-    """Yield the edges of a path in order. The path begins at an end, and each edge comes with its next node."""
-    came, here = -1, start
-    while True:
-        onward = [index for index in graph.nodes[here].edges if index != came]
-        if not onward:
-            return
-        came = onward[0]
-        edge = graph.edges[came]
-        here = edge.ends[1] if edge.ends[0] == here else edge.ends[0]
-        yield edge, here
-
-
 def _traced(
-    name: str, graph: TrackGraph, steps: Sequence[tuple[TrackEdge, int]], tracks: Sequence[Track]
+    name: str, graph: TrackGraph, first: int, steps: Sequence[tuple[TrackEdge, int]], tracks: Sequence[Track]
 ) -> TracedCoil:
-    """Make the traced coil of the edges along a path."""
-    edge, number = steps[0]
-    first = edge.ends[1] if edge.ends[0] == number else edge.ends[0]
+    """Make the traced coil of the edges along a path from its first node, each with its next node."""
     lines, layers, widths, vias = [], [], [], []
     passed: list[Hole] = []
     at = first

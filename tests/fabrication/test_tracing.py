@@ -23,7 +23,6 @@ from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import BoardError
 from coilarray.fabrication.board import BoardCopper, Hole, SurfacePad, Track
 from coilarray.fabrication.tracing import trace_coils, traced_array, turn_gap
-from coilarray.fabrication.track_graph import require_followable
 from coilarray.geometry import Array, Placement, PlatedHole, Spiral, Stackup, path_coil
 from coilarray.geometry.arcs import CHORD_ERROR, arc_points
 
@@ -564,17 +563,3 @@ def test_the_chords_of_arcs_change_the_inductance_little(read):
     L, exact = (inductance_matrix(each.conductors())[0, 0] for each in (array, finer))
     # both enclose the area of the circles; the zigzag makes 1.5e-5, inscribed chords would make −5e-5
     assert L == pytest.approx(exact, rel=3e-5)
-
-
-@pytest.mark.slow
-def test_tracks_that_lie_across_each_other_too_often_are_refused_at_once():
-    """Random lines over a square, of whose bounds a ninth hold a point: 60,000 ends and 30,000 lines meet 2e8 times."""
-    ends = np.random.default_rng(1).uniform(0, 0.1, (30_000, 4)).tolist()
-    crossing = [Track("L1", (a, b), (c, d), 1e-4, None, "a:1") for a, b, c, d in ends]
-    refused(
-        BoardError,
-        "a:1: 30000 tracks lie across each other too often .* about 2e.08 times",
-        require_followable,
-        crossing,
-    )
-    require_followable([Track("L1", (a, b), (a + 1e-3, b), 1e-4, None, "a:1") for a, b, _, _ in ends])
