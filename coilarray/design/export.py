@@ -56,7 +56,8 @@ def export(
     design : Design or DesignFile
         Design of the board.
     path : str or Path
-        File to write. For ``"kicad"`` it is a folder. An existing file or folder is replaced, whole or not at all.
+        File to write. For ``"kicad"`` it is a folder. An existing file is replaced, whole or not at all. In an
+        existing folder the files of the project are replaced, once all of them are written.
     to : {"kicad", "gerber", "dxf", "svg", "step", "stl", "glb"}, optional
         Format. By default it follows from the suffix, and is ``"kicad"`` for a name without a suffix.
     sheets : bool

@@ -8,6 +8,7 @@ from typing import Literal
 
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.errors import GeometryError
 from coilarray.geometry.arcs import Point
 from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILON_R, Stackup
@@ -144,37 +145,41 @@ def united(parts: Sequence[Slab]) -> Slab:
     return thickness, sum(weights) / sum(d / epsilon for d, epsilon in zip(weights, epsilons, strict=True))
 
 
-def filled_copper(given: Sequence[float | None], files: str, assumed: dict[str, str]) -> tuple[float, ...]:
-    """Fill in missing thicknesses of copper.
+def completed_stackup(
+    names: Sequence[str],
+    copper: Sequence[float | None],
+    slabs: Sequence[Slab],
+    board: float | None,
+    files: str,
+    assumed: dict[str, str],
+) -> Stackup:
+    """Make a stack-up of layers top to bottom, with usual values where they are missing.
 
-    They have the usual thickness. Assumed values are recorded in `assumed`. `files` is "the files do".
+    Assumed values are recorded in `assumed`, as in `BoardCopper`. `copper` are thicknesses in m, `board` is the
+    thickness of the whole board if known, and `files` is "the files do". Raises GeometryError as `Stackup` does, or if
+    the board is too thin for its copper.
     """
-    if None in given:
+    if None in copper:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"
-    return tuple(COPPER_THICKNESS if thickness is None else thickness for thickness in given)
-
-
-def filled_dielectrics(
-    slabs: Sequence[Slab], copper: Sequence[float], board: float | None, files: str, assumed: dict[str, str]
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Fill in usual values of dielectrics where they are missing.
-
-    The dielectrics are given top to bottom. Assumed values are recorded in `assumed`, as in `BoardCopper`. `copper` are
-    thicknesses in m, `board` is the thickness of the whole board if known, and `files` is "the files do". Returns
-    thicknesses in m, not positive if the board is too thin for its copper, and relative permittivities.
-    """
+    thicknesses = [COPPER_THICKNESS if thickness is None else thickness for thickness in copper]
     missing = sum(thickness is None for thickness, _ in slabs)
     share = 0.0
     if missing:
         whole = BOARD_THICKNESS if board is None else board
-        share = (whole - sum(copper) - sum(thickness or 0.0 for thickness, _ in slabs)) / missing
+        share = (whole - sum(thicknesses) - sum(thickness or 0.0 for thickness, _ in slabs)) / missing
+        given = "usual" if board is None else "given"
+        if share <= 0:
+            raise GeometryError(
+                f"a board of {whole * 1e3:g} mm, the {given} thickness, is too thin for its {len(names)} copper layers."
+            )
         assumed["stackup.dielectric_thickness_mm"] = (
-            f"{files} not say; equal parts of what is left of the {'usual' if board is None else 'given'} board "
-            f"thickness of {whole * 1e3:g} mm"
+            f"{files} not say; equal parts of what is left of the {given} board thickness of {whole * 1e3:g} mm"
         )
     if any(epsilon is None for _, epsilon in slabs):
         assumed["stackup.dielectric_epsilon_r"] = f"{files} not say; FR-4, {EPSILON_R:g}"
-    return (
+    return Stackup(
+        tuple(names),
+        tuple(thicknesses),
         tuple(share if thickness is None else thickness for thickness, _ in slabs),
         tuple(EPSILON_R if epsilon is None else epsilon for _, epsilon in slabs),
     )

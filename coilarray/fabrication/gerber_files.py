@@ -25,7 +25,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.extras import import_extra
 from coilarray.compute.memory import require_memory
 from coilarray.errors import BoardError, GeometryError, shown
-from coilarray.fabrication.board import Slab, filled_copper, filled_dielectrics, united
+from coilarray.fabrication.board import Slab, completed_stackup, united
 from coilarray.geometry.arcs import Point, arc_points
 from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import Stackup
@@ -88,8 +88,10 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
     """Yield label and bytes of every file. The files are in the order of their names."""
     try:
         if path.is_dir():
-            for file in sorted(_files_in(path)):
-                if file.is_file() and not _hidden(file.relative_to(path)):
+            for file in (path, *sorted(path.rglob("*"))):
+                if file.is_dir():
+                    os.listdir(file)  # raises for a folder that rglob skips
+                elif file.is_file() and not _hidden(file.relative_to(path)):
                     require_memory(file.stat().st_size, str(file))
                     yield str(file), file.read_bytes()
             return
@@ -104,19 +106,6 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
         raise BoardError(f"{path}: must be a folder or an intact zip of Gerber files; {shown(str(error))}.") from None
     except OSError as error:
         raise BoardError(f"{error.filename or path}: cannot be read: {error.strerror or error}.") from None
-
-
-def _files_in(folder: Path) -> Iterator[Path]:
-    """Yield all files in a folder and its subfolders.
-
-    Raises OSError for a folder that cannot be listed, which rglob would skip.
-    """
-
-    def refuse(error: OSError) -> None:
-        raise error
-
-    for root, _, names in os.walk(folder, onerror=refuse):
-        yield from (Path(root, name) for name in names)
 
 
 def _hidden(name: Path | PurePosixPath) -> bool:
@@ -184,7 +173,6 @@ def _named(files: Sequence[DataFile]) -> list[DataFile]:
     return named
 
 
-_FILES = "the files do"
 _MM = 1e-3
 
 
@@ -195,7 +183,13 @@ def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[
     otherwise L1, L2, …. `source` is the zip or folder, for messages. Raises BoardError if the file is not JSON, the
     number of layers differs, or thicknesses are impossible.
     """
-    document = {} if job is None else _document(job)
+    document: Any = {}
+    if job is not None:
+        try:
+            document = json.loads(job.text)
+        except json.JSONDecodeError as error:
+            raise BoardError(f"{job.label}:{error.lineno}: is not a complete Gerber job file: {error.msg}.") from None
+        document = document if isinstance(document, dict) else {}
     where = source if job is None else job.label
     listed = document.get("MaterialStackup")
     layers = [layer for layer in listed if isinstance(layer, dict)] if isinstance(listed, list) else []
@@ -217,21 +211,13 @@ def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[
         )
         for first, last in pairwise(at)
     ]
-    copper = filled_copper([_length(layers[k], "Thickness") for k in at] or [None] * copper_layers, _FILES, assumed)
+    copper = [_length(layers[k], "Thickness") for k in at] or [None] * copper_layers
+    slabs = slabs or [(None, None)] * (copper_layers - 1)
     board = _length(document.get("GeneralSpecs"), "BoardThickness")
-    dielectrics = filled_dielectrics(slabs or [(None, None)] * (copper_layers - 1), copper, board, _FILES, assumed)
     try:
-        return Stackup(names, copper, *dielectrics), assumed
+        return completed_stackup(names, copper, slabs, board, "the files do", assumed), assumed
     except GeometryError as error:
         raise BoardError(f"{where}: {error}") from None
-
-
-def _document(job: DataFile) -> dict[str, Any]:
-    try:
-        document = json.loads(job.text)
-    except json.JSONDecodeError as error:
-        raise BoardError(f"{job.label}:{error.lineno}: is not a complete Gerber job file: {error.msg}.") from None
-    return document if isinstance(document, dict) else {}
 
 
 def _positive(node: Any, key: str) -> float | None:
@@ -387,7 +373,14 @@ def parse_drills(file: DataFile) -> list[DrilledHole]:
     _refusing(file.label, lambda: parser.do_parse(file.text, filename=file.label))
     if parser.program_state is not excellon.ProgramState.FINISHED:
         raise BoardError(f"{file.label}: the file ends without M30, it is truncated.")
-    functions = _tool_functions(file.text)
+    # X2 attributes of the tools stand in comments
+    functions: dict[int, tuple[str, ...]] = {}
+    current: tuple[str, ...] = ()
+    for line in map(str.strip, file.text.splitlines()):
+        if attribute := _TOOL_FUNCTION.fullmatch(line):
+            current = tuple(attribute[2].split(",")) if attribute[1] == "A" and attribute[2] else ()
+        elif current and (tool := _TOOL.fullmatch(line)):
+            functions[int(tool[1])] = current
     by_tool = {id(tool): functions.get(index, ()) for index, tool in parser.tools.items()}
     return [_hole(item, by_tool.get(id(item.tool), ()), f"{file.label}:{line}") for line, item in found.records]
 
@@ -519,18 +512,6 @@ def _region(item: Any) -> BaseGeometry:
         return shapely.Polygon()
     # holes are cut in as keyholes, which touch themselves
     return shapely.Polygon(points).buffer(0)
-
-
-def _tool_functions(text: str) -> dict[int, tuple[str, ...]]:
-    """Read the X2 attribute .AperFunction of every tool. It stands in the comments of an Excellon file."""
-    functions: dict[int, tuple[str, ...]] = {}
-    current: tuple[str, ...] = ()
-    for line in text.splitlines():
-        if attribute := _TOOL_FUNCTION.fullmatch(line.strip()):
-            current = tuple(attribute[2].split(",")) if attribute[1] == "A" and attribute[2] else ()
-        elif current and (tool := _TOOL.fullmatch(line.strip())):
-            functions[int(tool[1])] = current
-    return functions
 
 
 def _hole(item: Any, function: tuple[str, ...], where: str) -> DrilledHole:

@@ -17,13 +17,12 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError, GeometryError
-from coilarray.fabrication.board import Slab, filled_copper, filled_dielectrics, united
+from coilarray.fabrication.board import Slab, completed_stackup, united
 from coilarray.fabrication.sexpr import Node
 from coilarray.geometry.arcs import Point, arc_points
 from coilarray.geometry.stackup import Stackup
 
 _COPPER = re.compile(r"F\.Cu|In(\d+)\.Cu|B\.Cu")
-_FILE = "the board file does"
 _PER_M = 1e3  # numbers in the file are in mm
 
 
@@ -94,16 +93,13 @@ def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
     slabs: list[Slab] = [(None, None)] * (len(order) - 1)
     if given is not None:
         thicknesses, slabs = _given(given, order)
-    copper = filled_copper(thicknesses, _FILE, assumed)
     whole = root.child("general", "thickness")
-    dielectrics = filled_dielectrics(slabs, copper, None if whole is None else whole.number() / _PER_M, _FILE, assumed)
-    if min(dielectrics[0], default=1.0) <= 0 and "stackup.dielectric_thickness_mm" in assumed:
-        where, board = (root.where, "usual thickness") if whole is None else (whole.where, f"{whole.number():g} mm")
-        raise BoardError(f"{where}: a board of {board} is too thin for its {len(order)} copper layers.")
+    board = None if whole is None else whole.number() / _PER_M
+    names = [user_names[name] for name in order]
     try:
-        built = Stackup(tuple(user_names[name] for name in order), copper, *dielectrics)
+        built = completed_stackup(names, thicknesses, slabs, board, "the board file does", assumed)
     except GeometryError as error:
-        raise BoardError(f"{(given or table).where}: {error}") from None
+        raise BoardError(f"{(given or whole or table).where}: {error}") from None
     return KicadLayers(built, {name: user_names[name] for name in order}, assumed)
 
 

@@ -5,11 +5,10 @@ GLB is in m, the others are in mm. STEP is written through Open CASCADE.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -88,7 +87,6 @@ def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
 
 # Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by accident.
 _ON_CIRCLE = 1e-9
-_CURVES = "write.surfacecurve.mode"
 _SHORTEST = 1e-9  # m; edges below 0.1 nm do not exist for Open CASCADE
 _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
@@ -275,11 +273,19 @@ def _write(document: Any, path: Path, name: str) -> None:
     """Write a document to a STEP file."""
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.IFSelect import IFSelect_RetDone
+    from OCP.Interface import Interface_Static
+    from OCP.Message import Message, Message_Gravity
     from OCP.STEPCAFControl import STEPCAFControl_Writer
+    from OCP.STEPControl import STEPControl_Controller
     from OCP.TCollection import TCollection_HAsciiString
 
+    STEPControl_Controller.Init_s()  # creates the settings
+    # curves on the faces are redundant for planes and cylinders, and double the file
+    Interface_Static.SetIVal_s("write.surfacecurve.mode", 0)
+    for printer in Message.DefaultMessenger_s().Printers():  # of the progress, to standard output
+        printer.SetTraceLevel(Message_Gravity.Message_Fail)
     # Open CASCADE takes names in UTF-8 alone
-    with _own_settings(), tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder:
         writer = STEPCAFControl_Writer()
         writer.Transfer(document)
         header = APIHeaderSection_MakeHeader(writer.ChangeWriter().Model())
@@ -291,29 +297,3 @@ def _write(document: Any, path: Path, name: str) -> None:
         if writer.Write(str(plain)) != IFSelect_RetDone:
             raise OSError("Open CASCADE could not write the file")
         shutil.copyfile(plain, path)
-
-
-@contextlib.contextmanager
-def _own_settings() -> Iterator[None]:
-    """Set Open CASCADE to write small files without progress output.
-
-    The progress would go to standard output. The settings are global and are restored.
-    """
-    from OCP.Interface import Interface_Static
-    from OCP.Message import Message, Message_Gravity
-    from OCP.STEPControl import STEPControl_Controller
-
-    STEPControl_Controller.Init_s()  # creates the settings
-    # curves on the faces are redundant for planes and cylinders, and double the file
-    with_curves = Interface_Static.IVal_s(_CURVES)
-    printers = list(Message.DefaultMessenger_s().Printers())
-    levels = [printer.GetTraceLevel() for printer in printers]
-    try:
-        Interface_Static.SetIVal_s(_CURVES, 0)
-        for printer in printers:
-            printer.SetTraceLevel(Message_Gravity.Message_Fail)
-        yield
-    finally:
-        Interface_Static.SetIVal_s(_CURVES, with_curves)
-        for printer, level in zip(printers, levels, strict=True):
-            printer.SetTraceLevel(level)

@@ -491,7 +491,7 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (top(*TOP[:2]) | {"bottom.gbr": gerber("Copper,L2,Bot")}, DRILL_NAME + r":8: the plated hole"),
         ({**BOARD, "b.gbrjob": '{"Header": '}, r"b\.gbrjob:1: is not a complete Gerber job file"),
         ({**BOARD, "b.gbrjob": '{"MaterialStackup": [{"Type": "Copper"}]}'}, "has 1 copper layers and .* files for 2"),
-        ({**BOARD, "b.gbrjob": '{"GeneralSpecs": {"BoardThickness": 0.01}}'}, r"b\.gbrjob: a layer thickness must be"),
+        ({**BOARD, "b.gbrjob": '{"GeneralSpecs": {"BoardThickness": 0.01}}'}, r"b\.gbrjob: a board of 0\.01 mm"),
     ],
 )
 def test_bad_files_are_named(files: dict[str, str], message: str, tmp_path: Path) -> None:
@@ -513,7 +513,7 @@ def test_files_and_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeyp
     with monkeypatch.context() as patch:
         patch.setattr(Path, "read_bytes", refusing(Path.read_bytes, "top.gbr"))
         refused(BoardError, r"/top\.gbr: cannot be read: Permission denied", read_gerbers, tmp_path)
-    monkeypatch.setattr(os, "scandir", refusing(os.scandir, "inner"))
+    monkeypatch.setattr(os, "listdir", refusing(os.listdir, "inner"))
     refused(BoardError, r"/inner: cannot be read: Permission denied", read_gerbers, tmp_path)
 
 
