@@ -84,9 +84,10 @@ class CurrentPaths(ABC):
 
         It needs the extra ``3d`` and a screen, and returns when the user closes the window.
         """
-        from coilarray.viz.scenes.pictures import show_board
+        from coilarray.viz.scenes.board import board_scene
+        from coilarray.viz.scenes.pictures import show
 
-        show_board(self.as_array())
+        show(board_scene(self.as_array()))
 
 
 class SingleCoil(CurrentPaths):

@@ -50,11 +50,11 @@ def _run(code):
 
 def test_readme_example(monkeypatch):
     shown = []
-    monkeypatch.setattr("coilarray.viz.scenes.pictures.show_board", shown.append)
+    monkeypatch.setattr("coilarray.viz.scenes.pictures.show", shown.append)
     (code,) = _blocks("python")
     assert len(code.splitlines()) == 6
     assert _run(code) == _blocks("text")[1]
-    assert [array.names for array in shown] == [("coil1", "coil2", "coil3")]
+    assert [text.text for text in shown[0].texts[:3]] == ["coil1", "coil2", "coil3"]
 
 
 def test_programs(tmp_path, monkeypatch):

@@ -1,6 +1,6 @@
 """Pictures of boards, fields and results.
 
-Datasets and scenes in three dimensions, and flat plots. Every ``plot_…`` draws into the Matplotlib axes `ax`, by
+Scenes in three dimensions, and flat plots. Every ``plot_…`` draws into the Matplotlib axes `ax`, by
 default new ones, and returns them. Every ``…_figure`` returns a figure, which its method ``savefig`` writes to a file.
 
 Importing it loads neither VTK nor Matplotlib. The module of a name, as listed in ``__init__.pyi``, is imported when the

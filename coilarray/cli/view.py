@@ -209,7 +209,7 @@ def _write_film(design: Design, out: Path, side: Side, pixels: dict[str, tuple[i
     from coilarray.viz.scenes.touch import touch_along
 
     with shared.progress_bar("response") as progress:
-        touch = touch_along(design, None, count=_FRAMES, depth=depth, progress=progress)
+        touch = touch_along(design, count=_FRAMES, depth=depth, progress=progress)
     with shared.progress_bar("film") as progress:
 
         def counted() -> Iterator[Scene]:
@@ -236,7 +236,7 @@ def _write_field(
     from coilarray.circuit.coupling import couple_design, operating_field
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
-    from coilarray.viz import field_grid
+    from coilarray.viz.datasets.field import field_grid
     from coilarray.viz.datasets.meshes import vtk_text
 
     if distance is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from coilarray.viz.scenes.scene import Side
+
 
 _SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
 _DPI = 130
@@ -40,13 +42,10 @@ _AXES_PART = 0.84  # of a figure's width and height
 def board_picture(design: Design) -> list[Picture]:
     """Show the board, drawn from above if this machine cannot render it."""
     if viz.rendering_problem() is None:
-        caption = "The board; lengths in mm."
-        if design.plates:
-            from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
+        from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
 
-            scene = scene_of_design(design, View(show=("board", "plates")))
-            return [_render("board", caption, lambda path: viz.save_picture(scene, path, size=_SIZE))]
-        return [_render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))]
+        scene = scene_of_design(design, View(show=("board", "plates") if design.plates else ("board",)))
+        return [_render("board", "The board; lengths in mm.", scene)]
     caption = "The board from above; lengths in mm. This computer could not render it in three dimensions."
     return [draw("board", caption, viz.plot_board(design.array))]
 
@@ -144,14 +143,8 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
         outline = _outline(design, coil)
         x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
         caption = f"The deformed sheets over {coil}, {deepest}; a quarter is cut out."
-        array, sheets, at = design.array, design.sheets, (x, y)
-        pictures.append(
-            _render(
-                "dent",
-                caption,
-                lambda path: viz.save_dent_picture(array, path, sheets, indentation, indenter, centre=at, size=_SIZE),
-            )
-        )
+        scene = viz.dent_scene(design.array, design.sheets, indentation, indenter, centre=(x, y))
+        pictures.append(_render("dent", caption, scene, "cut"))
     return [*pictures, draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation))]
 
 
@@ -260,10 +253,10 @@ def _outline(design: Design, coil: str) -> FloatArray:
     return place.to_board(place.coil.outline)
 
 
-def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
+def _render(name: str, caption: str, scene: viz.Scene, side: Side = "oblique") -> Picture:
     with writing("temporary files"), tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.png"
-        save(path)
+        viz.save_picture(scene, path, side=side, size=_SIZE)
         return Picture(name, caption, png_url(path.read_bytes()))
 
 

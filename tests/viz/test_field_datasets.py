@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from coilarray.electromagnetics.field import grid_points, magnetic_field, vector_potential
 from coilarray.errors import GeometryError
@@ -17,9 +16,7 @@ LOOP = np.column_stack((RADIUS * np.cos(ANGLE), RADIUS * np.sin(ANGLE), 0 * ANGL
 def density(x, y, z):
     """B of 1 A in the loop on a grid, as a dataset of the near field."""
     axes = {name: np.atleast_1d(np.asarray(axis, dtype=float)) for name, axis in zip("xyz", (x, y, z), strict=True)}
-    B = magnetic_field([LOOP], grid_points(*axes.values()))
-    dataset = xr.Dataset({"B": (("x", "y", "z", "component"), B)}, coords={**axes, "component": ["x", "y", "z"]})
-    return field.flux_density(dataset)
+    return field.field_grid(x, y, z, magnetic_field([LOOP], grid_points(*axes.values())))
 
 
 @pytest.fixture(scope="module")
@@ -28,13 +25,6 @@ def box():
     z = np.arange(-14.75e-3, 15e-3, 0.5e-3)
     x = np.arange(-20e-3, 20.1e-3, 0.5e-3)
     return density(x, x, z)
-
-
-def test_the_magnitude_is_that_of_the_vectors():
-    grid = density([0, 1e-3, 5e-3], [0, 2e-3], [1e-3])
-    np.testing.assert_allclose(
-        grid.point_data[field.AMOUNT] ** 2, (grid.point_data[field.FIELD] ** 2).sum(axis=1), rtol=1e-12
-    )
 
 
 def flux(grid, axis):
@@ -139,13 +129,3 @@ def test_memory_is_refused_above_the_limit_of_the_right_size():
         GeometryError, match=r"^a spacing of 0.1 mm gives 1e\+08 points, about 22 GB of memory; at most"
     ):
         field.require_memory(100_000_000, "a spacing of 0.1 mm")
-    # the arrays that a field on n points keeps at once: places, two parts of B, B and |B| in VTK
-    n = 20**3
-    axis = np.linspace(1e-3, 2e-3, 20)
-    grid = density(axis, axis, axis)
-    kept = grid_points(axis, axis, axis).nbytes + 2 * n * 24
-    kept += sum(grid.point_data[name].nbytes for name in (field.FIELD, field.AMOUNT))
-    most = int(field.MOST_MEMORY / (kept / n))
-    with pytest.raises(GeometryError):
-        field.require_memory(most, "a spacing")
-    field.require_memory(most // 3, "a spacing")  # not more than three times what is known to be needed

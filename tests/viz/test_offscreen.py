@@ -6,17 +6,12 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
-import trimesh
-from support import plot_results as results
 
 import coilarray as ca
 from coilarray import viz
 from coilarray.errors import MissingDependencyError
-from coilarray.geometry import Hemisphere
 from coilarray.viz import offscreen
-from coilarray.viz.scenes.design import View, scene_of_design
 
 EGL = "vtkEGLRenderWindow"
 WORKS = offscreen._Answer(None, EGL)
@@ -148,25 +143,8 @@ def test_importing_the_package_loads_neither_vtk_nor_matplotlib_and_every_name_i
         getattr(viz, "plot_" + "nothing")
 
 
-PLACE, EXTENT = (0.0, 0.0), (-5e-3, -5e-3, 5e-3, 5e-3)
-
-
-@pytest.mark.parametrize(
-    "draw",
-    [
-        lambda: viz.board_mesh({}),
-        lambda: viz.path_lines(results.board().conductors()),
-        lambda: viz.sheet_meshes({"sheet/base": trimesh.creation.box()}),
-        lambda: viz.field_grid([0.0, 1e-3], [0.0, 1e-3], [0.0, 1e-3], np.ones((2, 2, 2, 3))),
-        lambda: viz.coupling_arcs(np.eye(2), np.eye(2)),
-        lambda: viz.uncertainty_ellipse(PLACE, np.eye(2)),
-        lambda: viz.indenter_mesh(Hemisphere(1e-3), 0.0, PLACE, EXTENT, 1e-3),
-        lambda: viz.response_surface(results.response(), "coil1"),
-        lambda: scene_of_design(ca.load_design("starter"), View(show=("board",))),
-    ],
-)
-def test_scenes_and_datasets_without_pyvista_say_which_extra_brings_it(monkeypatch, draw):
+def test_scenes_without_pyvista_say_which_extra_brings_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)  # as if it were not installed
     monkeypatch.delitem(sys.modules, "coilarray.viz.extra_3d", raising=False)
     with pytest.raises(MissingDependencyError, match=r"^pictures in three dimensions need PyVista, .*\[3d\]\"\.$"):
-        draw()
+        viz.scene_of_design(ca.load_design("starter"))

@@ -13,11 +13,10 @@ from support.boards import SHEETS, reference_board
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 from coilarray.geometry import Array, Placement, PlatedHole, Stackup, path_coil
-from coilarray.viz import board_scene, save_board_picture, show_board
+from coilarray.viz import board_scene, save_picture, show
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board, scene_of_lifted_board
+from coilarray.viz.scenes.board import CoilColours, board_in_pieces, recoloured, scene_of_board
 from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size
-from coilarray.viz.scenes.pictures import save_picture
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, Text, about_zero, seen_from
 
 
@@ -33,7 +32,7 @@ def legend_of(plotter):
 
 
 def test_a_scene_holds_every_part(board, plotter):
-    board_scene(board, SHEETS, plotter=plotter)
+    draw(board_scene(board, SHEETS), plotter)
     expected = {"board", "barrels", "sheet base", "sheet magnetic", *(f"copper L{k}" for k in (1, 2, 3, 4))}
     assert expected <= set(plotter.actors)
     assert legend_of(plotter)[:3] == ["magnetic 2 mm", "base 6 mm", "copper L1"]
@@ -41,7 +40,7 @@ def test_a_scene_holds_every_part(board, plotter):
 
 @pytest.mark.parametrize("side", get_args(Side))
 def test_the_whole_scene_is_in_view(board, plotter, side):
-    scene = scene_of_lifted_board(board, SHEETS)
+    scene = board_scene(board, SHEETS)
     draw(scene, plotter, side=side)
     plotter.render()
     renderer = plotter.renderer
@@ -130,14 +129,11 @@ def test_layers_can_be_chosen_and_coils_can_have_colours_of_their_own(board):
     with pytest.raises(GeometryError, match="no copper layer 'L7'; there are L1, L2, L3, L4"):
         scene_of_board(board, layers=["L7"])
     colours = CoilColours(np.array([-1.0, 1.0]), Scale("v (V)", "v", "V", -1, 1, "coolwarm"))
-    scene = scene_of_board(board, colours=colours)
-    for part in scene.parts:
-        if part.name.startswith("copper"):
-            np.testing.assert_array_equal(part.mesh.cell_data["v (V)"], colours.values[part.mesh.cell_data["coil"]])
-    assert scene.scales == (colours.scale,)
-    copper = copper_parts(board)
-    again = recoloured(copper, colours)
-    np.testing.assert_array_equal(again[0].mesh.cell_data["v (V)"], scene.parts[0].mesh.cell_data["v (V)"])
+    copper, rest = board_in_pieces(board)
+    coloured = recoloured(copper, colours)
+    for part in coloured:
+        np.testing.assert_array_equal(part.mesh.cell_data["v (V)"], colours.values[part.mesh.cell_data["coil"]])
+    assert (Scene(coloured) + rest).scales == (colours.scale,)
     assert "v (V)" not in copper[0].mesh.cell_data
 
 
@@ -169,7 +165,7 @@ def test_colours_of_a_part_are_those_of_its_scale(plotter):
 
 def test_a_picture_has_its_size_and_shows_copper(board, plotter, tmp_path):
     path = tmp_path / "board.png"
-    save_board_picture(board, path, SHEETS, size=(400, 225))
+    save_picture(board_scene(board, SHEETS), path, size=(400, 225))
     picture = imread(path)[..., :3]
     assert picture.shape == (225, 400, 3)
     red, green, blue = np.moveaxis(picture, -1, 0)
@@ -196,15 +192,15 @@ def test_an_axis_is_named_also_where_its_title_meets_a_number(plotter, tmp_path)
 def test_pictures_that_cannot_be_are_refused_in_one_line(board, tmp_path, monkeypatch):
     for size in ((0, 100), (100, 100_000)):
         with pytest.raises(OutputError, match="sides of 1 to 6000 pixels"):
-            save_board_picture(board, tmp_path / "board.png", size=size)
+            save_picture(board_scene(board), tmp_path / "board.png", size=size)
     assert not list(tmp_path.iterdir())
     monkeypatch.setenv(NO_RENDERING, "1")
     with pytest.raises(MissingDependencyError, match=NO_RENDERING):
-        save_board_picture(board, tmp_path / "board.png")
+        save_picture(board_scene(board), tmp_path / "board.png")
     assert not list(tmp_path.iterdir())
     monkeypatch.setenv("DISPLAY", ":0")
     with pytest.raises(MissingDependencyError, match=NO_RENDERING):
-        show_board(board)
+        show(board_scene(board))
 
 
 @pytest.mark.parametrize("size", [(6000, 60), (60, 6000)])
@@ -231,7 +227,7 @@ def test_letters_get_smaller_in_a_narrow_picture(plotter, tmp_path):
 def test_a_board_of_one_layer_has_no_laminate_and_is_drawn(plotter):
     coil = path_coil([[(0, 0), (1e-2, 0), (1e-2, 5e-3)]], 0.5e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     single = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    board_scene(single, plotter=plotter)
+    draw(board_scene(single), plotter)
     assert "copper top" in plotter.actors
     assert "board" not in plotter.actors
 
@@ -241,4 +237,4 @@ def test_without_a_screen_no_window_is_opened(board, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(MissingDependencyError, match="needs a screen"):
-        show_board(board)
+        show(board_scene(board))

@@ -8,14 +8,14 @@ import pytest
 
 from coilarray import load_design
 from coilarray.design.vary import vary
-from coilarray.viz.scenes.board import scene_of_lifted_board
+from coilarray.viz.scenes.board import board_scene
 from coilarray.viz.scenes.scene import seen_from
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "studio_libraries")]
 
 
 def board(columns):
-    return scene_of_lifted_board(vary(load_design("starter"), {"array.columns": columns}).array, ())
+    return board_scene(vary(load_design("starter"), {"array.columns": columns}).array, ())
 
 
 def all_in(view, scene):

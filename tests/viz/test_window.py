@@ -93,36 +93,6 @@ def test_a_window_opens_with_switches_that_work(screen):
     assert int(after) < 1000  # the frame of the switch, which is red still
 
 
-WAITING = """
-import sys
-import pyvista
-from coilarray.cli.main import main
-
-shown = pyvista.Plotter.show
-
-def told(plotter):
-    print("open", flush=True)
-    shown(plotter)
-
-pyvista.Plotter.show = told
-sys.exit(main(["view", "starter", "--show", "board"]))
-"""
-
-
-def test_the_command_shows_a_window_until_it_is_closed(screen):
-    child = subprocess.Popen(
-        [sys.executable, "-c", WAITING], env=screen, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        assert child.stdout.readline() == "open\n"
-        with pytest.raises(subprocess.TimeoutExpired):  # it waits for the user
-            child.wait(timeout=2)
-    finally:
-        child.terminate()
-        _, errors = child.communicate(timeout=PATIENCE)
-    assert errors == ""
-
-
 def test_a_switch_of_negative_values_has_the_colour_of_the_largest():
     scale = about_zero("delta", "δ", "", [-1.0, 0.0])
     plotter = MagicMock(window_size=(400, 300))
@@ -137,7 +107,7 @@ def test_a_switch_hides_meshes_and_words_of_its_group():
     assert not [name for name in plotter.actors if name.startswith("legend")]
     switches = add_switches(scene(), plotter)
     assert list(switches) == ["plate", "red"]
-    words = {group: f"{text_name(group, 17.0, False)}-labels" for group in ("red", "")}
+    words = {text.group: f"{text_name(text)}-labels" for text in scene().texts}
     assert set(words.values()) <= set(plotter.actors)
     switches["red"](False)
     assert not plotter.actors["red"].GetVisibility()

@@ -26,22 +26,10 @@ _OPENED = (-math.pi / 2, math.pi)  # directions that stay when the quarter at th
 def sheet_meshes(
     parts: Mapping[str, trimesh.Trimesh], lift: float = 0.0, spread: float = 0.0
 ) -> dict[str, pyvista.PolyData]:
-    """Surfaces of the elastomer sheets in mm by name.
+    """Surfaces of the elastomer sheets in mm by name, the lowest first.
 
-    The lowest sheet comes first.
-
-    Parameters
-    ----------
-    parts : mapping of str to trimesh.Trimesh
-        Solids as in `copper_mesh`. The keys ``"sheet/<name>"`` are used.
-    lift, spread : float
-        Heights in m for an exploded view. The first is the height of the lowest sheet above the board. The second is
-        the height of every other sheet above the sheet below it.
-
-    Returns
-    -------
-    dict of str to pyvista.PolyData
-        Surface in mm of every sheet, by its name.
+    The `parts` are solids in m from `coilarray.geometry.solids.solids`. For an exploded view, `lift` is the height in m
+    of the lowest sheet above the board, and `spread` the height of every other sheet above the sheet below it.
     """
     solids = {key.removeprefix("sheet/"): solid for key, solid in parts.items() if key.startswith("sheet/")}
     in_order = sorted(solids, key=lambda name: float(solids[name].bounds[0, 2]))
@@ -52,17 +40,10 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Outline of an indenter from its tip upwards in m.
+    """Outline of an indenter from its tip up to a height in m.
 
-    It has the radius (or half the width) and the height above the tip, up to `height`. The first of the n points is the
-    tip. Above its own shape an indenter continues as a rod.
-
-    Examples
-    --------
-    >>> from coilarray.geometry import FlatPunch
-    >>> r, z = indenter_outline(FlatPunch(1e-3), 2e-3)
-    >>> float(r[0]), float(r[1]), float(z[1]), float(z[-1])
-    (0.0, 0.001, 0.0, 0.002)
+    It has the radius (or half the width) and the height above the tip, shapes (n,). Above its own shape an indenter
+    continues as a rod.
     """
     # Heights that grow as squares give even steps of the radius at a round tip.
     z = height * np.linspace(0.0, 1.0, _RADII) ** 2
@@ -78,35 +59,11 @@ def dented_sheet_meshes(
 ) -> dict[str, pyvista.PolyData]:
     """Surfaces of the deformed sheets in mm by name.
 
-    The quarter of lower x and lower y is cut out.
-
-    Parameters
-    ----------
-    indentation : xarray.Dataset
-        One depth of the result of `coilarray.indent`, with ``displacement_r`` and ``displacement_z`` (interface, r)
-        in m.
-    sheets : sequence of Sheet
-        Indented sheets from the board upwards.
-    centre : tuple of float
-        x and y of the indenter in m.
-    extent : tuple of float
-        x_min, y_min, x_max, y_max in m of the rectangle of flat sheet that is shown. A finite sample ends at its own
-        edge.
-
-    Returns
-    -------
-    dict of str to pyvista.PolyData
-        Closed surfaces in mm, z = 0 at the board.
-
-    Raises
-    ------
-    ValueError
-        If the number of interfaces is not the number of sheets plus one, or the centre is not inside the extent.
+    They are closed, and the quarter of lower x and lower y is cut out. The `indentation` is one depth of the result of
+    `coilarray.indent`. The `sheets` go from the board upwards. `centre` is x and y of the indenter, and `extent` x_min,
+    y_min, x_max, y_max of the flat sheet that is shown, in m. A finite sample ends at its own edge. A centre that is
+    not inside the extent raises a ValueError.
     """
-    if indentation.sizes["interface"] != len(sheets) + 1:
-        raise ValueError(
-            f"{len(sheets)} sheets must have {len(sheets) + 1} interfaces; got {indentation.sizes['interface']}."
-        )
     plane = indentation.attrs["symmetry"] == "plane"
     angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)
     radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, at the dent
@@ -122,25 +79,10 @@ def indenter_mesh(
     extent: tuple[float, float, float, float],
     height: float,
 ) -> pyvista.PolyData:
-    """Surface of an indenter in mm.
+    """Surface of an indenter in mm, cut open as in `dented_sheet_meshes`.
 
-    It is closed, and cut open as in `dented_sheet_meshes`.
-
-    Parameters
-    ----------
-    indenter : Indenter
-        Body that is drawn.
-    tip : float
-        Height in m of its tip above the board.
-    centre, extent
-        As in `dented_sheet_meshes`. A cylinder goes from end to end of the extent.
-    height : float
-        Height of the body above its tip in m.
-
-    Raises
-    ------
-    ValueError
-        If the centre is not inside the extent.
+    `tip` is the height in m of its tip above the board, and `height` its height above the tip. A cylinder goes from end
+    to end of the extent.
     """
     plane, end = indenter.symmetry == "plane", indenter.radius_at(height)
     angles, lengths = _rays(centre, extent, end, plane=plane)

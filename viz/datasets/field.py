@@ -15,7 +15,6 @@ from coilarray.viz.datasets.meshes import MM_PER_M, polylines
 
 if TYPE_CHECKING:
     import pyvista
-    import xarray as xr
 
 FIELD, AMOUNT = "B (T)", "|B| (T)"
 """Names of the point arrays of the vectors and their magnitudes."""
@@ -34,16 +33,9 @@ _BACK = 0.6  # distance of a closed line from its seed, over the largest distanc
 
 
 def require_memory(points: int, what: str) -> None:
-    """Refuse a field that would need too much memory.
+    """Refuse a field of more than `MOST_MEMORY`.
 
-    The limit is `MOST_MEMORY`. The number of `points` is determined by `what`, a name with its value.
-
-    Examples
-    --------
-    >>> require_memory(10**9, "spacing 0.05 mm")
-    Traceback (most recent call last):
-    coilarray.errors.GeometryError: spacing 0.05 mm gives 1e+09 points, about 220 GB of memory; at most 1 GB is \
-    allowed: widen the spacing.
+    The number of points follows from `what`, a name with its value.
     """
     needed = points * _BYTES_A_POINT
     if needed > MOST_MEMORY:
@@ -53,34 +45,11 @@ def require_memory(points: int, what: str) -> None:
         )
 
 
-def field_grid(
-    x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.ArrayLike, name: str = FIELD
-) -> pyvista.RectilinearGrid:
-    """Put vectors on a plane or in a box.
+def field_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.ArrayLike) -> pyvista.RectilinearGrid:
+    """Put B on a plane or in a box in mm.
 
-    Parameters
-    ----------
-    x, y, z : array_like, shapes (nx,), (ny,), (nz,)
-        Ascending coordinates in m. A single value makes a plane.
-    field : array_like, shape (nx, ny, nz, 3)
-        Vectors in the unit in `name`.
-    name : str
-        Name of the point array, with its unit.
-
-    Returns
-    -------
-    pyvista.RectilinearGrid
-        In mm, with the vectors as point array `name`.
-
-    Raises
-    ------
-    ValueError
-        If coordinates do not ascend, or the field has another shape.
-
-    Examples
-    --------
-    >>> field_grid([0, 1e-3], [0, 1e-3, 2e-3], [0], [[[[0, 0, 1e-6]]] * 3] * 2).dimensions
-    (2, 3, 1)
+    It becomes the point arrays ``"B (T)"`` and ``"|B| (T)"``. The coordinates, shapes (nx,), (ny,) and (nz,), ascend
+    and are in m. A single value makes a plane. `field` in T has the shape (nx, ny, nz, 3).
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -93,52 +62,17 @@ def field_grid(
     if vectors.shape != shape:
         raise ValueError(f"field must have shape (nx, ny, nz, 3) = {shape}; got {vectors.shape}.")
     grid = pyvista.RectilinearGrid(*(axis * MM_PER_M for axis in axes))
-    grid.point_data[name] = vectors.transpose(2, 1, 0, 3).reshape(-1, 3)  # VTK counts x fastest
-    return grid
-
-
-def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
-    """Put the flux density of a field on its grid.
-
-    The field is a result of `coilarray.circuit.coupling.operating_field`.
-
-    Parameters
-    ----------
-    field : xarray.Dataset
-        Field with ``B`` in T over (x, y, z, component), in phase with the current.
-
-    Returns
-    -------
-    pyvista.RectilinearGrid
-        In mm, with the point arrays ``"B (T)"`` and ``"|B| (T)"``.
-    """
-    return flux_grid(field.x.values, field.y.values, field.z.values, field.B.values)
-
-
-def flux_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, B: npt.ArrayLike) -> pyvista.RectilinearGrid:
-    """Put B in T on a grid as `field_grid` does."""
-    grid = field_grid(x, y, z, B)
+    grid.point_data[FIELD] = vectors.transpose(2, 1, 0, 3).reshape(-1, 3)  # VTK counts x fastest
     grid.point_data[AMOUNT] = np.linalg.norm(grid.point_data[FIELD], axis=1)
     return grid
 
 
 def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
-    """Arrows along B at some points of a grid.
+    """Arrows in mm along B.
 
-    Each point is at the centre of its arrow.
-
-    Parameters
-    ----------
-    grid : pyvista.RectilinearGrid
-        Plane or box from `flux_density`.
-    spacing : float
-        Least distance of the arrows along each axis in m.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Arrows in mm, in sequence, with the point arrays of the grid. The length of an arrow is the spacing times the
-        square root of |B| over its maximum, so that arrows are visible where the field is weak.
+    They are centred at points of a grid that are at least a spacing in m apart along each axis. The length of an arrow
+    is the spacing times the square root of |B| over its maximum, so that arrows are visible where the field is weak.
+    They have the point arrays of the grid.
     """
     kept = [_thinned(np.asarray(axis, dtype=np.float64), spacing * MM_PER_M) for axis in (grid.x, grid.y, grid.z)]
     nx, ny, _ = grid.dimensions
@@ -197,37 +131,20 @@ def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyD
     There is an arrow in each cube with sides of the spacing in m. An arrow as strong as `largest` in A/m is as long as
     the spacing.
     """
-    chosen = _one_a_cube(eddies.points, spacing)
+    away = (eddies.points - eddies.points.min(axis=0)) / spacing
+    cubes = np.floor(away + 0.5)
+    order = np.argsort(np.linalg.norm(away - cubes, axis=1), kind="stable")  # the nearest to each cube's centre first
+    _, first = np.unique(cubes[order], axis=0, return_index=True)
+    chosen = np.sort(order[first])
     points = eddies.points[chosen] + _OFF * spacing * eddies.normals[chosen]
     return arrows_at(MM_PER_M * points, eddies.density[chosen], spacing, (EDDY, EDDY_AMOUNT), largest)
 
 
-def _one_a_cube(points: FloatArray, side: float) -> npt.NDArray[np.intp]:
-    """Index of the point nearest to each cube's centre."""
-    cubes = np.floor((points - points.min(axis=0)) / side + 0.5)
-    off = np.linalg.norm((points - points.min(axis=0)) / side - cubes, axis=1)
-    order = np.argsort(off, kind="stable")
-    _, first = np.unique(cubes[order], axis=0, return_index=True)
-    return np.asarray(np.sort(order[first]))
-
-
 def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
-    """Follow B in both directions from some points.
+    """Follow B in a box in both directions.
 
-    A line ends if it leaves the grid or has come round once.
-
-    Parameters
-    ----------
-    grid : pyvista.RectilinearGrid
-        Box from `flux_density`.
-    seeds : array_like, shape (n, 3)
-        Points in m inside the grid.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Polylines in mm, one per seed, with the point array ``"|B| (T)"``. A closed line begins at its seed. It ends at
-        its return through the plane across B at the seed. Empty if there is no field.
+    The lines are polylines in mm with the point array ``"|B| (T)"``. The seeds, shape (n, 3), are in m. A line ends if
+    it leaves the grid or has come round once, at its return through the plane across B at the seed.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -251,20 +168,7 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
 
 
 def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> pyvista.PolyData:
-    """Surfaces on which |B| has given values.
-
-    Parameters
-    ----------
-    grid : pyvista.RectilinearGrid
-        Box from `flux_density`.
-    levels : sequence of float
-        Values of |B| in T.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Surfaces in mm. The point array ``"|B| (T)"`` is the level of each point. Empty if no level is reached.
-    """
+    """Surfaces in mm of a box on which |B| has given values in T."""
     surfaces: pyvista.PolyData = grid.contour(list(levels), scalars=AMOUNT, compute_normals=True)
     for name in set(surfaces.point_data.keys()) - {AMOUNT, "Normals"}:
         del surfaces.point_data[name]
@@ -272,18 +176,16 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
-    """Choose axis values at least a distance apart."""
-    kept = _apart(axis, 0, distance)
-    return _apart(axis, (len(axis) - 1 - kept[-1]) // 2, distance)
+    """Choose indices of values of an axis at least a distance apart, in its middle."""
 
+    def apart(first: int) -> list[int]:
+        kept = [first]
+        for k in range(first + 1, len(axis)):
+            if axis[k] - axis[kept[-1]] >= distance * (1 - 1e-9):
+                kept.append(k)
+        return kept
 
-def _apart(axis: npt.NDArray[np.float64], first: int, distance: float) -> list[int]:
-    """Choose indices from `first` on of values at least a distance apart."""
-    kept = [first]
-    for k in range(first + 1, len(axis)):
-        if axis[k] - axis[kept[-1]] >= distance * (1 - 1e-9):
-            kept.append(k)
-    return kept
+    return apart((len(axis) - 1 - apart(0)[-1]) // 2)
 
 
 _Line = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]

@@ -1,4 +1,4 @@
-"""Meshes in mm of a board, its barrels and paths, of plates and balls, and their VTK files."""
+"""Meshes in mm of a board and its barrels, of plates and balls, and their VTK files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from coilarray.geometry import Ball, FinitePlate, Plate
 from coilarray.geometry.bodies import Body
-from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.solids import plate_solid
 
 if TYPE_CHECKING:
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
 
 
 MM_PER_M = 1e3
+
+_BALL = (48, 32)  # meridians and circles of latitude of a ball
 
 
 def triangles(points: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> pyvista.PolyData:
@@ -74,30 +75,14 @@ def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.Poly
 def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
     """Surface of the copper of one layer in mm.
 
-    Parameters
-    ----------
-    parts : mapping of str to trimesh.Trimesh
-        Solids in m from `coilarray.geometry.solids.solids`. The keys ``"copper/<layer>/<coil>"`` are used.
-    names : sequence of str
-        Names of the coils in order.
-    layer : str
-        Name of the copper layer.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Surface in mm. The cell array ``"coil"`` is the index in `names` of the coil of each triangle. Empty if the
-        layer has no copper.
+    The `parts` are solids in m from `coilarray.geometry.solids.solids`. The cell array ``"coil"`` is the index in
+    `names` of the coil of each triangle.
     """
     return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
 
 
 def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> pyvista.PolyData:
-    """Surface of all barrels in mm.
-
-    It has the cell array ``"coil"`` as in `copper_mesh`. `parts` and `names` are the same as there. The keys
-    ``"barrel/..."`` are used.
-    """
+    """Surface of all barrels in mm, as in `copper_mesh`."""
     return merged(
         [
             (solid, index)
@@ -109,42 +94,10 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
 
 def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
-    """Surface of the laminate of a board in mm.
-
-    The laminate is one of the `parts`. If the stack-up has no laminate, the surface is empty.
-    """
+    """Surface of the laminate in mm, empty if there is none."""
     from coilarray.viz.extra_3d import pyvista
 
     return solid_mesh(parts["board"]) if "board" in parts else pyvista.PolyData()
-
-
-def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
-    """Paths of `conductors` in mm as polylines.
-
-    Each polyline has its index in the cell array ``"coil"``.
-
-    Examples
-    --------
-    >>> from coilarray.geometry import Conductor
-    >>> lines = path_lines([Conductor([[0, 0, 0], [2e-3, 0, 0], [2e-3, 1e-3, 0]])])
-    >>> lines.n_lines, lines.n_points
-    (1, 3)
-    """
-    mesh = polylines([conductor.vertices for conductor in conductors])
-    mesh.cell_data["coil"] = np.arange(len(conductors))
-    return mesh
-
-
-def with_coil_values(mesh: pyvista.DataSet, values: npt.ArrayLike, name: str) -> pyvista.DataSet:
-    """Copy a mesh and add values of the coils.
-
-    The mesh has the cell array ``"coil"``. The copy has the value of its coil in every cell as the array `name`.
-    `values`, shape (coils,), are in the unit in `name`, with NaN for a coil without a value.
-    """
-    result: pyvista.DataSet = mesh.copy()
-    if mesh.n_cells:
-        result.cell_data[name] = np.asarray(values, dtype=np.float64)[mesh.cell_data["coil"]]
-    return result
 
 
 VTK_SUFFIXES = {"PolyData": ".vtp", "RectilinearGrid": ".vtr", "UnstructuredGrid": ".vtu"}
@@ -152,16 +105,7 @@ VTK_SUFFIXES = {"PolyData": ".vtp", "RectilinearGrid": ".vtr", "UnstructuredGrid
 
 
 def vtk_text(mesh: pyvista.DataSet) -> str:
-    """Text of a dataset as an XML file of VTK.
-
-    The dataset is a PolyData, RectilinearGrid or UnstructuredGrid.
-
-    Examples
-    --------
-    >>> import pyvista
-    >>> vtk_text(pyvista.Box()).splitlines()[1].split()[:2]
-    ['<VTKFile', 'type="PolyData"']
-    """
+    """Text of a PolyData, RectilinearGrid or UnstructuredGrid as an XML file of VTK."""
     from vtkmodules import vtkIOXML
 
     # The text is written in memory, because VTK is silent, or crashes, if it cannot write a file.
@@ -173,24 +117,9 @@ def vtk_text(mesh: pyvista.DataSet) -> str:
     return str(writer.GetOutputString())
 
 
-_BALL = (48, 32)  # meridians and circles of latitude of a ball
-
-
 def plate_mesh(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> pyvista.PolyData:
     """Surface of a plate in mm, cut to `within` in m if infinite."""
     return solid_mesh(plate_solid(plate, within))
-
-
-def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.PolyData:
-    """Surface of a ball in mm from radius and centre in m."""
-    from coilarray.viz.extra_3d import pyvista
-
-    meridians, circles = _BALL
-    middle = tuple(MM_PER_M * value for value in centre)
-    ball: pyvista.PolyData = pyvista.Sphere(
-        radius=MM_PER_M * radius, center=middle, theta_resolution=meridians, phi_resolution=circles
-    )
-    return ball
 
 
 def body_mesh(
@@ -200,8 +129,15 @@ def body_mesh(
 
     The place in m belongs to its centre, or to the lower face of an infinite plate.
     """
+    from coilarray.viz.extra_3d import pyvista
+
     if isinstance(body, Ball):
-        return ball_mesh(body.radius, place)
+        meridians, circles = _BALL
+        middle = tuple(MM_PER_M * value for value in place)
+        ball: pyvista.PolyData = pyvista.Sphere(
+            radius=MM_PER_M * body.radius, center=middle, theta_resolution=meridians, phi_resolution=circles
+        )
+        return ball
     mesh = plate_mesh(body, within)
     away = (0.0, 0.0, place[2] - body.z) if isinstance(body, Plate) else np.subtract(place, body.centre)
     return mesh.translate(np.multiply(MM_PER_M, away), inplace=False)

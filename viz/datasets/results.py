@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from coilarray.compute.arrays import FloatArray
 from coilarray.response.dataset import on_board
 from coilarray.viz.datasets.meshes import MM_PER_M, polylines
 
@@ -48,40 +47,20 @@ def of_state(dataset: xr.Dataset, state: str) -> xr.Dataset:
 def coupling_arcs(
     centres: npt.ArrayLike, coupling: npt.ArrayLike, *, height: float = 0.0, least: float = 0.0
 ) -> pyvista.PolyData:
-    """Join every pair of coils by an arc.
+    """Join every pair of coils by an arc in mm.
 
-    Parameters
-    ----------
-    centres : array_like, shape (coils, 2)
-        Centres of the coils in m.
-    coupling : array_like, shape (coils, coils)
-        Coefficients k = M/√(L L), symmetric.
-    height, least : float
-        Height of the ends of the arcs in m, and smallest |k| of a pair that has an arc.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Polylines in mm, one per pair. They are parabolas that rise by 0.3 of their span. The cell arrays are
-        ``"coil"``, ``"other"`` (indices of the coils) and ``"k"``. Empty if no pair is left.
-
-    Raises
-    ------
-    ValueError
-        If the size of the matrix differs from the number of centres.
-
-    Examples
-    --------
-    >>> arcs = coupling_arcs([[0, 0], [1e-2, 0]], [[1, -0.1], [-0.1, 1]])
-    >>> arcs.n_lines, arcs.bounds[1], float(arcs.cell_data["k"][0])
-    (1, 10.0, -0.1)
+    `centres`, shape (coils, 2), and the `height` of the ends are in m. `coupling`, shape (coils, coils), has the
+    coefficients k. A pair with |k| below `least` has no arc. Arcs are parabolas that rise by 0.3 of their span,
+    with the cell arrays ``"coil"``, ``"other"`` (indices of the coils) and ``"k"``.
     """
-    places = np.asarray(centres, dtype=np.float64)
-    k = np.asarray(coupling, dtype=np.float64)
-    if k.shape != (len(places),) * 2:
-        raise ValueError(f"{len(places)} coils need a coupling matrix of that size; got shape {k.shape}.")
+    places, k = np.asarray(centres, dtype=np.float64), np.asarray(coupling, dtype=np.float64)
+    share = np.linspace(0.0, 1.0, _POINTS_OF_ARC)
     pairs = [(i, j) for i, j in combinations(range(len(places)), 2) if abs(k[i, j]) >= least]
-    arcs = polylines([_arc(places[i], places[j], height) for i, j in pairs])
+    lines = []
+    for start, end in ((places[i], places[j]) for i, j in pairs):
+        rise = 4 * _RISE * float(np.linalg.norm(end - start)) * share * (1 - share)
+        lines.append(np.column_stack((start + share[:, None] * (end - start), height + rise)))
+    arcs = polylines(lines)
     if pairs:
         first, second = np.array(pairs).T
         arcs.cell_data["coil"], arcs.cell_data["other"] = first, second
@@ -90,19 +69,9 @@ def coupling_arcs(
 
 
 def arc_tubes(arcs: pyvista.PolyData, widest: float) -> pyvista.PolyData:
-    """Give arcs a thickness in proportion to |k|.
+    """Give the arcs of `coupling_arcs` a thickness in proportion to |k|.
 
-    Parameters
-    ----------
-    arcs : pyvista.PolyData
-        Result of `coupling_arcs`.
-    widest : float
-        Radius in mm of the arc with the largest |k|.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Closed tubes in mm with the point array ``"k"``.
+    `widest` is the largest radius in mm. The tubes are closed and have the point array ``"k"``.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -126,181 +95,72 @@ def response_surface(
     state: str,
     depth: int = -1,
     *,
+    outlines: Sequence[npt.ArrayLike] = (),
     height: float = 0.0,
     relief: float = 0.0,
-) -> pyvista.PolyData:
-    """Surface of δ of one state over the indenter's positions.
+    above: float = 0.0,
+) -> tuple[pyvista.PolyData, pyvista.PolyData]:
+    """Surface of δ of one state, and outlines of coils laid on it, in mm.
 
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Computed or measured response with ``delta`` (depth, y, x, state), as from
-        `coilarray.response.map.response_map`. It lies over its place on the board.
-    state, depth : str and int
-        Name of the state of the scan, and index of the depth in the dataset. The default is the deepest.
-    height, relief : float
-        Height of δ = 0 above the board, and rise at the largest |δ| in m. A rise of 0 makes the surface flat.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Surface in mm, with a quadrilateral between each four positions and the point array ``"delta (1)"``.
-
-    Raises
-    ------
-    ValueError
-        If the map has no such state or depth, or fewer than two positions along x or y.
-    """
-    from coilarray.viz.extra_3d import pyvista
-
-    x, y, delta = _map_of(response, state, depth)
-    nx, ny = len(x), len(y)
-    along, across = np.meshgrid(x, y)
-    z = height + relief * _rise(delta)
-    first = (np.arange(nx - 1) + nx * np.arange(ny - 1)[:, None]).ravel()
-    faces = np.column_stack((np.full_like(first, 4), first, first + 1, first + 1 + nx, first + nx))
-    points = np.column_stack((along.ravel(), across.ravel(), z.ravel()))
-    mesh = pyvista.PolyData(points * MM_PER_M, faces=faces.ravel())
-    mesh.point_data[DELTA] = delta.ravel()
-    return mesh
-
-
-def draped_outlines(
-    response: xr.Dataset,
-    state: str,
-    outlines: Sequence[npt.ArrayLike],
-    depth: int = -1,
-    *,
-    height: float = 0.0,
-    relief: float = 0.0,
-) -> pyvista.PolyData:
-    """Lay outlines of coils on the surface of a response.
-
-    Parameters
-    ----------
-    response, state, depth, height, relief
-        As in `response_surface`.
-    outlines : sequence of array_like, shape (n, 2)
-        Corners on the board in m.
-
-    Returns
-    -------
-    pyvista.PolyData
-        Polylines in mm, one for each part of the outlines over the map. Empty if no outline meets the map.
-
-    Raises
-    ------
-    ValueError
-        As `response_surface`.
+    The map lies over its place on the board. The surface has a quadrilateral between each four positions of the
+    indenter, and the point array ``"delta (1)"``. `height` in m is the height of δ = 0, and `relief` the rise at the
+    largest |δ|. `outlines`, corners (n, 2) on the board in m, lie `above` the surface, one polyline for each part over
+    the map. A response without the state or depth, or with fewer than two positions along x or y, raises a ValueError.
     """
     from scipy.interpolate import RegularGridInterpolator  # half of the import time of this package
 
-    x, y, delta = _map_of(response, state, depth)
-    rise = RegularGridInterpolator((y, x), _rise(delta))
+    from coilarray.viz.extra_3d import pyvista
+
+    at = on_board(of_state(at_depth(response, depth), state))
+    x, y = (np.asarray(at[name].values, dtype=np.float64) for name in ("x", "y"))
+    nx, ny = len(x), len(y)
+    if min(nx, ny) < 2:
+        raise ValueError(f"a map needs at least two positions along x and along y; got {nx} and {ny}.")
+    delta = np.asarray(at.delta.transpose("y", "x").values, dtype=np.float64)
+    numbers = np.nan_to_num(delta)
+    z = height + relief * numbers / max(float(np.abs(numbers).max()), np.finfo(float).tiny)
+    first = (np.arange(nx - 1) + nx * np.arange(ny - 1)[:, None]).ravel()
+    faces = np.column_stack((np.full_like(first, 4), first, first + 1, first + 1 + nx, first + nx))
+    points = np.column_stack((*(axis.ravel() for axis in np.meshgrid(x, y)), z.ravel()))
+    surface = pyvista.PolyData(points * MM_PER_M, faces=faces.ravel())
+    surface.point_data[DELTA] = delta.ravel()
+
+    height_at = RegularGridInterpolator((y, x), z + above)
     step = float(min(np.diff(x).min(), np.diff(y).min())) / _DENSE
     lines = []
     for outline in outlines:
-        at = _dense(np.asarray(outline, dtype=np.float64), step)
-        inside = (at[:, 0] >= x[0]) & (at[:, 0] <= x[-1]) & (at[:, 1] >= y[0]) & (at[:, 1] <= y[-1])
-        for run in np.split(np.arange(len(at)), np.flatnonzero(np.diff(inside)) + 1):
+        dense = shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(np.asarray(outline)), step))
+        inside = np.all((dense >= (x[0], y[0])) & (dense <= (x[-1], y[-1])), axis=1)
+        for run in np.split(np.arange(len(dense)), np.flatnonzero(np.diff(inside)) + 1):
             if inside[run[0]] and len(run) > 1:
-                z = height + relief * rise(at[run][:, ::-1])
-                lines.append(np.column_stack((at[run], z)))
-    return polylines(lines)
+                lines.append(np.column_stack((dense[run], height_at(dense[run][:, ::-1]))))
+    return surface, polylines(lines)
 
 
 def semi_axis_factor(confidence: float) -> float:
-    """Semi-axes of an ellipse in standard deviations, √ of the quantile of χ² for two degrees of freedom."""
+    """Semi-axes of an ellipse in standard deviations."""
     return math.sqrt(-2 * math.log1p(-confidence))
 
 
 def uncertainty_ellipse(
     centre: tuple[float, float],
-    covariance: npt.ArrayLike,
+    covariance: npt.NDArray[np.float64],
     confidence: float = 0.95,
     *,
     magnification: float = 1.0,
     height: float = 0.0,
 ) -> pyvista.PolyData:
-    """Ellipse that contains the position with a given probability.
+    """Ellipse in mm that contains a position with a given probability.
 
-    The errors are Gaussian.
-
-    Parameters
-    ----------
-    centre : tuple of float
-        x and y in m.
-    covariance : array_like, shape (2, 2)
-        Covariance of x and y in m², symmetric and positive definite.
-    confidence : float
-        Probability, between 0 and 1.
-    magnification, height : float
-        Factor by which the ellipse is drawn too large, and its height above the board in m.
-
-    Returns
-    -------
-    pyvista.PolyData
-        One closed polyline in mm.
-
-    Raises
-    ------
-    ValueError
-        If the covariance has another shape or is not positive definite, or the confidence is not between 0 and 1.
+    The errors are Gaussian. The `centre` in m and the `covariance` in m², shape (2, 2), are those of x and y. The
+    ellipse is drawn too large by the `magnification`, at a `height` in m.
 
     Notes
     -----
     (r − r̂)ᵀ Σ⁻¹ (r − r̂) = q with q the quantile of χ² for two degrees of freedom, −2 ln(1 − confidence). With the
     Cholesky factor Σ = L Lᵀ it is r̂ + √q L (cos t, sin t).
-
-    Examples
-    --------
-    >>> ellipse = uncertainty_ellipse((0, 0), [[1e-6, 0], [0, 4e-6]])
-    >>> [round(edge, 3) for edge in ellipse.bounds[:4]]
-    [-2.448, 2.448, -4.895, 4.895]
     """
-    sigma = np.asarray(covariance, dtype=np.float64)
-    if sigma.shape != (2, 2) or not np.isfinite(sigma).all():
-        raise ValueError(f"covariance must be a finite matrix of shape (2, 2); got {sigma.tolist()}.")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence must be between 0 and 1; got {confidence}.")
-    try:
-        factor = np.linalg.cholesky(sigma)
-    except np.linalg.LinAlgError:
-        raise ValueError(f"covariance must be positive definite; got {sigma.tolist()}.") from None
     angle = np.linspace(0.0, 2 * np.pi, _POINTS_OF_ELLIPSE)
-    circle = np.column_stack((np.cos(angle), np.sin(angle)))
-    points = np.asarray(centre) + magnification * semi_axis_factor(confidence) * circle @ factor.T
+    circle = semi_axis_factor(confidence) * np.column_stack((np.cos(angle), np.sin(angle)))
+    points = np.asarray(centre) + magnification * circle @ np.linalg.cholesky(covariance).T
     return polylines([np.column_stack((points, np.full(_POINTS_OF_ELLIPSE, height)))])
-
-
-def position_pin(centre: tuple[float, float], bottom: float, top: float) -> pyvista.PolyData:
-    """Upright line in mm at a position in m."""
-    return polylines([np.array([[*centre, bottom], [*centre, top]])])
-
-
-def _arc(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """Points of a parabola in an upright plane in m."""
-    share = np.linspace(0.0, 1.0, _POINTS_OF_ARC)
-    along = start + share[:, None] * (end - start)
-    rise = 4 * _RISE * float(np.linalg.norm(end - start)) * share * (1 - share)
-    return np.column_stack((along, height + rise))
-
-
-def _map_of(response: xr.Dataset, state: str, depth: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions along x and y in m, and δ (y, x), of a map."""
-    at = on_board(of_state(at_depth(response, depth), state))
-    x, y = (np.asarray(at[name].values, dtype=np.float64) for name in ("x", "y"))
-    if min(len(x), len(y)) < 2:
-        raise ValueError(f"a map needs at least two positions along x and along y; got {len(x)} and {len(y)}.")
-    return x, y, np.asarray(at.delta.transpose("y", "x").values, dtype=np.float64)
-
-
-def _rise(delta: FloatArray) -> FloatArray:
-    """δ over the largest |δ|, 0 where δ is NaN."""
-    numbers = np.nan_to_num(delta)
-    return np.asarray(numbers / max(float(np.abs(numbers).max()), np.finfo(float).tiny))
-
-
-def _dense(corners: FloatArray, step: float) -> FloatArray:
-    """Points of a closed outline, at most a step apart."""
-    return shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(corners), step))

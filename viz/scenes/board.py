@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,15 +16,13 @@ from coilarray.geometry.array import Array
 from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.geometry.solids import board_solids, sheet_solids
 from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh, sheet_meshes
-from coilarray.viz.datasets.meshes import MM_PER_M, barrel_mesh, board_mesh, copper_mesh, surface_of, with_coil_values
+from coilarray.viz.datasets.meshes import MM_PER_M, barrel_mesh, board_mesh, copper_mesh, surface_of
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, METAL, SHEETS, cycled
-from coilarray.viz.scenes.draw import draw, set_camera
-from coilarray.viz.scenes.scene import Direction, Part, Scale, Scene, Side, Text, aim, direction
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, Text, direction
 
 if TYPE_CHECKING:
     import pyvista
-    import trimesh
     import xarray as xr
 
 
@@ -43,14 +41,12 @@ class CoilColours:
     scale: Scale  # its `array` is the name of the values in the meshes
 
 
-def board_scene(
-    array: Array, sheets: Sequence[Sheet] = (), *, plotter: pyvista.Plotter, show_sheets: bool = True
-) -> None:
-    """Put a board into a plotter.
+def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
+    """Scene of a board, with sheets lifted off it.
 
-    It has laminate, copper, barrels, coil names, a legend and a scale in mm. The camera is aimed at it. Copper is
-    coloured by layer. The laminate is translucent, so that the lower layers show through it. The sheets are lifted off
-    the board and off each other and drawn as thin glass with clear edges.
+    It has laminate, copper, barrels, coil names, a legend and a scale in mm. Copper is coloured by layer. The laminate
+    is translucent, so that the lower layers show through it. The sheets are lifted off the board and off each other and
+    drawn as thin glass with clear edges.
 
     Parameters
     ----------
@@ -58,91 +54,81 @@ def board_scene(
         Board that is drawn.
     sheets : sequence of Sheet
         Elastomer sheets on it, the lowest first.
-    plotter : pyvista.Plotter
-        Plotter that gets the actors. Lengths are in mm.
-    show_sheets : bool
-        False leaves the sheets out.
+
+    Returns
+    -------
+    Scene
+        Scene to `draw`, to `show` or to save, lengths in mm.
     """
-    draw(scene_of_lifted_board(array, sheets if show_sheets else ()), plotter)
-
-
-def scene_of_lifted_board(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
-    """Scene of a board with its sheets lifted."""
     # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
     lift = (array.bounds[3] - array.bounds[1]) * math.tan(direction("oblique").elevation)
     above = scene_of_sheets(array, sheets, lift, lift / 3)
-    risers = _risers(array, min(part.mesh.bounds[4] for part in above.parts)) if above.parts else ()
-    return above + scene_of_board(array) + Scene(risers)
+    return above + scene_of_board(array) + (_risers(array, above) if above.parts else Scene())
 
 
 def scene_of_board(
     array: Array,
     *,
     layers: Sequence[str] | None = None,
-    colours: CoilColours | None = None,
     box: Box | None = None,
     name_heights: npt.ArrayLike = 0.0,
 ) -> Scene:
     """Scene of a board.
 
     It has laminate, copper with a group per layer, barrels, names of the coils and rulers. `layers` are the copper
-    layers that are shown, all by default. `colours` of the coils replace the layers' colours. A `box` x_min, y_min,
-    x_max, y_max in m shows this part, without rulers, barrels and names. `name_heights` in m, a number or an array over
-    the coils, lift the names above anything that covers the coils. A layer that the board lacks raises a GeometryError.
+    layers that are shown, all by default. A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers,
+    barrels and names. `name_heights` in m, a number or an array over the coils, lift the names above anything that
+    covers the coils. A layer that the board lacks raises a GeometryError.
     """
-    parts = board_solids(array)
-    copper = copper_parts(array, layers, colours, box, parts)
-    board = cut_upright(board_mesh(parts), box)
-    # Copper may share a face with the board, so the board is drawn just behind it.
-    plate = Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
-    laminate = [plate] if board.n_cells else []
+    every = cycled(LAYERS, array.stackup.names)
+    for layer in layers or ():
+        if layer not in every:
+            raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(every)}.")
+    solids = board_solids(array)
+    parts = []
+    for layer, colour in every.items():
+        mesh = cut_upright(copper_mesh(solids, array.names, layer), box)
+        if mesh.n_cells and (layers is None or layer in layers):
+            name = f"{_COPPER}{layer}"
+            parts.append(Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None))
+    barrels = barrel_mesh(solids, array.names)
+    if barrels.n_cells and box is None:
+        parts.append(Part("barrels", barrels, "barrels", BARREL, closed=True))
+    board = cut_upright(board_mesh(solids), box)
+    if board.n_cells:
+        # Copper may share a face with the board, so the board is drawn just behind it.
+        parts.append(Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True))
     if box is not None:
-        return Scene((*copper, *laminate))
-    barrels = barrel_mesh(parts, array.names)
-    through = [Part("barrels", barrels, "barrels", BARREL, closed=True)] if barrels.n_cells else []
-    edges = [_edges("edges of board", board, "laminate", LAMINATE)] if laminate else []
+        return Scene(tuple(parts))
+    if board.n_cells:
+        parts.append(_edges("edges of board", board, "laminate", LAMINATE))
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
     length = 0.012 * (x_max - x_min + y_max - y_min)
     front, numbers = _ruler("x", (x_min, x_max), y_min, length)
     left, more = _ruler("y", (y_min, y_max), x_min, length)
-    texts = (*coil_names(array, name_heights), *numbers, *more)
-    return Scene((*copper, *through, *laminate, *edges, front, left), texts)
+    heights = MM_PER_M * np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
+    places = np.column_stack((MM_PER_M * array.centres, heights)).tolist()
+    names = [Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True)]
+    return Scene((*parts, front, left), (*names, *numbers, *more))
 
 
-def copper_parts(
-    array: Array,
-    layers: Sequence[str] | None = None,
-    colours: CoilColours | None = None,
-    box: Box | None = None,
-    parts: Mapping[str, trimesh.Trimesh] | None = None,
-) -> tuple[Part, ...]:
-    """Copper of a board, one part per layer, see `scene_of_board`."""
-    parts = board_solids(array) if parts is None else parts
-    copper = tuple(
-        Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None)
-        for layer, colour in _shown_layers(array, layers).items()
-        if (mesh := cut_upright(copper_mesh(parts, array.names, layer), box)).n_cells and (name := f"{_COPPER}{layer}")
-    )
-    return copper if colours is None else recoloured(copper, colours)
-
-
-def board_in_pieces(array: Array) -> tuple[tuple[Part, ...], Scene]:
+def board_in_pieces(
+    array: Array, layers: Sequence[str] | None = None, name_heights: npt.ArrayLike = 0.0
+) -> tuple[tuple[Part, ...], Scene]:
     """Copper of a board for `recoloured`, and the scene of the rest."""
-    board = scene_of_board(array)
+    board = scene_of_board(array, layers=layers, name_heights=name_heights)
     copper = tuple(part for part in board.parts if part.name.startswith(_COPPER))
     return copper, replace(board, parts=tuple(part for part in board.parts if part not in copper))
 
 
 def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
-    """Give the copper of `copper_parts` other coil values."""
-    values, scale = colours.values, colours.scale
-    return tuple(
-        replace(
-            part, mesh=with_coil_values(part.mesh, values, scale.array), colour=BARREL, scale=scale, ambient=0.7,
-            diffuse=0.35,
-        )
-        for part in copper
-    )  # fmt: skip
+    """Give the copper of a board values of the coils as colours."""
+    parts = []
+    for part in copper:
+        mesh = part.mesh.copy()
+        mesh.cell_data[colours.scale.array] = colours.values[mesh.cell_data["coil"]]
+        parts.append(replace(part, mesh=mesh, colour=BARREL, scale=colours.scale, ambient=0.7, diffuse=0.35))
+    return tuple(parts)
 
 
 def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
@@ -162,15 +148,6 @@ def sheet_label(name: str, thickness: float) -> str:
     return f"{name} {thickness * MM_PER_M:g} mm"
 
 
-def coil_names(array: Array, heights: npt.ArrayLike = 0.0) -> tuple[Text, ...]:
-    """Names over the coils' centres, at one or each height in m."""
-    z = np.broadcast_to(np.asarray(heights, dtype=np.float64), (len(array.names),)) * MM_PER_M
-    return tuple(
-        Text(name, (x, y, up), 24.0, bold=True)
-        for name, (x, y), up in zip(array.names, (array.centres * MM_PER_M).tolist(), z.tolist(), strict=True)
-    )
-
-
 def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
     """Cut a mesh upright to a rectangle in m and leave it open there, or return it without one."""
     if box is None or not mesh.n_cells:
@@ -180,27 +157,19 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
     return surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
 
 
-def _shown_layers(array: Array, layers: Sequence[str] | None) -> dict[str, str]:
-    """Colour of every copper layer that is shown."""
-    colours = cycled(LAYERS, array.stackup.names)
-    for layer in layers or ():
-        if layer not in colours:
-            raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(colours)}.")
-    return {name: colour for name, colour in colours.items() if layers is None or name in layers}
-
-
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
     """Edges of a mesh's bounding box."""
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
 
 
-def _risers(array: Array, top: float) -> tuple[Part, ...]:
-    """Upright lines from the board's far corners to `top` in mm."""
+def _risers(array: Array, sheets: Scene) -> Scene:
+    """Upright lines from the board's far corners to lifted sheets."""
     from coilarray.viz.extra_3d import pyvista
 
     x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
+    top = sheets.bounds[4]
     lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
-    return (Part("risers", lines, colour=_RISER, lit=False),)
+    return Scene((Part("risers", lines, colour=_RISER, lit=False),))
 
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:
@@ -228,7 +197,6 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
 VEILED = 0.13
 """Opacity of dented sheets through which the coils are visible."""
 
-_INTO_THE_CUT = Direction(math.radians(28), math.radians(-118))
 _WIDTH = 2.5  # width shown on each side of a dent, in stack thicknesses
 _TALL = 0.7  # height of the indenter over the thickness of the stack
 
@@ -238,12 +206,10 @@ def dent_scene(
     sheets: Sequence[Sheet],
     indentation: xr.Dataset,
     indenter: Indenter,
-    *,
-    plotter: pyvista.Plotter,
     depth: int = -1,
     centre: tuple[float, float] = (0.0, 0.0),
-) -> None:
-    """Put a dent into a plotter.
+) -> Scene:
+    """Scene of a dent, best seen from the side "cut".
 
     It has the board, the deformed sheets on it and the indenter. A quarter of them is cut out.
 
@@ -257,8 +223,11 @@ def dent_scene(
         Result of `coilarray.indent`, and index of the depth in it. The default is the deepest.
     indenter, centre : Indenter and tuple of float
         Body that made the dent, and its x and y on the board in m.
-    plotter : pyvista.Plotter
-        Plotter that gets the actors. Lengths are in mm.
+
+    Returns
+    -------
+    Scene
+        Scene to `draw`, to `show` or to save, lengths in mm.
 
     Raises
     ------
@@ -266,10 +235,12 @@ def dent_scene(
         If the dataset has no such depth, or the centre is not on the board.
     """
     at = at_depth(indentation, depth)
-    box = _around(array, centre, _WIDTH * float(at.height[-1]))
-    scene = scene_of_dent(array, sheets, at, indenter, centre, box) + scene_of_board(array, box=box)
-    draw(scene, plotter)
-    set_camera(plotter, aim(scene.bounds, (plotter.window_size[0], plotter.window_size[1]), _INTO_THE_CUT))
+    half = _WIDTH * float(at.height[-1])
+    (x, y), (x_min, y_min, x_max, y_max) = centre, array.bounds
+    if not (x_min < x < x_max and y_min < y < y_max):
+        raise ValueError(f"centre must be on the board, {array.bounds} m; got {centre} m.")
+    box = max(x_min, x - half), max(y_min, y - half), min(x_max, x + half), min(y_max, y + half)
+    return scene_of_dent(array, sheets, at, indenter, centre, box) + scene_of_board(array, box=box)
 
 
 def scene_of_dent(
@@ -305,12 +276,3 @@ def name_heights(array: Array, thickness: float, centre: tuple[float, float]) ->
     """Heights of the coils' names in m."""
     open_ = (array.centres < centre).all(axis=1)
     return np.where(open_, 0.0, thickness)
-
-
-def _around(array: Array, centre: tuple[float, float], half: float) -> Box:
-    """Square about a point in m, cut to the board."""
-    x_min, y_min, x_max, y_max = array.bounds
-    x, y = centre
-    if not (x_min < x < x_max and y_min < y < y_max):
-        raise ValueError(f"centre must be on the board, {array.bounds} m; got {centre} m.")
-    return max(x_min, x - half), max(y_min, y - half), min(x_max, x + half), min(y_max, y + half)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, get_args
@@ -23,13 +22,14 @@ from coilarray.response.dataset import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of, target_of
 from coilarray.response.target import with_target_as_plate
-from coilarray.viz.datasets.field import flux_density, require_memory
+from coilarray.viz.datasets.field import field_grid, require_memory
 from coilarray.viz.scenes.board import (
     VEILED,
-    name_heights,
+    board_in_pieces,
+    board_scene,
+    recoloured,
     scene_of_board,
     scene_of_dent,
-    scene_of_lifted_board,
     scene_of_sheets,
 )
 from coilarray.viz.scenes.field import (
@@ -45,7 +45,7 @@ from coilarray.viz.scenes.field import (
     scene_of_slices,
     scene_of_surfaces,
 )
-from coilarray.viz.scenes.metal import scene_of_metal, target_place
+from coilarray.viz.scenes.metal import CURRENT, scene_of_metal, target_place
 from coilarray.viz.scenes.results import colours_of_currents, scene_of_coupling, scene_of_location, scene_of_response
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design, first_states, off_middle
@@ -97,8 +97,6 @@ class View:
         Measured coil, for field, lines, surfaces, currents and response. The default is the middle coil.
     others_open : bool
         Leave the other coils open, instead of terminated as in the design.
-    current : float
-        Current in the measured coil in A, for the field.
     spacing : float, optional
         Distance between points of B in m. The default is 0.5 mm on planes and 1 mm in a box.
     at : tuple of float, optional
@@ -108,29 +106,19 @@ class View:
         distance first.
     depth : float, optional
         Depth of the indentation in m. The default is the deepest of the design.
-    response : xarray.Dataset, optional
-        Response that is draped. By default it is computed.
     table : xarray.Dataset, optional
-        Table of `coilarray.localize.forward.table_for`, which a location needs.
-    reading : mapping or sequence of float, optional
-        δ to locate. The default is δ at `at`.
-    noise : float, optional
-        Standard deviation of δ. The default is the noise of the table.
+        Table of `coilarray.localize.forward.table_for`, which a location needs. The readings at `at` are located.
     """
 
     show: tuple[Item, ...] = ("board",)
     layers: tuple[str, ...] | None = None
     coil: str | None = None
     others_open: bool = False
-    current: float = 1e-3
     spacing: float | None = None
     at: tuple[float, float] | None = None
     distance: float | None = None
     depth: float | None = None
-    response: xr.Dataset | None = None
     table: xr.Dataset | None = None
-    reading: Mapping[str, float] | Sequence[float] | None = None
-    noise: float | None = None
 
 
 def board_and_metal(design: Design) -> tuple[Item, ...]:
@@ -172,7 +160,7 @@ class _Making:
             raise GeometryError(f"there is no coil {self.view.coil!r}; there are {', '.join(self.design.array.names)}.")
         self._require_field()
         if shown <= _ALONE and {"board"} <= shown and self.view.layers is None:
-            return scene_of_lifted_board(self.design.array, self.design.sheets if "elastomer" in shown else ())
+            return board_scene(self.design.array, self.design.sheets if "elastomer" in shown else ())
         array, sheets = self.design.array, self.design.sheets
         makers: dict[str, Callable[[], Scene]] = {
             "dent": self._dent,
@@ -200,7 +188,7 @@ class _Making:
         """Make the scene of plates, target and eddy currents."""
         view = self.view
         return scene_of_metal(
-            self.design, frozenset(_METAL & set(view.show)), self._coil, lambda: self._coupling, current=view.current,
+            self.design, frozenset(_METAL & set(view.show)), self._coil, lambda: self._coupling,
             terminated=not view.others_open, distance=view.distance, at=view.at, still=bool(_OF_B & set(view.show)),
             progress=self.track("target"),
         )  # fmt: skip
@@ -210,9 +198,9 @@ class _Making:
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
         colours = colours_of_currents(currents, design.array.names.index(self._coil))
-        board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
+        copper, rest = board_in_pieces(design.array, view.layers, self._name_heights)
         note = f"Black: {self._coil} is measured, the others {self._others}; current per its ampere."
-        return board + Scene(notes=(note,))
+        return Scene(recoloured(copper, colours), notes=(note,)) + rest
 
     @property
     def _others(self) -> str:
@@ -285,59 +273,30 @@ class _Making:
     def _name_heights(self) -> npt.NDArray[np.float64] | float:
         if not self._covered:
             return 0.0
-        return name_heights(self.design.array, self.design.top, self._on_board)
+        # those in the open quarter lie on the board
+        return np.where((self.design.array.centres < self._on_board).all(axis=1), 0.0, self.design.top)
 
     def _response(self) -> Scene:
         """Make the scene of a draped response."""
-        response = self.view.response
-        x, y = (self._setup.x, self._setup.y) if response is None else (response.x.values, response.y.values)
-        for name, positions in (("x", x), ("y", y)):  # before a map is computed
+        for name, positions in (("x", self._setup.x), ("y", self._setup.y)):  # before a map is computed
             if len(positions) < 2:
                 raise LocalizeError(f"a draped map needs at least 2 positions along {name}; got 1.")
-        if response is None:
-            depths = [self._depth]
-            response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
-        state, depth = self._state_of(response), self._depth_of(response)
+        depths = [self._depth]
+        response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
+        state = first_states(self.design).get(self._coil)
+        if state is None:
+            names = ", ".join(first_states(self.design))
+            raise LocalizeError(f"the scan has no state that measures {self._coil}; it measures {names}.")
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
-        return scene_of_response(response, state, depth, outlines=outlines)
-
-    def _state_of(self, response: xr.Dataset) -> str:
-        """First state that measures the coil."""
-        states = [str(name) for name in response.state.values]
-        for wanted in (first_states(self.design).get(self._coil), self._coil):
-            if wanted in states:
-                return str(wanted)
-        raise LocalizeError(f"the map has no state that measures {self._coil}; there are {', '.join(states)}.")
-
-    def _depth_of(self, response: xr.Dataset) -> int:
-        """Find the index of the depth in a response."""
-        depths = response.depth.values
-        if self.view.depth is None:
-            return len(depths) - 1
-        nearest = int(np.abs(depths - self.view.depth).argmin())
-        if not math.isclose(depths[nearest], self.view.depth, rel_tol=1e-6):
-            raise LocalizeError(
-                f"the map has no depth of {self.view.depth * 1e3:g} mm; there are "
-                f"{', '.join(f'{depth * 1e3:g}' for depth in depths.tolist())} mm."
-            )
-        return nearest
+        return scene_of_response(response, state, outlines=outlines)
 
     def _location(self) -> Scene:
         """Make the scene of a located indentation."""
         if self.view.table is None:
             raise LocalizeError("a location needs the response table of the design.")
         model = forward_model(on_board(self.view.table))
-        if self.view.reading is None:
-            reading: Mapping[str, float] | npt.NDArray[np.float64] = model.delta([*self._at, self._depth])
-        else:
-            reading = np.array(self.view.reading) if isinstance(self.view.reading, Sequence) else self.view.reading
-        found = locate(model, reading, noise=self.view.noise)
-        return scene_of_location(
-            found,
-            bounds=self.design.array.bounds,
-            top=self.design.top,
-            truth=self._at if self.view.reading is None else None,
-        )
+        found = locate(model, model.delta([*self._at, self._depth]))
+        return scene_of_location(found, self.design.array.bounds, self.design.top, self._at)
 
     def _require_field(self) -> None:
         """Refuse a field that cannot be computed."""
@@ -363,9 +322,9 @@ class _Making:
             z = beside_faces(design, z, float(coupling.frequency.sel(coil=self._coil)))
         field = operating_field(
             design, coupling, self._coil, x, y, z,
-            current=view.current, terminated=not view.others_open, progress=self.track(what),
+            current=CURRENT, terminated=not view.others_open, progress=self.track(what),
         )  # fmt: skip
-        return flux_density(field)
+        return field_grid(field.x.values, field.y.values, field.z.values, field.B.values)
 
     def _field(self, shown: set[Item]) -> Scene:
         """Make the scene of planes, lines and surfaces of B."""
@@ -387,7 +346,7 @@ class _Making:
             if "surfaces" in shown:
                 scene += scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
         others = f", the others {self._others}" if len(self.design.array.names) > 1 else ""
-        carried = f"{coil} carries {self.view.current * 1e3:g} mA{others}"
+        carried = f"{coil} carries {CURRENT * 1e3:g} mA{others}"
         return scene + Scene(notes=(f"B in phase, {self._surroundings}; {carried}.",))
 
     @property

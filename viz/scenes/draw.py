@@ -85,15 +85,15 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
         if part.name in known:
             view.remove_actor(part.name, reset_camera=False, render=False)
         view.renderer.AddActor(actor_of(part, pixel))  # PyVista's own method searches all others for its name
-    alike: dict[tuple[str, float, bool, bool], list[Text]] = defaultdict(list)
+    alike: dict[str, list[Text]] = defaultdict(list)
     for text in scene.texts:
-        alike[text.group, text.height, text.bold, text.always].append(text)
-    for (group, height, bold, always), texts in alike.items():
+        alike[text_name(text)].append(text)
+    for name, texts in alike.items():
         # In PyVista, texts of one actor give way to each other if they meet, but not to texts of another actor.
         points = np.array([text.position for text in texts], dtype=np.float64)
         view.add_point_labels(
-            points, [text.text for text in texts], name=text_name(group, height, bold, always),
-            font_size=round(height * pixel), font_file=font_file(bold), text_color=INK, shape=None, show_points=False,
+            points, [text.text for text in texts], name=name, font_size=round(texts[0].height * pixel),
+            font_file=font_file(texts[0].bold), text_color=INK, shape=None, show_points=False,
             justification_horizontal="center", justification_vertical="center", always_visible=True,
             reset_camera=False, render=False,
         )  # fmt: skip
@@ -147,9 +147,9 @@ def _surface(part: Part) -> pyvista.PolyData:
     return surface
 
 
-def text_name(group: str, height: float, bold: bool, always: bool = False) -> str:
-    """Name of the actor of all texts that look alike."""
-    return f"texts {group} {height:g}{' bold' if bold else ''}{' always' if always else ''}"
+def text_name(text: Text) -> str:
+    """Name of the actor of all texts that look like a text."""
+    return f"texts {text.group} {text.height:g}{' bold' if text.bold else ''}{' always' if text.always else ''}"
 
 
 def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:

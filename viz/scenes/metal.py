@@ -38,6 +38,8 @@ _DECADES = 1.5  # range of current densities that the colours resolve, in powers
 _ARROWS, _MOST_ARROWS = 20, 32  # arrows along the longest side of a body, and of the whole picture
 _STRONG = 0.98  # quantile of the current densities with the last colour; at rims they diverge
 _SHARP = 30.0  # angle in degrees of an edge that is drawn
+CURRENT = 1e-3
+"""Current in the measured coil in A."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +106,6 @@ def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Pa
     return (Part(name, surface_of(arrows), "eddy currents", scale=scale, ambient=0.5, diffuse=0.55),)
 
 
-def scale_of_eddies(all_eddies: Sequence[Eddies]) -> Scale:
-    """Logarithmic scale of current densities."""
-    amounts = [np.linalg.norm(one.density, axis=1) for one in all_eddies]
-    largest = max((float(np.quantile(amount, _STRONG)) for amount in amounts if amount.size), default=0.0)
-    high = largest if largest > 0 else 1.0
-    return Scale(EDDY_AMOUNT, "eddy current", "A/m", high / 10**_DECADES, high, logarithmic=True)
-
-
 def _glass(name: str, mesh: pyvista.PolyData, group: str, colour: str, covers: bool) -> list[Part]:
     """Translucent body, with its edges if it has any."""
     parts = [Part(name, mesh, group, colour, opacity=_GLASS if covers else _DENSER, ambient=0.35, smooth=True)]
@@ -146,20 +140,16 @@ _BLURRED = 0.4  # width over which the current of an arrow is averaged, over the
 
 @dataclass(frozen=True, eq=False)
 class WorkingPoint:
-    """Currents of all coils in A at a frequency.
-
-    They have shape (n,). One coil carries `current`. The frequency is in Hz.
-    """
+    """Currents of all coils in A, shape (n,), at a frequency in Hz."""
 
     currents: ComplexArray
-    current: float
     frequency: float
 
 
-def working_point(design: Design, coupling: xr.Dataset, coil: str, current: float, *, terminated: bool) -> WorkingPoint:
-    """Operation in which a coil is measured."""
-    currents = current * operating_currents(design, coupling, coil, terminated=terminated)
-    return WorkingPoint(currents, current, float(coupling.frequency.sel(coil=coil)))
+def working_point(design: Design, coupling: xr.Dataset, coil: str, *, terminated: bool) -> WorkingPoint:
+    """Operation in which a coil is measured with 1 mA."""
+    currents = CURRENT * operating_currents(design, coupling, coil, terminated=terminated)
+    return WorkingPoint(currents, float(coupling.frequency.sel(coil=coil)))
 
 
 def eddies_of_plates(
@@ -244,18 +234,6 @@ def _endless(
     return found
 
 
-def at_their_largest(all_phasors: Sequence[Phasors]) -> tuple[list[Eddies], str]:
-    """Eddy currents at the instant of their largest strength."""
-    in_phase, before = (
-        sum(float((part(density) ** 2).sum()) for *_, density in all_phasors) for part in (np.real, np.imag)
-    )
-    now = in_phase >= before
-    eddies = [
-        Eddies(points, normals, density.real if now else density.imag) for points, normals, density in all_phasors
-    ]
-    return eddies, "while the coil's current is largest" if now else "a quarter of a period before the coil's peak"
-
-
 _STEPS = 9  # least number of positions of the slider of a distance
 _NEAR = 0.05  # least relative distance of a position in between from the design's own positions
 _SHOWN_STATES = 8  # largest number of states whose δ stand in a line
@@ -267,7 +245,6 @@ def scene_of_metal(
     coil: str,
     coupling: Callable[[], xr.Dataset],
     *,
-    current: float,
     terminated: bool,
     distance: float | None = None,
     at: tuple[float, float] | None = None,
@@ -276,40 +253,41 @@ def scene_of_metal(
 ) -> Scene:
     """Scene of plates, target and eddy currents of a design.
 
-    `shown` has "plates", "target" and "eddies", which flow in the bodies that are shown. A `coil` is measured with a
-    `current` in A, and the other coils are `terminated` or open. The slider of the target stands first at a `distance`
-    in m, by default the least. The target is at x and y in m on the board, by default at its place nearest to the coil.
-    A `still` scene shows it at this distance alone, as the rest of the scene is made for it. Metal that the design
-    lacks or that is not computed raises a MetalError.
+    `shown` has "plates", "target" and "eddies", which flow in the bodies that are shown. A `coil` is measured with 1 mA
+    and the others are `terminated` or open. The slider of the target stands first at a `distance` in m, by default
+    the least. The target is at x and y in m on the board, by default at its place nearest to the coil. A `still` scene
+    shows it at this distance alone, as the rest of the scene is made for it. Metal that the design lacks or that is not
+    computed raises a MetalError.
     """
     within = around_board(design.array)
     plates = design.plates if "plates" in shown else ()
     scene = scene_of_plates(plates, within)
-    steps = steps_of(design, distance) if "target" in shown else []
-    if steps and still:
-        steps = steps[:1] if distance is None else [distance]
-    place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
-    numbers = target_at(design, place, steps, progress=progress) if steps else None
+    steps: list[float] = []
+    place = (0.0, 0.0)
+    if "target" in shown:
+        steps, place = steps_of(design, distance), target_place(design, coil, at)
+        if still:
+            steps = steps[:1] if distance is None else [distance]
+        numbers = target_at(design, place, steps, progress=progress)
     scale: Scale | None = None
     of_target: Sequence[Eddies | None] = [None] * len(steps)
     if "eddies" in shown:
         if not plates and not steps:
             raise MetalError(f"eddy currents need plates or a target in the picture of {design.name}.")
-        operation = working_point(design, coupling(), coil, current, terminated=terminated)
+        operation = working_point(design, coupling(), coil, terminated=terminated)
         eddies = scene_of_eddies(design, plates, place, steps, operation, within)
         scale, of_target = eddies.scale, eddies.of_target
-        carried = f"{operation.frequency * 1e-6:.4g} MHz, {abs(current) * 1e3:g} mA in {coil}"
+        carried = f"{operation.frequency * 1e-6:.4g} MHz, {CURRENT * 1e3:g} mA in {coil}"
         notes = [f"Eddy currents {eddies.when}, {carried}, the currents of the coils as without a target."]
         notes += ["Those in the target are not drawn."] if None in of_target else []
         scene += Scene(notes=tuple(notes)) + eddies.of_plates
-    if numbers is None:
+    if not steps:
         return scene
     target = target_of(design)
-    lines = [target_lines(numbers.isel(distance=k, y=0, x=0), coil) for k in range(len(steps))]
-    positions = [
-        Position(step, (*place, target.height(design.top, step)), one, texts)
-        for step, one, texts in zip(steps, of_target, lines, strict=True)
-    ]
+    positions = []
+    for k, step in enumerate(steps):
+        lines = target_lines(numbers.isel(distance=k, y=0, x=0), coil)
+        positions.append(Position(step, (*place, target.height(design.top, step)), of_target[k], lines))
     first = 0 if distance is None else steps.index(distance)
     return scene + scene_of_target(target.body, positions, within, scale, first)
 
@@ -332,14 +310,23 @@ def scene_of_eddies(
     operation: WorkingPoint,
     within: Box,
 ) -> EddyScene:
-    """Eddy currents of plates, and of the target at distances over a place, in m."""
+    """Eddy currents of plates, and of the target at distances over a place, in m.
+
+    They are shown at the instant at which they are strongest.
+    """
     of_plates = eddies_of_plates(design, plates, operation, within)
     of_target = eddies_of_target(design, place, distances, operation, within)
-    found, when = at_their_largest([*of_plates, *(one for one in of_target if one is not None)])
-    scale, rest = scale_of_eddies(found), iter(found[len(of_plates) :])
-    scene = Scene()
-    for number, one in enumerate(found[: len(of_plates)]):
-        scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
+    phasors = [*of_plates, *(one for one in of_target if one is not None)]
+    in_phase, before = (sum(float((part(K) ** 2).sum()) for *_, K in phasors) for part in (np.real, np.imag))
+    now = in_phase >= before
+    found = [Eddies(points, normals, K.real if now else K.imag) for points, normals, K in phasors]
+    amounts = [np.linalg.norm(one.density, axis=1) for one in found]
+    high = max((float(np.quantile(amount, _STRONG)) for amount in amounts if amount.size), default=0.0) or 1.0
+    scale = Scale(EDDY_AMOUNT, "eddy current", "A/m", high / 10**_DECADES, high, logarithmic=True)
+    scene, rest = Scene(), iter(found)
+    for number, _ in enumerate(of_plates):
+        scene += Scene(eddy_parts(f"eddies of plate {number}", next(rest), scale, within))
+    when = "while the coil's current is largest" if now else "a quarter of a period before the coil's peak"
     return EddyScene(scene, [None if one is None else next(rest) for one in of_target], scale, when)
 
 
@@ -356,25 +343,20 @@ def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
     states = [str(name) for name in at.state.values]
     first = coil if coil in states else states[0]
     one = at.sel(state=first)
+    percent = {name: true_minus(f"{float(at.delta.sel(state=name)) * 100:+.3g} %") for name in states}
     beside_q = str(at.quality_factor.attrs["long_name"]).partition(",")[2]
     line = (
-        f"target at {MM.text(at.distance, '.3')}, {first}: δ = {percent(one.delta)}, "
+        f"target at {MM.text(at.distance, '.3')}, {first}: δ = {percent.pop(first)}, "
         f"L = {float(one.effective_inductance) * 1e6:.4g} µH, "
         f"R = {float(one.effective_resistance):.3g} Ω, Q = {float(one.quality_factor):.3g}{beside_q}, "
         f"f = {float(one.frequency) * 1e-6:.4f} MHz"
     )
-    others = [name for name in states if name != first]
-    if not others:
+    if not percent:
         return (line,)
-    largest = sorted(others, key=lambda name: -abs(float(at.delta.sel(state=name))))[:_SHOWN_STATES]
-    shown = [name for name in others if name in largest]
-    which = "δ of the others" if shown == others else f"the {len(shown)} largest δ of the others"
-    return line, f"{which}: " + ", ".join(f"{name} {percent(at.delta.sel(state=name))}" for name in shown)
-
-
-def percent(delta: xr.DataArray) -> str:
-    """Relative change in % with three digits."""
-    return true_minus(f"{float(delta) * 100:+.3g} %")
+    largest = sorted(percent, key=lambda name: -abs(float(at.delta.sel(state=name))))[:_SHOWN_STATES]
+    shown = [f"{name} {text}" for name, text in percent.items() if name in largest]
+    which = "δ of the others" if len(shown) == len(percent) else f"the {len(shown)} largest δ of the others"
+    return line, f"{which}: {', '.join(shown)}"
 
 
 def steps_of(design: Design, distance: float | None = None) -> list[float]:

@@ -9,7 +9,7 @@ import re
 import zipfile
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import require_pyvista
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.draw import actor_of, bar_of, gradient
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, aim, direction
+from coilarray.viz.scenes.scene import SIDES, Part, Scale, Scene, Side, aim, direction
 
 _SIZE = (1600, 900)  # size of the picture to which line widths refer
 _STOPS = 32  # colours of a bar
@@ -77,7 +77,7 @@ def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique"
         step_of_actor=[part.step for part in scene.parts],
         slider=None if scene.slider is None else asdict(scene.slider),
         bars=[_bar(scale) for scale in scene.scales],
-        views={name: _view(scene, name) for name in get_args(Side)},
+        views={name: _view(scene, name) for name in SIDES},
         first_side=side,
         data=base64.b64encode(_archive(scene)).decode("ascii"),
     )

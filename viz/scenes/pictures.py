@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,17 +15,10 @@ import numpy.typing as npt
 from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_atomically
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.geometry.array import Array
-from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.viz.offscreen import rendering_problem, silent_screen, window_problem, without_screen
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.board import board_scene, dent_scene, scene_of_lifted_board
 from coilarray.viz.scenes.draw import draw, draw_parts, font_file, pixel_of, text_name
 from coilarray.viz.scenes.scene import Scene, Side
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 SIZE = (1600, 900)
 """Default width and height of a picture in pixels."""
@@ -56,49 +49,9 @@ def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tupl
     OutputError
         If the size is not allowed, or the file cannot be written.
     """
-    _save(path, size, lambda plotter: draw(scene, plotter, side=side))
-
-
-def save_board_picture(array: Array, path: Path, sheets: Sequence[Sheet] = (), size: tuple[int, int] = SIZE) -> None:
-    """Render a board off-screen into an image file.
-
-    Parameters
-    ----------
-    array, sheets, path, size
-        As in `board_scene` and `save_picture`.
-
-    Raises
-    ------
-    MissingDependencyError, OutputError
-        As `save_picture`.
-    """
-    _save(path, size, lambda plotter: board_scene(array, sheets, plotter=plotter))
-
-
-def save_dent_picture(
-    array: Array,
-    path: Path,
-    sheets: Sequence[Sheet],
-    indentation: xr.Dataset,
-    indenter: Indenter,
-    depth: int = -1,
-    centre: tuple[float, float] = (0.0, 0.0),
-    size: tuple[int, int] = SIZE,
-) -> None:
-    """Render a dent off-screen into an image file.
-
-    Parameters
-    ----------
-    array, sheets, indentation, indenter, depth, centre, path, size
-        As in `dent_scene` and `save_picture`.
-
-    Raises
-    ------
-    ValueError, MissingDependencyError, OutputError
-        As `dent_scene` and `save_picture`.
-    """
-    at: dict[str, Any] = {"depth": depth, "centre": centre}
-    _save(path, size, lambda plotter: dent_scene(array, sheets, indentation, indenter, plotter=plotter, **at))
+    with off_screen(size) as plotter:
+        draw(scene, plotter, side=side)
+        write_atomically(path, lambda temporary: plotter.screenshot(temporary, return_img=False))
 
 
 def check_rendering(size: tuple[int, int] = SIZE) -> None:
@@ -122,12 +75,6 @@ def off_screen(size: tuple[int, int]) -> Iterator[Any]:
         yield plotter
     finally:
         plotter.close()
-
-
-def _save(path: Path, size: tuple[int, int], fill: Callable[[Any], None]) -> None:
-    with off_screen(size) as plotter:
-        fill(plotter)
-        write_atomically(path, lambda temporary: plotter.screenshot(temporary, return_img=False))
 
 
 Image = npt.NDArray[np.uint8]
@@ -291,22 +238,22 @@ def check_window() -> None:
         raise MissingDependencyError(problem)
 
 
-def show_board(array: Array, sheets: Sequence[Sheet] = ()) -> None:
-    """Open a window with a board.
-
-    It shows the board of an `array` and `sheets` on it, until the user closes it. The errors are the same as in `show`.
-    """
-    show(scene_of_lifted_board(array, sheets))
-
-
 def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
     """Put a switch for every group into a window."""
     from matplotlib.colors import to_rgb
 
     height = plotter.window_size[1]
-    switches = {}
+    switches: dict[str, Callable[[bool], None]] = {}
     for place, (group, colours) in enumerate(scene.groups.items()):
-        switch = switches[group] = _switch(scene, plotter, group)
+        names = [part.name for part in scene.parts if part.group == group]
+        names += [f"{text_name(text)}-labels" for text in scene.texts if text.group == group]
+
+        def switch(shown: bool, actors: Sequence[Any] = tuple(plotter.actors[name] for name in names)) -> None:
+            for actor in actors:
+                actor.SetVisibility(shown)
+            plotter.render()
+
+        switches[group] = switch
         y = height - _RIM - _BOX - place * _STEP
         strongest = min(colours, key=lambda colour: sum(to_rgb(colour)))  # white is off, and zero on some scales
         box = {"size": _BOX, "border_size": 2, "color_on": strongest, "color_off": "white"}
@@ -314,18 +261,3 @@ def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]
         letters = {"font_size": 7, "color": INK, "font_file": font_file()}  # PyVista's points have two pixels
         plotter.add_text(group, position=(_RIM + 1.5 * _BOX, y), name=f"name of switch {group}", **letters)
     return switches
-
-
-def _switch(scene: Scene, plotter: Any, group: str) -> Callable[[bool], None]:
-    """Make the function that shows or hides a group."""
-    names = [part.name for part in scene.parts if part.group == group]
-    looks = {(text.height, text.bold, text.always) for text in scene.texts if text.group == group}
-    names += [f"{text_name(group, *look)}-labels" for look in looks]
-    actors = [plotter.actors[name] for name in names]
-
-    def switch(shown: bool) -> None:
-        for actor in actors:
-            actor.SetVisibility(shown)
-        plotter.render()
-
-    return switch

@@ -84,32 +84,20 @@ def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
     )
 
 
-def scene_of_response(
-    response: xr.Dataset,
-    state: str,
-    depth: int = -1,
-    *,
-    outlines: Sequence[npt.ArrayLike] = (),
-) -> Scene:
-    """Scene of δ of one state draped over the board, see `draped_outlines`."""
+def scene_of_response(response: xr.Dataset, state: str, *, outlines: Sequence[npt.ArrayLike] = ()) -> Scene:
+    """Scene of the deepest δ of one state draped over the board."""
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
-    surface = meshes.response_surface(response, state, depth, height=_OVER, relief=relief)
+    surface, lines = meshes.response_surface(
+        response, state, outlines=outlines, height=_OVER, relief=relief, above=_ABOVE
+    )
     scale = about_zero(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
     parts = [Part("response", surface, f"response of {state}", scale=scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
-    lines = meshes.draped_outlines(response, state, outlines, depth, height=_OVER + _ABOVE, relief=relief)
     if lines.n_cells:
         parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))
-    deep = float(meshes.at_depth(response, depth).depth) * 1e3
-    return Scene(tuple(parts), notes=(f"δ of {state} at the indenter, {deep:g} mm deep.",))
+    return Scene(tuple(parts), notes=(f"δ of {state} at the indenter, {float(response.depth[-1]) * 1e3:g} mm deep.",))
 
 
-def scene_of_location(
-    location: Location,
-    *,
-    bounds: Box,
-    top: float,
-    truth: tuple[float, float] | None = None,
-) -> Scene:
+def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[float, float] | None = None) -> Scene:
     """Scene of the possible positions of an indentation.
 
     All lengths are in m and all places on the board. These are the `location`, the `bounds` of the board (x_min, y_min,
@@ -118,13 +106,15 @@ def scene_of_location(
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
     notes = [_summary(location)]
-    magnification = _magnification(location.modes, length)
-    label = "95 % ellipse" + ("" if magnification == 1 else f", drawn {magnification:g} × as large")
+    finite = {k: mode for k, mode in enumerate(location.modes) if np.isfinite(mode.covariance[:2, :2]).all()}
+    factor = _magnification(max(map(_semi_axis, finite.values()), default=math.inf), length)
+    label = "95 % ellipse" + ("" if factor == 1 else f", drawn {factor:g} × as large")
     for k, mode in enumerate(location.modes):
         at = (mode.x, mode.y)
         group, colour = ("located", INK) if k == 0 else ("may also be", GREY)
-        parts.append(Part(f"pin {k}", meshes.position_pin(at, 0.0, top), group, colour, line_width=4.0, lit=False))
-        if not _is_finite(mode):
+        pin = polylines([np.array([[*at, 0.0], [*at, top]])])
+        parts.append(Part(f"pin {k}", pin, group, colour, line_width=4.0, lit=False))
+        if k not in finite:
             notes.append("No ellipse: to first order this reading does not depend on one direction.")
             continue
         if _semi_axis(mode) > length:
@@ -134,7 +124,7 @@ def scene_of_location(
             notes.append("The likelihood is not Gaussian: the ellipse is its shape near the position only.")
         for name, height in (("", 0.0), (" above", top)):
             covariance = mode.covariance[:2, :2]
-            ellipse = meshes.uncertainty_ellipse(at, covariance, CONFIDENCE, magnification=magnification, height=height)
+            ellipse = meshes.uncertainty_ellipse(at, covariance, CONFIDENCE, magnification=factor, height=height)
             on_board = cut_upright(ellipse, bounds)
             if on_board.n_cells:
                 parts.append(Part(f"ellipse {k}{name}", on_board, label, WINE, line_width=4.0, lit=False))
@@ -160,10 +150,9 @@ def _summary(location: Location) -> str:
     return true_minus(f"{location.verdict}: {text} (standard deviations){also}")
 
 
-def _magnification(modes: Sequence[Mode], length: float) -> float:
-    """Least factor with which the largest ellipse is visible."""
-    semi_axes = [_semi_axis(mode) for mode in modes if _is_finite(mode)]
-    wanted = _SEEN * length / max(semi_axes) if semi_axes else 0.0
+def _magnification(semi_axis: float, length: float) -> float:
+    """Least factor 1, 2, 5, … with which the largest ellipse is visible."""
+    wanted = _SEEN * length / semi_axis
     if wanted <= 1:
         return 1.0
     decade = 10.0 ** math.floor(math.log10(wanted))
@@ -173,7 +162,3 @@ def _magnification(modes: Sequence[Mode], length: float) -> float:
 def _semi_axis(mode: Mode) -> float:
     """Longer semi-axis of an ellipse in m."""
     return meshes.semi_axis_factor(CONFIDENCE) * math.sqrt(float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
-
-
-def _is_finite(mode: Mode) -> bool:
-    return bool(np.isfinite(mode.covariance[:2, :2]).all())

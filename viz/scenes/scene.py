@@ -16,10 +16,20 @@ if TYPE_CHECKING:
     import pyvista
 
 
-Side = Literal["oblique", "top", "front", "right"]
-"""Side of the view: obliquely from the front, straight from above, from the front along y, or from the right."""
+Side = Literal["oblique", "top", "front", "right", "cut"]
+"""Side of the view: obliquely from the front, from above, from the front, from the right, or into the cut of a dent."""
 
-_ANGLES = {"oblique": (48.0, -97.0), "top": (90.0, -90.0), "front": (0.0, -90.0), "right": (0.0, 0.0)}
+SIDES: tuple[Side, ...] = ("oblique", "top", "front", "right")
+"""Sides that pages offer."""
+
+# degrees of elevation and azimuth
+_ANGLES: dict[Side, tuple[float, float]] = {
+    "oblique": (48.0, -97.0),
+    "top": (90.0, -90.0),
+    "front": (0.0, -90.0),
+    "right": (0.0, 0.0),
+    "cut": (28.0, -118.0),
+}
 FILLED = 0.88
 """Share of the picture's height or width that a scene fills."""
 

@@ -170,7 +170,7 @@ def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.
     eddies = None
     if coupling is not None:
         coil = design.array.middle_coil
-        operation = working_point(design, coupling, coil, 1e-3, terminated=True)
+        operation = working_point(design, coupling, coil, terminated=True)
         eddies = scene_of_eddies(design, design.plates, place, distances, operation, within)
         scene += eddies.of_plates + Scene(notes=(f"Eddy currents {eddies.when}; 1 mA in {coil}.",))
     for distance in distances:

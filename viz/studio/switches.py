@@ -19,7 +19,7 @@ from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import NetworkError
 from coilarray.geometry.array import Array
-from coilarray.viz.datasets.field import AMOUNT, flux_grid, require_memory
+from coilarray.viz.datasets.field import AMOUNT, field_grid, require_memory
 from coilarray.viz.scenes.field import Span, scale_of_field, scene_of_slices
 from coilarray.viz.scenes.results import colours_of_currents
 from coilarray.viz.scenes.scene import Scene
@@ -48,9 +48,9 @@ class UnitFields:
     fields: FloatArray  # T/A, shape (coils, nx, ny, 1, 3)
 
     def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
-        """Field of currents in A, shape (coils,), as of `coilarray.viz.flux_density`."""
+        """Field of currents in A, shape (coils,), as of `field_grid`."""
         B = np.tensordot(np.asarray(currents, dtype=np.float64), self.fields, axes=1)
-        return flux_grid(self.x, self.y, [self.height], B)
+        return field_grid(self.x, self.y, [self.height], B)
 
 
 def kept_settings(array: Array, settings: Mapping[str, Setting]) -> dict[str, Setting]:

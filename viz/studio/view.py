@@ -6,16 +6,16 @@ import asyncio
 import io
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 import numpy as np
 from PIL import Image
 
 from coilarray.compute.table import png_url
 from coilarray.design.model import Design, build_design
-from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
+from coilarray.viz.scenes.board import board_in_pieces, board_scene
 from coilarray.viz.scenes.draw import bar_of, draw_parts, gradient, set_camera, text_name
-from coilarray.viz.scenes.scene import FILLED, Camera, Scene, Side, Text, aim, aim_again, direction
+from coilarray.viz.scenes.scene import FILLED, SIDES, Camera, Scene, Side, Text, aim, aim_again, direction
 from coilarray.viz.studio.drawing import BoardParts
 from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.metal import metal_scene
@@ -156,8 +156,7 @@ class SceneView:
             if part.group:
                 actors[part.name].SetVisibility(part.group not in self._hidden)
         for text in self._scene.texts:
-            height = _letters(text, self._drawn_size)
-            name = f"{text_name(text.group, height, text.bold, text.always)}-labels"
+            name = f"{text_name(replace(text, height=_letters(text, self._drawn_size)))}-labels"
             if text.group and name in actors:
                 actors[name].SetVisibility(text.group not in self._hidden)
 
@@ -303,7 +302,7 @@ class ScenePanel(Panel):
         problem = session.setup.rendering_problem or ("not shown" if session.setup.services.alone else None)
         self._view = None if problem else SceneView(session.server, self._at_rest)
         values = {
-            "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(get_args(Side)),
+            "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(SIDES),
             "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False, "scene_saved": False,
             "saved_picture": "", "saved_name": "",
         }  # fmt: skip
@@ -432,7 +431,7 @@ class ScenePanel(Panel):
             state.scene_rests = rests
 
     def _look_from(self, side: Side) -> None:
-        if self._view is not None and side in get_args(Side):
+        if self._view is not None and side in SIDES:
             self._view.look_from(side)
 
     def _toggle_sheets(self) -> None:
@@ -451,7 +450,7 @@ def _scene_alone(design: Design, sheets: bool) -> Scene:
     """Scene of a board without results."""
     if design.plates:
         return metal_scene(BoardParts(design, *board_in_pieces(design.array)), None, 0, None)
-    return scene_of_lifted_board(design.array, design.sheets if sheets else ())
+    return board_scene(design.array, design.sheets if sheets else ())
 
 
 def _legend(scene: Scene) -> dict[str, Any]:

@@ -8,8 +8,7 @@ An arc joins every pair of coils. Its thickness and its number show k, its colou
 import pyvista
 
 import coilarray as ca
-from coilarray.viz import draw
-from coilarray.viz.scenes.design import View, scene_of_design
+from coilarray.viz import View, draw, scene_of_design
 
 design = ca.load_design("gast2020")
 plotter = pyvista.Plotter(window_size=(900, 500))

@@ -8,12 +8,12 @@ The deformed sheets over a coil, a quarter cut out.
 import pyvista
 
 import coilarray as ca
-from coilarray.viz import dent_scene
+from coilarray.viz import dent_scene, draw
 
 design = ca.load_design("gast2020")
 setup = design.indentation
 pressed = ca.indent(design.sheets, setup.indenter, [1e-3], base=setup.base)
 plotter = pyvista.Plotter(window_size=(900, 500))
 centre = tuple(design.array.centres[2])
-dent_scene(design.array, design.sheets, pressed, setup.indenter, plotter=plotter, centre=centre)
+draw(dent_scene(design.array, design.sheets, pressed, setup.indenter, centre=centre), plotter, side="cut")
 plotter.show()

@@ -9,8 +9,7 @@ Lines of B around the measured coil with its neighbours grounded. The view takes
 import pyvista
 
 import coilarray as ca
-from coilarray.viz import draw
-from coilarray.viz.scenes.design import View, scene_of_design
+from coilarray.viz import View, draw, scene_of_design
 
 design = ca.load_design("starter")
 plotter = pyvista.Plotter(window_size=(900, 500))
