@@ -11,14 +11,12 @@ from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Column, Details, Section, Table, Value, Warn, cell, dataset_table, root_mean_square
-from coilarray.paper.ellipse import PARAMETERS
+from coilarray.compute.table import Section, Table, Warn, dataset_table
 from coilarray.report import figures
 from coilarray.report.page import html_page, now, provenance_section
 
@@ -44,55 +42,6 @@ def remains_table(comparison: xr.Dataset) -> Table:
     return dataset_table("remains", "What remains", comparison, (*_WHERE, *errors, *correlations), shown)
 
 
-def ellipse_table(comparison: xr.Dataset) -> Table:
-    """Return measured minus simulated x0, A and B by depth and state.
-
-    They are over the levels of both maps. Levels that one of them does not determine are counted and left out.
-    """
-    columns = (
-        Column("depth", unit="m"), Column("state"), Column("parameter"), Column("levels", "levels of both", "1"),
-        Column("undetermined", "undetermined, left out", "1"),
-        Column("mean_difference", "measured − simulated, mean", "m"), Column("rms_difference", "rms", "m"),
-        Column("rms_noise", "rms of the noise in it", "m"), Column("problem", "why there is none"),
-    )  # fmt: skip
-    rows: list[tuple[Value, ...]] = []
-    for depth, state, at in _each(comparison):
-        problems, hidden = _problems(at), at.undetermined.any("source").values
-        for name in PARAMETERS if not problems else PARAMETERS[:1]:
-            apart = (at[name].sel(source="measured") - at[name].sel(source="simulated")).values
-            levels = np.isfinite(apart)
-            both = levels & ~hidden
-            spread = np.sqrt(np.nansum(at[f"{name}_std"].values ** 2, axis=0))
-            known = spread[both & (spread > 0)]
-            mean = cell(apart[both].mean()) if both.any() else ""
-            differences = (mean, root_mean_square(apart[both]), root_mean_square(known))
-            counts = int(both.sum()), int((levels & hidden).sum())
-            rows.append((depth, state, "" if problems else name, *counts, *differences, "; ".join(problems)))
-    return Table("ellipses", "Ellipses", columns, tuple(rows))
-
-
-def curve_table(comparison: xr.Dataset) -> Table:
-    """Return x0, A and B of both maps at every level, with standard deviations."""
-    curves = {
-        f"{name}_{source}{end}": comparison[f"{name}{end}"]
-        .sel(source=source, drop=True)
-        .assign_attrs(long_name=f"± {name}" if end else f"{name} {source}")
-        for name in PARAMETERS
-        for source in comparison.source.values.tolist()
-        for end in ("", "_std")
-    }
-    marks = {
-        f"undetermined_{source}": comparison.undetermined.sel(source=source, drop=True).assign_attrs(
-            long_name=f"undetermined, {source}"
-        )
-        for source in comparison.source.values.tolist()
-    }
-    levels = xr.Dataset({**curves, **marks}).rename(level="delta")
-    names = (*_WHERE, "delta", *curves, *marks)
-    table = dataset_table("curves", "x0, A and B over δ", levels, names, {"delta": PER_MILLION})
-    return replace(table, rows=tuple(row for row in table.rows if any(value != "" for value in row[3 : -len(marks)])))
-
-
 def inductance_table(comparison: xr.Dataset) -> Table | None:
     """Return L_0 of both responses by state, None if one has none."""
     if "base_inductance" not in comparison:
@@ -113,8 +62,8 @@ def inductance_table(comparison: xr.Dataset) -> Table | None:
 
 
 def comparison_tables(comparison: xr.Dataset) -> list[Table]:
-    """Return every table of a comparison, the long one last."""
-    makers = (scale_table, remains_table, ellipse_table, inductance_table, curve_table)
+    """Return every table of a comparison."""
+    makers = (scale_table, remains_table, inductance_table)
     return [table for table in (make(comparison) for make in makers) if table is not None]
 
 
@@ -184,12 +133,6 @@ def write_comparison_page(
             tables["remains"],
             *figures.comparison_pictures(comparison, outlines),
         )),
-        Section("Ellipses", (
-            "Both maps at the same positions through the same refinement, levels and ellipse fit: centre x0 and "
-            "semi-axes A and B of every level of δ, neither scaled nor shifted.",
-            tables["ellipses"],
-            Details("x0, A and B over δ", (tables["curves"],)),
-        )),
     ]  # fmt: skip
     if "inductances" in tables:
         sections.append(Section(tables["inductances"].title, (tables["inductances"],)))
@@ -211,23 +154,6 @@ _OF_INDUCTANCES = {
 }
 
 _WHERE = ("depth", "state")
-
-
-def _each(comparison: xr.Dataset) -> list[tuple[float, str, xr.Dataset]]:
-    """Iterate over depths and states with their parts."""
-    return [
-        (depth, str(state), comparison.isel(depth=k, state=j))
-        for k, depth in enumerate(comparison.depth.values.tolist())
-        for j, state in enumerate(comparison.state.values.tolist())
-    ]
-
-
-def _problems(at: xr.Dataset) -> list[str]:
-    """List the reasons why maps have no ellipses, each once."""
-    texts = dict(zip(at.source.values.tolist(), map(str, at.ellipse_problem.values), strict=True))
-    if len(set(texts.values())) == 1:
-        return [text for text in set(texts.values()) if text]
-    return [f"{source}: {text}" for source, text in texts.items() if text]
 
 
 def _provenance(attrs: Mapping[str, object]) -> dict[str, str]:

@@ -226,7 +226,7 @@ def distortion_picture(distortion: xr.Dataset) -> list[Picture]:
 
 
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
-    """Draw the residuals between two responses, and x0 of both."""
+    """Draw the residuals between two responses."""
     deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
     caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
     dots = draw("readings", caption, viz.plot_readings(comparison, -1))
@@ -235,7 +235,7 @@ def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike
     maps = draw(
         "residuals",
         f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
-        "with the outlines of the coils; and x0 of the ellipses of both, a band of two standard deviations.",
+        "with the outlines of the coils.",
         viz.comparison_figure(comparison, -1, outlines),
     )
     return [maps, dots]

@@ -1,38 +1,43 @@
-"""Comparison of a measured with a simulated response: scale, shift, residuals, ellipses.
+"""Comparison of a measured with a simulated response: scale, shift and residuals.
 
-Nothing is extrapolated. The simulated map is interpolated at the measured positions. Positions outside of it are left
-out and counted. The ellipses of both come from the same positions with the same settings, since window and spacing of a
-map affect them (`coilarray.paper.ellipse`).
+For every state and depth a scale of δ and a shift in x and y are found,
+
+    measured(x, y) ≈ scale · simulated(x − shift_x, y − shift_y)
+
+by least squares over the same set of positions for every trial shift, so that the set does not change while the shift
+is searched. Nothing is extrapolated. The simulated map is interpolated at the measured positions. Positions outside of
+it are left out and counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.optimize import least_squares
 
 from coilarray.compute.arrays import BoolArray, FloatArray
-from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, forward_model
-from coilarray.paper.ellipse import PARAMETERS, STEP, fit_ellipses
 from coilarray.response.dataset import RESPONSE
-from coilarray.studies.alignment import align, inside, values_at
 
 SOURCES = ("measured", "simulated")
 """Labels of the dimension ``source``."""
+LEAST_PLACES = 8
+"""Least number of places for a shift. With fewer places only the scale is determined."""
 
-REPLICATES = 16
-"""Number of noisy maps for the standard deviations of the ellipses, which are then known to 18 %."""
-
-_LEAST_SHARE = 0.5  # of the noisy maps: if fewer have a level, its scatter is NaN
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis
 _SAME_DEPTH = 1e-6  # relative
+_ROUNDING = 1e-9  # of a table's extent, by which a place may lie outside and still count as on the edge
+_FLAT = 1e-9  # of the other columns, below which the slope by an unknown counts as zero
+_CONDITION = 1e12  # of the equations, beyond which they determine nothing
+_AT_END = 1e-3  # of its range, as the solver stays inside bounds and stops a little before them
+_CLOSE = 1e-14  # relative, convergence to rounding
 _Compared = dict[str, Any]
 """Figures of one state at one depth by the names of the dataset. Maps have the shape (y, x)."""
 
@@ -42,9 +47,6 @@ def compare_responses(
     simulated: xr.Dataset,
     *,
     largest_shift: float | None = None,
-    replicates: int = REPLICATES,
-    seed: int = 0,
-    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compare a measured response with a simulated one.
 
@@ -61,19 +63,12 @@ def compare_responses(
         Largest shift of the search, in m. By default the measured map's own spacing along each axis. Shifts are
         searched with the positions that are in the simulated map by this much, so let it be larger than the measured
         map.
-    replicates : int
-        Number of noisy maps for the standard deviations of the ellipses, if there is ``delta_std``. 0 for no standard
-        deviations.
-    seed : int
-        Seed of their noise.
-    progress : callable, optional
-        Called with (done, total).
 
     Returns
     -------
     xarray.Dataset
         Comparison of the common states and depths at the positions that both have: dimensions ``depth``, ``y``, ``x``,
-        ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and ``level``. NaN for unknown values.
+        ``state``, ``axis`` (x, y) and ``source`` (measured, simulated). NaN for unknown values.
 
         - ``delta`` (source, depth, y, x, state)
         - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated, as it is, and
@@ -89,12 +84,6 @@ def compare_responses(
         - ``noise``: its level in δ if it is known
         - ``points``: the number of positions
 
-        For the ellipse of every level of δ (source, depth, state, level)
-
-        - ``x0``, ``A`` and ``B`` in m, and their standard deviations, whose names end in ``_std``
-        - ``undetermined``: whether the points of the level do not determine its ellipse
-        - ``ellipse_problem`` (source, depth, state): why there are no ellipses
-
         Attributes: ``only_measured`` and ``only_simulated`` are states of a single response. ``depths_left_out`` in m
         and ``points_left_out`` were measured but are not in the simulated map. ``points_missing`` were not measured.
         ``noise_from`` is "delta_std" or "residuals". The attributes of both are kept as ``measured_…`` and
@@ -103,7 +92,7 @@ def compare_responses(
     Raises
     ------
     LocalizeError
-        Datasets that are not responses, no common state, depth or position, largest shift or replicates that are
+        Datasets that are not responses, no common state, depth or position, or a largest shift that is
         negative.
 
     Notes
@@ -120,38 +109,41 @@ def compare_responses(
     >>> found.scale.round(6).values.tolist(), float(abs(found["shift"]).max().round(9))
     ([[1.1, 1.1, 1.1]], 0.0)
     """
-    if replicates < 0:
-        raise LocalizeError(f"replicates must not be negative; got {replicates}.")
-    reads = _measured(measured)
+    reads = RESPONSE.checked(measured, "a measured response").transpose(*_DIMS, ...)
     simulated = RESPONSE.checked(simulated, "a simulated response")
-    states, alone = _common_states(reads, simulated)
+    first, second = ([str(name) for name in data["state"].values] for data in (reads, simulated))
+    states = [name for name in first if name in second]
+    if not states:
+        raise LocalizeError(
+            f"the two responses have no state in common: measured {', '.join(first)}; simulated {', '.join(second)}."
+        )
     model = forward_model(simulated).select(states)
     kept, depths_out = _common_depths(reads.sel(state=states), model)
     noise = _noise(kept, simulated.sel(state=states))
-    largest_shifts = _largest_shifts(kept, largest_shift)
+    if largest_shift is not None and not (np.isfinite(largest_shift) and largest_shift >= 0):
+        raise LocalizeError(f"largest_shift must be finite and not negative; got {largest_shift} m.")
+    x_shift, y_shift = (
+        0.0
+        if len(axis) < _LEAST_FOR_SHIFT
+        else float(np.median(np.diff(axis)))
+        if largest_shift is None
+        else largest_shift
+        for axis in (kept.x.values, kept.y.values)
+    )
 
     def compared(k: int, j: int) -> _Compared:
         level = None if noise is None else noise[k, ..., j]
-        return _compared(kept.isel(depth=k, state=j), model.select([states[j]]), level, largest_shifts)
+        return _compared(kept.isel(depth=k, state=j), model.select([states[j]]), level, (x_shift, y_shift))
 
     rows = [[compared(k, j) for j in range(len(states))] for k in range(kept.sizes["depth"])]
     if not any(one["points"] for row in rows for one in row):
         raise LocalizeError("no measured position is in the simulated map.")
-    count, total = 0, 2 * kept.sizes["depth"] * len(states)
-
-    def fit(response: xr.Dataset, own: FloatArray | None) -> LevelCurves:
-        """Fit level curves, with a common seed."""
-        nonlocal count
-        curves = level_curves(response, own, replicates=replicates, seed=seed)
-        count += 1
-        if progress is not None:
-            progress(count, total)
-        return curves
-
-    windows = _windows(kept, simulated, model, own_noise(kept))
-    result = _dataset(kept, simulated, rows, _ellipses(windows, fit))
-    known = "residuals" if noise is None else "delta_std"
-    return result.assign_attrs({**alone, "depths_left_out": depths_out, "noise_from": known})
+    return _dataset(kept, simulated, rows).assign_attrs(
+        only_measured=", ".join(name for name in first if name not in second),
+        only_simulated=", ".join(name for name in second if name not in first),
+        depths_left_out=depths_out,
+        noise_from="residuals" if noise is None else "delta_std",
+    )
 
 
 def _compared(
@@ -198,6 +190,134 @@ def _compared(
     return figures
 
 
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Scale and shift of one map onto another, with their standard deviations by the given noise.
+
+    The scale is the factor of the other map's δ, NaN if that map is flat. The shift along x and y in m is NaN along an
+    axis without a search, or if its standard deviation is greater than the largest shift: the map does not determine
+    it, and it is taken as 0. `used` (places,) marks the places that were used. A shift that is `at_limit` is at the end
+    of the searched range, and the true shift beyond. `scatter` is the root of the residuals' sum of squares over the
+    degrees of freedom, in δ, NaN without any.
+    """
+
+    scale: float
+    shift: tuple[float, float]
+    scale_std: float
+    shift_std: tuple[float, float]
+    used: BoolArray
+    at_limit: bool
+    scatter: float
+
+
+def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
+    """Test which places (n, 3) lie in a model's table.
+
+    A margin along x and y in m is kept. Rounding puts no place outside. Places are x, y and depth in m. The depth
+    counts if the model has more than one.
+    """
+    free = model.free
+    room = np.array([*margin, 0.0])[free]
+    slack = _ROUNDING * (model.upper - model.lower)[free]
+    low, high = (model.lower[free] + room - slack), (model.upper[free] - room + slack)
+    return np.asarray(((places[:, free] >= low) & (places[:, free] <= high)).all(axis=1))
+
+
+def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """δ (n,) of a model of one state and its slopes (n, 2) in 1/m along x and y, at places `inside`."""
+    delta, jacobian = model.linear(places)
+    return delta[:, 0], jacobian[:, 0, :2]
+
+
+def align(
+    model: ForwardModel,
+    places: npt.ArrayLike,
+    measured: npt.ArrayLike,
+    *,
+    largest_shift: tuple[float, float],
+    noise: npt.ArrayLike | None = None,
+) -> Alignment:
+    """Fit the scale and shift that bring the map of a model of one state onto values measured at places (n, 3).
+
+    Places are x, y and depth in m. Only those are used that stay in the model's table under the `largest_shift` along x
+    and y in m. With fewer than 8 such places no shift is searched, and also not along an axis where this is 0. All
+    places have the same weight. The standard deviations belong to this estimate under the given noise of δ, by default
+    the scatter of the residuals, (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
+    """
+    at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
+    sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
+    used = inside(model, at, largest_shift)
+    axes = [k for k in (0, 1) if largest_shift[k] > 0]
+    if used.sum() < LEAST_PLACES:
+        used, axes = inside(model, at), []
+    at, values = at[used], values[used]
+    simulated = values_at(model, at)[0]
+    if not float(simulated @ simulated) > 0:  # a δ of 1e-200 counts as zero
+        return Alignment(np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan), used, False, np.nan)
+    each = None if sigma is None else np.broadcast_to(sigma, used.shape)[used]
+    unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
+    while axes and not (deviations[1:] <= 1).all():  # NaN is not determined
+        axes = [axis for axis, known in zip(axes, deviations[1:] <= 1, strict=True) if known]
+        unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
+    shift, shift_std = np.full(2, np.nan), np.full(2, np.nan)
+    steps = np.asarray(largest_shift)[axes]
+    shift[axes], shift_std[axes] = unknowns[1:] * steps, deviations[1:] * steps
+    at_limit = bool((np.abs(unknowns[1:]) > 1 - _AT_END).any())
+    (x, y), (x_std, y_std) = shift.tolist(), shift_std.tolist()
+    return Alignment(float(unknowns[0]), (x, y), float(deviations[0]), (x_std, y_std), used, at_limit, scatter)
+
+
+def _solve(
+    model: ForwardModel,
+    places: FloatArray,
+    values: FloatArray,
+    largest_shift: tuple[float, float],
+    axes: Sequence[int],
+    sigma: FloatArray | None,
+) -> tuple[FloatArray, FloatArray, float]:
+    """Scale and shifts in units of the largest shifts, standard deviations and residual scatter."""
+    steps = np.asarray(largest_shift)[list(axes)]
+    size = float(np.sqrt(np.mean(values**2))) or 1.0
+
+    def moved(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        shifted = places.copy()
+        shifted[:, axes] -= unknowns[1:] * steps
+        return values_at(model, shifted)
+
+    def remains(unknowns: FloatArray) -> FloatArray:
+        return np.asarray((values - unknowns[0] * moved(unknowns)[0]) / size)
+
+    def slopes(unknowns: FloatArray) -> FloatArray:
+        delta, gradient = moved(unknowns)
+        return np.column_stack((-delta, unknowns[0] * gradient[:, axes] * steps)) / size
+
+    unmoved = values_at(model, places)[0]
+    solution = np.array([float(values @ unmoved) / float(unmoved @ unmoved), *np.zeros(len(axes))])
+    if axes:
+        limit = np.array([np.inf, *np.ones(len(axes))])
+        solution = least_squares(
+            remains, solution, slopes, bounds=(-limit, limit), xtol=_CLOSE, ftol=_CLOSE, gtol=_CLOSE
+        ).x
+    remaining = remains(solution)
+    freedom = len(values) - len(solution)
+    scatter = float(np.sqrt(remaining @ remaining / freedom)) * size if freedom else np.nan
+    noise = np.full(len(values), scatter) if sigma is None else sigma
+    return solution, _deviations(slopes(solution), noise / size), scatter
+
+
+def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Compute the standard deviations of the unknowns. They are NaN if the places do not determine an unknown."""
+    result = np.full(jacobian.shape[1], np.nan)
+    lengths = np.linalg.norm(jacobian, axis=0)
+    known = np.flatnonzero(lengths > _FLAT * lengths.max())
+    columns = jacobian[:, known] / lengths[known]
+    if len(sigma) < len(known) or np.linalg.cond(columns) > _CONDITION:
+        return result
+    gain = np.linalg.pinv(columns) / lengths[known, None]
+    result[known] = np.sqrt((gain**2 * sigma**2).sum(axis=1))
+    return result
+
+
 def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
     """Root mean square of the difference, with standard deviation.
 
@@ -225,70 +345,6 @@ def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> 
     value = float(np.clip(a @ b, -1.0, 1.0))
     least = float(np.sum(spread**4)) / 2
     return value, float(np.sqrt(max(float(np.sum(((b - value * a) * spread) ** 2)) - least, least)))
-
-
-def _windows(
-    measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, noise: FloatArray | None
-) -> tuple[tuple[xr.Dataset, FloatArray | None], ...]:
-    """Both maps at the measured positions that are in the simulated map, with their noise."""
-    x, y = measured.x.values, measured.y.values
-    along = inside(model, np.column_stack((x, np.full_like(x, model.y[0]), np.full_like(x, model.depth[-1]))))
-    across = inside(model, np.column_stack((np.full_like(y, model.x[0]), y, np.full_like(y, model.depth[-1]))))
-    window = measured.isel(x=np.flatnonzero(along), y=np.flatnonzero(across))
-    grid = np.meshgrid(window.depth.values, window.y.values, window.x.values, indexing="ij")
-    points = np.clip(np.stack(grid[::-1], axis=-1), model.lower, model.upper)
-    sampled = xr.Dataset({"delta": (_DIMS, model.linear(points)[0])}, {name: window[name] for name in _DIMS})
-    places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
-    cut = None if noise is None else noise[:, across][:, :, along]
-    return (window, cut), (sampled.assign_coords(places), None)
-
-
-def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Callable[..., LevelCurves]) -> xr.Dataset:
-    """Ellipses of every level of both maps. The dimensions are source, depth, state, level."""
-    dims = ("source", "depth", "state")
-    shape = (len(windows), *(windows[0][0].sizes[name] for name in dims[1:]))
-    curves = {}
-    for side, k, j in np.ndindex(shape):
-        response, noise = windows[side]
-        curves[side, k, j] = fit(response.isel(depth=[k], state=[j]), None if noise is None else noise[k, ..., j])
-    count = max(one.values.shape[1] for one in curves.values())
-    values, deviations = (np.full((3, *shape, count), np.nan) for _ in range(2))
-    undetermined = np.zeros((*shape, count), dtype=bool)
-    problems = np.empty(shape, dtype=object)
-    for place, one in curves.items():
-        reached = one.values.shape[1]
-        values[(slice(None), *place, slice(reached))] = one.values
-        deviations[(slice(None), *place, slice(reached))] = one.deviations
-        undetermined[(*place, slice(reached))] = one.undetermined
-        problems[place] = one.problem
-    described = dict(zip(PARAMETERS, ("centre of the ellipse", "semi-axis along x", "semi-axis along y"), strict=True))
-    data: dict[str, object] = {}
-    for k, (name, text) in enumerate(described.items()):
-        data[name] = ((*dims, "level"), values[k], {"units": "m", "long_name": text})
-        data[f"{name}_std"] = ((*dims, "level"), deviations[k], {"units": "m", "long_name": f"± {name}"})
-    data["undetermined"] = ((*dims, "level"), undetermined, {"long_name": "the points do not determine the ellipse"})
-    data["ellipse_problem"] = (dims, problems.astype(str), {"long_name": "why there is no ellipse"})
-    return xr.Dataset(data, {"level": ("level", level_axis(count), {"units": "1", "long_name": "δ of the level"})})
-
-
-def _measured(response: xr.Dataset) -> xr.Dataset:
-    """Check a response that may have gaps. Its dimensions are put in the common order."""
-    return RESPONSE.checked(response, "a measured response").transpose(*_DIMS, ...)
-
-
-def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[str], dict[str, str]]:
-    """States of both responses and states of only one. The common states are in the measured order."""
-    first, second = ([str(name) for name in data["state"].values] for data in (measured, simulated))
-    common = [name for name in first if name in second]
-    if not common:
-        raise LocalizeError(
-            f"the two responses have no state in common: measured {', '.join(first)}; simulated {', '.join(second)}."
-        )
-    alone = {
-        "only_measured": [name for name in first if name not in second],
-        "only_simulated": [name for name in second if name not in first],
-    }
-    return common, {key: ", ".join(names) for key, names in alone.items()}
 
 
 def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Dataset, str]:
@@ -333,21 +389,7 @@ def own_noise(response: xr.Dataset) -> FloatArray | None:
     return np.asarray(np.where(known, spread, np.sqrt(level)))
 
 
-def _largest_shifts(measured: xr.Dataset, largest_shift: float | None) -> tuple[float, float]:
-    """Largest shift along x and y in m. It is 0 along an axis with too few positions."""
-    if largest_shift is not None and not (np.isfinite(largest_shift) and largest_shift >= 0):
-        raise LocalizeError(f"largest_shift must be finite and not negative; got {largest_shift} m.")
-    found = []
-    for name in ("x", "y"):
-        axis = measured[name].values
-        few = len(axis) < _LEAST_FOR_SHIFT
-        found.append(0.0 if few else float(np.median(np.diff(axis))) if largest_shift is None else largest_shift)
-    return found[0], found[1]
-
-
-def _dataset(
-    measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compared]], ellipses: xr.Dataset
-) -> xr.Dataset:
+def _dataset(measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compared]]) -> xr.Dataset:
     """Dataset of all figures of the comparison."""
 
     def stacked(name: str) -> npt.NDArray[np.generic]:
@@ -391,67 +433,4 @@ def _dataset(
         for key, value in of.attrs.items()
     }
     counts = {f"points_{name}": sum(one[name] for row in rows for one in row) for name in ("left_out", "missing")}
-    return result.merge(ellipses).assign_attrs({**said, **counts})
-
-
-@dataclass(frozen=True, eq=False)
-class LevelCurves:
-    """Ellipses of the levels STEP, 2·STEP, … of δ.
-
-    They are for one state at one depth. `values` and `deviations`, shape (3, levels), are x0, A and B in m and their
-    standard deviations. They are NaN if a level has no ellipse, and the deviations are also NaN if no noise is known.
-    `undetermined`, shape (levels,), marks the levels whose points do not determine the ellipse, see
-    `coilarray.paper.ellipse`. `problem` is the reason why there is no ellipse at all, empty if there are some.
-    """
-
-    values: FloatArray
-    deviations: FloatArray
-    undetermined: BoolArray
-    problem: str = ""
-
-
-def level_curves(
-    response: xr.Dataset, noise: npt.ArrayLike | None = None, *, replicates: int = REPLICATES, seed: int = 0
-) -> LevelCurves:
-    """Fit the ellipses of a map and of noisy copies.
-
-    The map has one depth and one state. The copies give the standard deviations. `fit_ellipses` is used with its own
-    settings. `noise`, shape (y, x), is the standard deviation of δ. Fewer than 2 `replicates` give no standard
-    deviations. The copies add noise to a map that may already have it. Their scatter is still right if the noise is
-    small compared with the width of a level.
-    """
-    try:
-        if not np.isfinite(response.delta.values).all():
-            raise LocalizeError("the map has gaps.")
-        fits = fit_ellipses(response).isel(state=0)
-    except LocalizeError as error:
-        return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), np.empty(0, dtype=bool), str(error))
-    values, undetermined = _parameters(fits), fits.undetermined.values
-    unknown = np.full_like(values, np.nan)
-    if noise is None or replicates < 2:
-        return LevelCurves(values, unknown, undetermined)
-    sigma = xr.DataArray(np.asarray(noise, dtype=np.float64), dims=("y", "x"))
-    random = np.random.default_rng(seed)
-    runs = np.full((replicates, *values.shape), np.nan)
-    for run in runs:
-        try:
-            shaken = response.assign(delta=response.delta + sigma * random.standard_normal(sigma.shape))
-            noisy = _parameters(fit_ellipses(shaken).isel(state=0))
-        except LocalizeError:  # the noise has removed the hill
-            continue
-        run[:, : noisy.shape[1]] = noisy[:, : values.shape[1]]
-    count = np.isfinite(runs).sum(axis=0)
-    known = np.isfinite(values) & (count >= max(2.0, _LEAST_SHARE * replicates))
-    mean = np.nansum(runs, axis=0) / np.maximum(count, 1)
-    scatter = np.sqrt(np.nansum((runs - mean) ** 2, axis=0) / np.maximum(count - 1, 1))
-    return LevelCurves(values, np.where(known, scatter, unknown), undetermined)
-
-
-def level_axis(count: int) -> FloatArray:
-    """Return the δ of the first `count` levels."""
-    return np.asarray(STEP * np.arange(1, count + 1), dtype=np.float64)
-
-
-def _parameters(fits: xr.Dataset) -> FloatArray:
-    """x0, A and B, shape (3, levels)."""
-    return fits[[*PARAMETERS]].to_dataarray().values
+    return result.assign_attrs({**said, **counts})

@@ -76,7 +76,7 @@ def test_the_whole_way_from_the_emulator(capsys):
     plan = toml_file(Path("plan.toml"), x_mm=x, y_mm=y)
     campaign(capsys, "two_coils.toml", "--wiring", "wiring.toml", "--plan", plan, *noise, "--out", "run.sqlite")
     good(capsys, "run.sqlite", "--simulated")
-    both, known = ("run.sqlite", "two_coils.toml", "--replicates", "0"), ("--calibration", "board.toml")
+    both, known = ("run.sqlite", "two_coils.toml"), ("--calibration", "board.toml")
     data = compared(capsys, *both, *known, "--out", "page.html")
     assert data["emulated"] is True
     for row in data["scales"][:1]:  # the second coil lies beside the map

@@ -101,7 +101,7 @@ def test_a_campaign_is_compared_with_its_design(design, tmp_path, capsys):
     with coarse_maps():
         assert main(["board", "campaign", str(design), "--port", FOUR, *grid, "--out", str(recording)]) == 0
         capsys.readouterr()
-        beside = compare_record(capsys, recording, design, "--replicates", "0")
+        beside = compare_record(capsys, recording, design)
     assert (beside["emulated"], beside["only_measured"], beside["only_simulated"]) == (True, [], [])
     scales = {row["state"]: row["scale"] for row in beside["scales"]}
     # the emulated board is the design; a step of the codes is 1e-7 of L, the largest delta is above 1e-4

@@ -29,7 +29,7 @@ READS = [
     ("response", "two.toml", "--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "0.5", "--out", "r.csv"),
     ("calibrate", "gast2020", "published", "--unknown", "coils.hexagon.gap_mm=0.05:0.1", "--workers", "1"),
     ("board", "test", "two.toml", "--wiring", "wiring.toml"),
-    ("board", "compare", "campaign.sqlite", "quick.nc", "--replicates", "0"),
+    ("board", "compare", "campaign.sqlite", "quick.nc"),
     ("report", "bare.toml"),
     ("keys", "pitch"),
 ]

@@ -426,7 +426,7 @@ def _simulated() -> xr.Dataset:
 def _comparison(path: Path) -> Any:
     given = read_response(path)
     other = published_map() if "coil3" in given.state.values.tolist() else _simulated()
-    return compare_responses(given, other, replicates=2)
+    return compare_responses(given, other)
 
 
 def _targets(folder: Path) -> list[Path]:

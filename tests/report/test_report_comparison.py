@@ -13,8 +13,6 @@ from coilarray.errors import OutputError
 from coilarray.report.comparison import (
     comparison_notes,
     comparison_tables,
-    curve_table,
-    ellipse_table,
     inductance_table,
     remains_table,
     scale_table,
@@ -43,7 +41,7 @@ def comparison():
         delta=delta + noise, delta_std=0 * delta + 1e-5, base_inductance=("state", [50e-6, 51e-6])
     )
     simulated = fine().assign(base_inductance=("state", [51e-6, 51e-6]))
-    return compare_responses(measured.assign_attrs(emulated=1, source="measured"), simulated, replicates=4)
+    return compare_responses(measured.assign_attrs(emulated=1, source="measured"), simulated)
 
 
 def test_rows_are_the_datasets_numbers(comparison):
@@ -55,19 +53,7 @@ def test_rows_are_the_datasets_numbers(comparison):
     for row, state in zip(remains_table(comparison).records(), STATES, strict=True):
         for name in ("noise", "rms_before", "rms_after_std", "correlation_after"):
             assert row[name] == float(comparison[name].sel(state=state)[0])
-    rows = {(row["state"], row["parameter"]): row for row in ellipse_table(comparison).records()}
-    assert len(rows) == 6
-    apart = (comparison.A[0] - comparison.A[1]).sel(state="coil2")[0]
-    row = rows["coil2", "A"]
-    assert row["mean_difference_m"] == pytest.approx(float(apart.mean()), rel=1e-12)
-    assert row["rms_difference_m"] == pytest.approx(float(np.sqrt((apart**2).mean())), rel=1e-12)
-    assert row["levels"] == int(np.isfinite(apart).sum())
-    assert row["rms_noise_m"] > 0
     assert inductance_table(comparison).records()[0]["ratio"] == pytest.approx(50 / 51)
-    levels = curve_table(comparison).records()
-    assert levels[3]["x0_measured_m"] == float(comparison.x0[0, 0, 0, 3])
-    assert levels[3]["B_simulated_std_m"] == ""
-    assert all(any(row[f"x0_{side}_m"] != "" for side in ("measured", "simulated")) for row in levels)
 
 
 def test_files_are_in_si_and_the_page_in_millimetres(comparison):
@@ -77,21 +63,16 @@ def test_files_are_in_si_and_the_page_in_millimetres(comparison):
     shown = table.cells()[0]
     assert float(shown[4].replace("−", "-")) == pytest.approx(float(comparison["shift"][0, 0, 0]) * 1e3, abs=5e-4)
     names = [one.name for one in comparison_tables(comparison)]
-    assert names == ["scales", "remains", "ellipses", "inductances", "curves"]
+    assert names == ["scales", "remains", "inductances"]
 
 
 def test_what_is_not_determined_is_empty():
     flat = world().assign(delta=0 * world().delta)
-    found = compare_responses(flat, fine(), replicates=0)
+    found = compare_responses(flat, fine())
     (row, _) = scale_table(found).records()
     assert (row["scale"], row["shift_x_m"], row["shift_x_std_m"]) == (0.0, "", "")
-    (row, _) = ellipse_table(found).records()
-    assert row["problem"].startswith("measured: the map has no closed curves")
-    assert row["mean_difference_m"] == ""
     assert inductance_table(found) is None
     assert "inductances" not in [one.name for one in comparison_tables(found)]
-    both = compare_responses(flat, flat, replicates=0)
-    assert ellipse_table(both).records()[0]["problem"].startswith("the map has no closed curves")  # said once
 
 
 def test_notes_say_what_was_not_compared(comparison):
@@ -100,7 +81,7 @@ def test_notes_say_what_was_not_compared(comparison):
     ]
     measured = world(depth=[1e-3, 3e-3]).assign_coords(state=["coil1", "b"])
     measured.delta[0, 0, 0, 0] = np.nan
-    notes = comparison_notes(compare_responses(measured, world(reach=10e-3), replicates=0))
+    notes = comparison_notes(compare_responses(measured, world(reach=10e-3)))
     assert notes[0] == "Only measured, not compared: b."
     assert notes[1] == "Only simulated, not compared: coil2."
     assert notes[2] == "Measured at depths that the simulated response does not reach, not compared: 3 mm."
@@ -109,7 +90,7 @@ def test_notes_say_what_was_not_compared(comparison):
     assert notes[5].startswith("The measured response has no noise figures")
     moved = world().assign_coords(x=world().x + 1e-3)
     for measured, largest, said in ((world(), 0.1e-3, False), (moved, 0.5e-3, True)):
-        notes = comparison_notes(compare_responses(measured, fine(), largest_shift=largest, replicates=0))
+        notes = comparison_notes(compare_responses(measured, fine(), largest_shift=largest))
         assert any("beyond the range that was searched" in note for note in notes) == said
     known = {"design": "is no test of either", "known inductances": "calibrated with known inductances"}
     for said, words in known.items():
@@ -130,7 +111,7 @@ def test_the_page_needs_no_other_file(comparison, tmp_path):
     real = comparison.assign_attrs(measured_emulated=0)
     write_comparison_page(real, tmp_path / "page.html", ("run", "gast2020"))
     assert "emulator" not in (tmp_path / "page.html").read_text(encoding="utf-8")
-    line = compare_responses(world().sel(y=[0.0], method="nearest"), fine(), replicates=0)
+    line = compare_responses(world().sel(y=[0.0], method="nearest"), fine())
     write_comparison_page(line, tmp_path / "page.html", ("run", "gast2020"))
     assert (tmp_path / "page.html").read_text(encoding="utf-8").count("data:image/png;base64,") == 1
     with pytest.raises(OutputError, match="cannot write"):

@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.localize_boards import ROW, bells, board, response
 
-from coilarray.errors import LocalizeError
 from coilarray.localize.forward import forward_model
-from coilarray.studies.alignment import align, inside, values_at
+from coilarray.studies.comparison import align, inside, values_at
 
 SHIFT = (2e-3, 2e-3)
 AXES = (np.arange(-20e-3, 20.1e-3, 1e-3) + at for at in ROW[0])
@@ -122,22 +120,3 @@ def test_a_place_on_the_edge_but_for_rounding_is_inside():
     lower = np.array([[ROW[0][0], 0.0, 1.8e-3], [ROW[0][0], 0.0, 1.9e-3]])
     np.testing.assert_array_equal(inside(deep, lower), [True, False])
     assert np.isfinite(values_at(MODEL, edge[:1])[0]).all()
-
-
-BOTH = forward_model(xr.concat([WIDE, WIDE.assign_coords(state=["b"])], "state"))
-
-
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"places": np.zeros((3, 2))}, "places must have shape"),
-    ({"measured": np.zeros(4)}, "places must have shape"),
-    ({"measured": np.full(121, np.nan)}, "must be finite"),
-    ({"largest_shift": (-1e-3, 0.0)}, "largest_shift must be two lengths"),
-    ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
-    ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
-    ({"noise": -1e-5}, "noise must be finite and not negative"),
-    ({"model": BOTH}, "with a model of one state; this one has coil1, b"),
-])  # fmt: skip
-def test_bad_input(changes, words):
-    values = {"model": MODEL, "places": GRID, "measured": np.zeros(121), "largest_shift": SHIFT, "noise": 1e-5}
-    with pytest.raises(LocalizeError, match=words):
-        align(**values | changes)

@@ -67,7 +67,7 @@ WRITES = [
     (True, "board", "info", "campaign.sqlite", "--out", "c.nc"),
     (False, "board", "info", "rest.sqlite", "--out", "c.csv"),
     (False, "board", "calibrate", "rest.sqlite", "--out", "board.toml"),
-    (True, "board", "compare", "campaign.sqlite", "quick.nc", "--replicates", "0", "--out", "folder"),
+    (True, "board", "compare", "campaign.sqlite", "quick.nc", "--out", "folder"),
     (True, "board", "live", *BOARD, *FAST, "--scans", "12", "--out", "live.sqlite"),
     (True, "board", "compare", "campaign.sqlite", "quick.nc", "--picture", "c.png"),
     (True, "view", "starter", "--out", "v.png"),

@@ -6,7 +6,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.patches import Polygon
 from support.plot_results import comparison
 
-from coilarray.viz.plots.measurement import comparison_figure, plot_centres, plot_readings, plot_residual
+from coilarray.viz.plots.measurement import comparison_figure, plot_readings, plot_residual
 
 
 def mesh(ax):
@@ -32,7 +32,7 @@ def test_a_residual_map_is_the_datasets(stage):
     assert ("as simulated" if stage == "before" else "scaled and shifted") in ax.get_title(loc="left")
 
 
-def test_readings_are_dots_about_equality_and_centres_have_a_band():
+def test_readings_are_dots_about_equality():
     data = comparison()
     ax = plot_readings(data)
     dots = {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
@@ -42,25 +42,14 @@ def test_readings_are_dots_about_equality_and_centres_have_a_band():
     (equal,) = [line for line in ax.lines if line.get_label().startswith("_")]
     np.testing.assert_array_equal(equal.get_xdata(), equal.get_ydata())
     assert len(plot_readings(comparison(8)).lines) == 9
-    data = comparison()
-    ax = plot_centres(data, "coil1")
-    lines = {line.get_label(): line for line in ax.lines}
-    np.testing.assert_allclose(lines["measured"].get_ydata(), 0.0)
-    np.testing.assert_allclose(lines["simulated"].get_ydata(), 1.0)
-    np.testing.assert_allclose(lines["measured"].get_xdata(), [0.1, 0.2, 0.3, 0.4])
-    np.testing.assert_allclose(lines["centre of the coil"].get_ydata(), 0.0)
-    band = ax.collections[0].get_paths()[0].vertices[:, 1]
-    assert (band.min(), band.max()) == pytest.approx((-0.2, 0.2))  # two standard deviations
-    empty = plot_centres(data, "coil2")
-    assert [text.get_text() for text in empty.texts] == ["no ellipses"]
 
 
 @pytest.mark.slow
 def test_a_figure_has_a_row_a_state():
     figure = comparison_figure(comparison(3))
     titles = [ax.get_title(loc="left") for ax in figure.axes]
-    assert titles[:3] == ["coil1, as simulated", "coil1, scaled and shifted", "$x_0$ of coil1"]
-    assert len([title for title in titles if title]) == 9
+    assert titles[:2] == ["coil1, as simulated", "coil1, scaled and shifted"]
+    assert len([title for title in titles if title]) == 6
     assert "1 mm deep" in figure.get_suptitle()
     many = comparison_figure(comparison(8))
     assert "(6 of 8 states)" in many.get_suptitle()
@@ -71,7 +60,5 @@ def test_a_figure_has_a_row_a_state():
 def test_bad_input():
     with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
         plot_residual(comparison(), "coil9")
-    with pytest.raises(ValueError, match="state must be one of"):
-        plot_centres(comparison(), "coil9")
     with pytest.raises(ValueError, match="at least two x and two y; got 5 and 1"):
         plot_residual(comparison(2, y=np.zeros(1)), "coil1")

@@ -52,25 +52,19 @@ def compare(
             "Largest shift to try; the spacing of the measured positions by default.",
         ),
     ] = None,
-    replicates: Annotated[
-        int,
-        shared.number_option(
-            ("--replicates",), 0, 1000, "Number of noisy maps from which the uncertainty of the ellipses is found."
-        ),
-    ] = 16,
     out: Annotated[
         Path | None,
         shared.file_option(("--out", "-o"), "Also write: one page (.html), or a folder with page, tables and netCDF."),
     ] = None,
-    picture: Annotated[Path | None, shared.plot_option("the residuals and x0 of both", "--picture")] = None,
+    picture: Annotated[Path | None, shared.plot_option("the residuals", "--picture")] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Compare a measured response with a simulated one.
 
-    For every coil it finds the scale and the shift that fit the simulated map to the measured one, the residuals before
-    and after, and the ellipses of both with the same settings. Maps on different grids are interpolated, never
-    extrapolated; states, depths and positions that are in one map only are listed.
+    For every coil it finds the scale and the shift that fit the simulated map to the measured one, and the residuals
+    before and after. Maps on different grids are interpolated, never extrapolated; states, depths and positions that
+    are in one map only are listed.
 
     Example: coilarray board compare campaign.sqlite gast2020 --out comparison
     """
@@ -95,8 +89,7 @@ def compare(
         from coilarray.hardware.record.recorded_response import response_less_reference
 
         first, second = (response_less_reference(one, reference) for one in (first, second))
-    with shared.progress_bar("comparison") as progress:
-        result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
+    result = compare_responses(first, second, largest_shift=largest_shift)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)
     shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
     files = [str(path) for path in (*written, picture) if path is not None]
@@ -108,7 +101,7 @@ def compare(
         "emulated": emulated, "measured": measured, "simulated": simulated, **said,
         **lacking, "notes": notes, **{table.name: table.records() for table in tables}, "files": files,
     }  # fmt: skip
-    parts = [shared.table_text(table.headers, table.cells(), table.title) for table in tables if table.name != "curves"]
+    parts = [shared.table_text(table.headers, table.cells(), table.title) for table in tables]
     parts += [*notes, *(f"wrote {path}" for path in files)]
     print_marked(data, parts, as_json=as_json, emulated=emulated)
 
