@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.maps import depth_in_metres, is_map, kept_table, one_map, read_ellipses, read_map
+from coilarray.cli.maps import is_map, kept_table, read_ellipses, read_map
 from coilarray.compute.files import read_text
 from coilarray.errors import DamagedError, LocalizeError, shown
 
@@ -27,12 +24,19 @@ if TYPE_CHECKING:
 
 Reading = dict[str, float] | list[float]
 """δ by the names of the coils, or in the order of the model."""
+Record = dict[str, Any]
+"""Answer to a reading for JSON, with only ``error`` for a bad one."""
 _Value = TypeVar("_Value")
-_FILES = (".csv", ".json", ".jsonl")
+_FILES = (".csv", ".jsonl")
+_PUBLISHED = "published"
+_FEWER_UNKNOWNS = (
+    "A map at one place, as of coilarray response --x-mm 0 --y-mm 0 --out map.nc, leaves the depth alone: "
+    "--model map.nc."
+)
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
-    """Read an argument: coil1=7.1e-4,... or a file .csv, .json or .jsonl.
+    """Read an argument: coil1=7.1e-4,... or a file .csv or .jsonl.
 
     Returns the readings in their order, or the error of each. Raises LocalizeError for a file that cannot be read at
     all, and for no reading.
@@ -42,55 +46,45 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
     if suffix not in _FILES:
         if "=" not in text:
             raise LocalizeError(
-                f"READINGS must be coil1=7.1e-4,coil2=..., a file .csv, .json or .jsonl, or -; got {shown(text)}."
+                f"READINGS must be coil1=7.1e-4,coil2=..., a file .csv or .jsonl, or -; got {shown(text)}."
             )
-        return [_pairs(text)]
+        parts = (part.partition("=") for part in text.split(","))
+        named = _named_once([(name.strip(), value) for name, _, value in parts])
+        return [{name: _number(name, value) for name, value in named.items()}]
     content = read_text(path, LocalizeError)
-    if suffix == ".csv":
-        readings = list(_csv_readings(content, path))
-    elif suffix == ".jsonl":
-        readings = list(line_readings(line.encode() for line in content.splitlines()))
-    else:
-        readings = _json_file(content)
+    lines = (line.encode() for line in content.splitlines())
+    readings = list(_csv_readings(content, path) if suffix == ".csv" else line_readings(lines))
     if not readings:
         raise LocalizeError(f"there is no reading in {path}.")
     return readings
-
-
-def typed_names(texts: Iterable[str]) -> list[str]:
-    """Return the names in readings on the command line."""
-    pairs = (text for text in texts if Path(text).suffix.lower() not in _FILES)
-    return [part.partition("=")[0].strip() for text in pairs for part in text.split(",")]
 
 
 def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
     """Yield a reading, or its error, for each line of JSON."""
     for line in lines:
         try:
-            yield _json_reading(_parsed(line.decode("utf-8")))
+            yield _json_reading(line.decode("utf-8"))
         except UnicodeDecodeError:
             yield LocalizeError("a line must be UTF-8 text.")
         except LocalizeError as error:
             yield error
 
 
-def _json_reading(value: object) -> Reading | LocalizeError:
-    """Return a JSON object or list as a reading, or its error."""
+def _json_reading(text: str) -> Reading:
+    """Return a JSON object or list of numbers as a reading."""
     try:
-        if isinstance(value, dict):
-            return {name: _number(name, one) for name, one in value.items()}
-        if isinstance(value, list):
-            return [_number(f"number {k + 1}", one) for k, one in enumerate(value)]
-    except LocalizeError as error:
-        return error
-    return LocalizeError(f"a reading must be an object or a list of numbers; got {shown(json.dumps(value))}.")
-
-
-def _json_file(content: str) -> list[Reading | LocalizeError]:
-    """Read a reading or a list of readings."""
-    value = _parsed(content)
-    several = value if isinstance(value, list) and any(isinstance(one, (dict, list)) for one in value) else [value]
-    return [_json_reading(one) for one in several]
+        value = json.loads(text, object_pairs_hook=_named_once)
+    except LocalizeError:
+        raise
+    except (ValueError, RecursionError):
+        raise LocalizeError(f"a reading must be JSON; got {shown(text.strip())}.") from None
+    pairs = value.items() if isinstance(value, dict) else enumerate(value, 1) if isinstance(value, list) else None
+    if pairs is None:
+        raise LocalizeError(f"a reading must be an object or a list of numbers; got {shown(text.strip())}.")
+    for name, one in pairs:
+        if isinstance(one, bool) or not isinstance(one, (int, float)):
+            raise LocalizeError(f"δ of {shown(name)} must be a number; got {shown(str(one))}.")
+    return {name: _number(name, one) for name, one in pairs} if isinstance(value, dict) else [*map(float, value)]
 
 
 def _csv_readings(content: str, path: Path) -> Iterator[Reading | LocalizeError]:
@@ -109,26 +103,9 @@ def _csv_readings(content: str, path: Path) -> Iterator[Reading | LocalizeError]
         try:
             if len(row) != len(names):
                 raise LocalizeError(f"a line must have {len(names)} values; got {len(row)}.")
-            yield {name: _from_text(name, value) for name, value in zip(names, row, strict=True)}
+            yield {name: _number(name, value) for name, value in zip(names, row, strict=True)}
         except LocalizeError as error:
             yield error
-
-
-def _pairs(text: str) -> Reading:
-    parts = (part.partition("=") for part in text.split(","))
-    named = _named_once([(name.strip(), value) for name, _, value in parts])
-    return {name: _from_text(name, value) for name, value in named.items()}
-
-
-def _parsed(text: str) -> object:
-    if not text.strip():
-        raise LocalizeError("the line is empty.")
-    try:
-        return json.loads(text, object_pairs_hook=_named_once)
-    except LocalizeError:
-        raise
-    except (ValueError, RecursionError):
-        raise LocalizeError(f"a reading must be JSON; got {shown(text.strip())}.") from None
 
 
 def _named_once(pairs: list[tuple[str, _Value]]) -> dict[str, _Value]:
@@ -139,32 +116,11 @@ def _named_once(pairs: list[tuple[str, _Value]]) -> dict[str, _Value]:
     return found
 
 
-def _from_text(name: str, value: str) -> float:
+def _number(name: str, value: str | float) -> float:
     try:
         return float(value)
-    except ValueError:
+    except (ValueError, OverflowError):  # also an integer of hundreds of digits
         raise LocalizeError(f"δ of {name} must be a number; got {shown(value)}.") from None
-
-
-def _number(name: str, value: object) -> float:
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except OverflowError:
-            pass  # an integer of hundreds of digits
-    raise LocalizeError(f"δ of {shown(name)} must be a number; got {shown(str(value))}.")
-
-
-Record = dict[str, Any]
-Solver = Callable[[Sequence[Reading]], list[Record]]
-"""Function from readings to answers: mappings for JSON, with only ``error`` for a bad reading."""
-
-_MOST_MM, _ADDITION_MM = 10.0, 0.2
-_PUBLISHED = "published"
-_FEWER_UNKNOWNS = (
-    "A map at one place, as of coilarray response --x-mm 0 --y-mm 0 --out map.nc, leaves the depth alone: "
-    "--model map.nc."
-)
 
 
 def locate(
@@ -172,23 +128,21 @@ def locate(
         list[str],
         typer.Argument(
             metavar="READINGS...",
-            help="δ as coil1=7.1e-4,coil2=3e-4,...; or files: .csv with the coils' names in the first line, .json, "
-            ".jsonl; or - for a stream of JSON lines on standard input.",
+            help="δ as coil1=7.1e-4,coil2=3e-4,...; or files: .csv with the coils' names in the first line, .jsonl; or "
+            "- for a stream of JSON lines on standard input.",
         ),
     ],
     model: Annotated[
         str | None,
         typer.Option(
-            help="Response as netCDF (.nc) or a design; gast2020 by default. With --ellipse also a model of "
-            "`coilarray paper fit` (.json), or `published` for Table A1."
+            help="Response as netCDF (.nc) or a design; gast2020 by default. Or an ellipse model of `coilarray paper "
+            "fit` (.json), or `published` for that of Gast & Zimmermann (2020)."
         ),
     ] = None,
     table: Annotated[
         Path | None,
         shared.file_option(
-            ("--table",),
-            "File of the design's response table (.nc); computed if it does not exist.",
-            (".nc",),
+            ("--table",), "File of the design's response table (.nc); computed if it does not exist.", (".nc",)
         ),
     ] = None,
     coil: Annotated[
@@ -197,25 +151,15 @@ def locate(
     ] = None,
     reference: shared.References = None,
     noise: shared.Noise = None,
-    ellipse: Annotated[
-        bool, typer.Option("--ellipse", help="Use the ellipse model of Gast & Zimmermann (2020) instead.")
-    ] = False,
-    addition_mm: Annotated[
-        float | None,
-        typer.Option(help="With --ellipse: length added to every semi-axis A; 0.2 by default, as in the paper."),
-    ] = None,
-    depth_mm: Annotated[
-        float | None, typer.Option(help="With --ellipse: depth of the map; the first one by default.")
-    ] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Find the position of an indentation or a target from δ.
 
     Estimates position and depth or distance by maximum likelihood over all coils. Every position that explains a
-    reading is listed, such as both signs of y on a symmetric board. Positions are on the board, of an ellipse model
-    from the model's own origin. The response table of a design is computed once and kept. For a design with a [target]
-    and no [indentation] it is the target's map, whose coordinates with a single value are known.
+    reading is listed, such as both signs of y on a symmetric board. Positions are on the board. The response table of a
+    design is computed once and kept. For a design with a [target] and no [indentation] it is the target's map, whose
+    coordinates with a single value are known. An ellipse model gives x and y from its own origin.
 
     A stream gives one line of JSON for each line of input, with "error" for a bad one. The exit code is 2 only if no
     line was a reading.
@@ -230,56 +174,65 @@ def locate(
     stream = "-" in readings
     if stream and len(readings) > 1:
         raise LocalizeError("a stream (-) must be the only READINGS.")
-    if addition_mm is not None and not ellipse:
-        raise LocalizeError("--addition-mm is for --ellipse.")
-    addition_mm = _ADDITION_MM if addition_mm is None else addition_mm
-    if not abs(addition_mm) <= _MOST_MM:
-        raise LocalizeError(f"--addition-mm must be from {-_MOST_MM:g} to {_MOST_MM:g}; got {addition_mm:g}.")
-    if reference and ellipse:
-        raise LocalizeError("--reference is for the response of all coils, without --ellipse.")
-    depth = depth_in_metres(depth_mm)
-    json_model = model is not None and model.lower().endswith(".json")
-    if (json_model or model == _PUBLISHED) and not ellipse:
-        raise LocalizeError(f"{model} is an ellipse model; it needs --ellipse.")
-    if table is not None and (ellipse or is_map(model)):
-        raise LocalizeError("--table is for the response table of a design, without --ellipse.")
-    if depth is not None and not ellipse:
-        raise LocalizeError("--depth-mm is for --ellipse; without it the depth is found.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
-    assumed: dict[str, float | None] = {"noise": None}
-    said: list[str] = []
-    if ellipse:
-        ellipses, origin = _ellipse_model(model, depth, coil or (), allow_violations)
-        solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
-    else:
-        used = _response(model, table, allow_violations)
-        solve, assumed, said = _with_all_coils(used, coil, reference or (), noise, given, readings)
+    from coilarray.design.scan_states import referenced_names
+    from coilarray.hardware.record.recorded_response import less_reference
+    from coilarray.localize.forward import chosen_states, require_states
+    from coilarray.localize.inverse import checked_reading
+
+    every, unknowns, compute = _model(model, table, allow_violations)
+    used = chosen_states(every, coil or every)
+    others = used
+    if reference:
+        referenced_names(every, reference, LocalizeError)
+        used = (*used, *(name for name in reference if name not in used))
+        others = referenced_names(used, reference, LocalizeError)
+    try:
+        require_states(others, unknowns)
+    except LocalizeError as error:
+        raise LocalizeError(f"{error} {_FEWER_UNKNOWNS}") from None
+
+    def prepared(one: Reading | LocalizeError) -> dict[str, float] | LocalizeError:
+        """Return δ of the used states less that of the references."""
+        if isinstance(one, LocalizeError):
+            return one
+        if isinstance(one, list) and len(one) == len(every):
+            one = dict(zip(every, one, strict=True))
+        if isinstance(one, dict):  # others, such as a time, are left alone
+            one = {name: one[name] for name in used if name in one}
+        try:
+            delta = dict(zip(used, checked_reading(used, one).tolist(), strict=True))
+        except LocalizeError as error:
+            return error
+        return {name: float(value) for name, value in less_reference(delta, reference).items()} if reference else delta
+
+    ready = list(map(prepared, given))
+    if ready and all(isinstance(one, LocalizeError) for one in ready):  # before a table is computed
+        hint = "" if coil or "missing" not in str(ready[0]) else " --coil takes only the states that it names."
+        raise LocalizeError(f"there is no reading in {' '.join(readings)}: {ready[0]}{hint}")
+    found = compute()
+    solve, assumed, said = (
+        _by_response(found, used, reference, noise) if hasattr(found, "delta") else _by_ellipses(found, others)
+    )
     if stream:
-        _stream(solve)
+        _stream(lambda one: solve([ready])[0] if isinstance(ready := prepared(one), dict) else {"error": str(ready)})
         return
     from coilarray.report.position import position_table
 
-    records = _answers(solve, given)
-    if all("error" in record for record in records):
-        raise LocalizeError(f"{_none_in(readings)}: {records[0]['error']}")
+    answers = iter(solve([one for one in ready if isinstance(one, dict)]))
+    records = [next(answers) if isinstance(one, dict) else {"error": str(one)} for one in ready]
     texts = [record.get("error") or record.get("reason") for record in records]
     lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
     data = {**assumed, "positions": records}
     shared.print_result(data, as_json=as_json, tables=[position_table(records)], lines=[*lines, *said])
 
 
-def _answers(solve: Solver, readings: Sequence[Reading | LocalizeError]) -> list[Record]:
-    """Return the answers to readings, errors for bad ones."""
-    found = iter(solve([one for one in readings if not isinstance(one, LocalizeError)]))
-    return [{"error": str(one)} if isinstance(one, LocalizeError) else next(found) for one in readings]
-
-
-def _stream(solve: Solver) -> None:
+def _stream(answer: Callable[[Reading | LocalizeError], Record]) -> None:
     """Answer every line of standard input at once."""
     good, first = False, None
     try:
-        for raw in line_readings(sys.stdin.buffer):
-            (record,) = _answers(solve, [raw])
+        for one in line_readings(sys.stdin.buffer):
+            record = answer(one)
             good |= "error" not in record
             first = first or record.get("error")
             sys.stdout.write(json.dumps(record, allow_nan=False) + "\n")
@@ -291,116 +244,43 @@ def _stream(solve: Solver) -> None:
         raise LocalizeError(f"there is no reading in the stream: {first or 'it is empty'}")
 
 
-@dataclass(frozen=True)
-class _Response:
-    """Response with its states and unknowns, computed on demand."""
+def _model(
+    source: str | None, table: Path | None, allow_violations: bool
+) -> tuple[tuple[str, ...], int, Callable[[], xr.Dataset | EllipseModel]]:
+    """Return the states and the number of unknowns of a model, and a function that reads or computes it."""
+    is_file = source is not None and source.lower().endswith(".json")
+    if table is not None and (is_file or source == _PUBLISHED or is_map(source)):
+        raise LocalizeError("--table is for the response table of a design.")
+    if is_file or source == _PUBLISHED:
+        from coilarray.paper.published import published_model
 
-    states: tuple[str, ...]
-    unknowns: int
-    compute: Callable[[], xr.Dataset]
-
-
-def _response(source: str | None, table: Path | None, allow_violations: bool) -> _Response:
+        ellipses = read_ellipses(Path(str(source))) if is_file else published_model()
+        return ellipses.names, 2, lambda: ellipses
     if is_map(source):
         response = read_map(Path(str(source)), target=True)
-        states = tuple(str(name) for name in response.state.values)
         unknowns = sum(response.delta.sizes[name] > 1 for name in response.delta.dims if name != "state")
-        return _Response(states, unknowns, lambda: response)
+        return tuple(map(str, response.state.values)), unknowns, lambda: response
     design = shared.open_design(source, allow_violations=allow_violations)
     # the table of an indentation has three unknowns; that of a target shows them itself
     unknowns = 3 if design.target is None or design.indentation is not None else 0
-    return _Response(tuple(state.name for state in design.plan), unknowns, lambda: kept_table(design, table))
+    return tuple(state.name for state in design.plan), unknowns, lambda: kept_table(design, table)
 
 
-def _ellipse_model(
-    source: str | None, depth: float | None, coils: Sequence[str], allow_violations: bool
-) -> tuple[EllipseModel, tuple[float, float]]:
-    """Return an ellipse model and its origin on the board in m."""
-    from coilarray.paper.ellipse import fit_ellipses
-    from coilarray.paper.ellipse_model import ellipse_model
-    from coilarray.paper.published import published_model
-    from coilarray.response.dataset import origin_of
-
-    if source == _PUBLISHED:
-        return published_model(), (0.0, 0.0)
-    if source is not None and source.lower().endswith(".json"):
-        return read_ellipses(Path(source)), (0.0, 0.0)
-    response = one_map(source, depth, allow_violations=allow_violations, coils=coils)
-    return ellipse_model(fit_ellipses(response, depth)), origin_of(response)
+_Solution = tuple[Callable[[Sequence[dict[str, float]]], list[Record]], dict[str, float | None], list[str]]
 
 
-def _none_in(readings: Sequence[str]) -> str:
-    return f"there is no reading in {' '.join(readings)}"
-
-
-def _with_all_coils(
-    response: _Response,
-    coils: Sequence[str] | None,
-    reference: Sequence[str],
-    noise: float | None,
-    given: Sequence[Reading | LocalizeError],
-    readings: Sequence[str],
-) -> tuple[Solver, dict[str, float | None], list[str]]:
-    """Solve by maximum likelihood, and describe the assumed noise.
-
-    Errors that no response could mend are raised before a response is computed. `given` are the readings of the texts
-    of the command line, empty for a stream.
-    """
+def _by_response(response: Any, used: Sequence[str], reference: Sequence[str] | None, noise: float | None) -> _Solution:
+    """Solve by maximum likelihood, and describe the assumed noise."""
     from coilarray.compute.display_units import PER_MILLION
-    from coilarray.design.scan_states import referenced_names
-    from coilarray.hardware.record.recorded_response import less_reference
-    from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
-    from coilarray.localize.inverse import checked_reading, locate_all
+    from coilarray.localize.forward import forward_model
+    from coilarray.localize.inverse import locate_all
     from coilarray.report.position import location_record
     from coilarray.response.dataset import on_board
 
-    every = response.states
-    used = chosen_states(every, coils or every)
-    others = used
-    if reference:
-        referenced_names(every, reference, LocalizeError)
-        used = (*used, *(name for name in reference if name not in used))
-        others = referenced_names(used, reference, LocalizeError)
-    if noise is not None:
-        checked_noise(others, noise)
-    try:
-        require_states(others, response.unknowns)
-    except LocalizeError as error:
-        raise LocalizeError(f"{error} {_FEWER_UNKNOWNS}") from None
-    for name in typed_names(readings) if given else []:
-        if name not in every and get_close_matches(name, every):  # a time, for example, is left alone
-            raise LocalizeError(f"a reading must name coils of the model, {', '.join(every)}; got {shown(name)}.")
-    wrong = []
-    for one in given:
-        try:
-            if isinstance(one, LocalizeError):
-                raise one
-            checked_reading(used, _of_states(one, used, every))
-        except LocalizeError as error:
-            wrong.append(error)
-    if given and len(wrong) == len(given):
-        hint = "" if coils or "missing" not in str(wrong[0]) else " --coil takes only the states that it names."
-        raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}{hint}")
-    table = on_board(response.compute())
+    table = on_board(response)
     model = forward_model(table).select(used)
     model = model.referenced(reference) if reference else model
     locate_all(model, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
-
-    def located(readings: Sequence[Reading]) -> list[Record]:
-        return [location_record(found, model.parameters) for found in locate_all(model, readings, noise=noise)]
-
-    def less(one: Reading) -> Reading | LocalizeError:
-        try:
-            values = checked_reading(used, one).tolist()
-        except LocalizeError as error:
-            return error
-        left = less_reference(dict(zip(used, values, strict=True)), reference)
-        return {name: float(value) for name, value in left.items()}
-
-    def solve(readings: Sequence[Reading]) -> list[Record]:
-        good = [_of_states(one, used, every) for one in readings]
-        return _answers(located, [less(one) for one in good]) if reference else located(good)
-
     common = 0.0 if noise is not None else float(model.common_noise.max())
     level, worst = model.noise if noise is None else noise, max(model.errors, default=0.0)
     said = [
@@ -410,49 +290,25 @@ def _with_all_coils(
     ]
     if worst:
         said.append(f"± includes the mesh error of the table, up to {PER_MILLION.text(worst, '.2')} of δ (estimated)")
+
+    def solve(readings: Sequence[dict[str, float]]) -> list[Record]:
+        return [location_record(found, model.parameters) for found in locate_all(model, readings, noise=noise)]
+
     return solve, {"noise": level, "common_noise": common, "table_error": worst}, said
 
 
-def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:
-    """Return the δ of the used states, from a list of all or a mapping."""
-    if isinstance(reading, dict):  # a time, for example; a misspelt coil is noticed as missing
-        return {name: reading[name] for name in used if name in reading}
-    if len(reading) == len(every):
-        by_name = dict(zip(every, reading, strict=True))
-        return [by_name[name] for name in used]  # in the order of --coil, as the model's
-    return reading
+def _by_ellipses(model: Any, names: Sequence[str]) -> _Solution:
+    """Intersect the ellipses of two coils, with A longer as in the paper."""
+    from coilarray.paper.ellipse_model import EllipseModel, locate_x
 
+    widened = EllipseModel(tuple(one for one in model.coils if one.name in names)).with_semiaxis_addition()
 
-def _with_ellipses(
-    model: EllipseModel, origin: tuple[float, float], coils: Sequence[str] | None, addition: float
-) -> Solver:
-    """Intersect two ellipses."""
-    from coilarray.paper.ellipse_model import EllipseModel as Model
+    def crossed(reading: dict[str, float]) -> Record:
+        try:
+            place = locate_x(widened, reading)
+        except LocalizeError as error:
+            return {"status": "no position fits", "reason": str(error), "modes": []}
+        modes = [{"x_m": place.x, "y_m": y} for y in ((place.y, -place.y) if place.y > 0 else (0.0,))]
+        return {"status": "located", **modes[0], "case": place.case, "coils": list(place.coils), "modes": modes}
 
-    wanted = {model[name].name for name in coils or model.names}
-    used = Model(tuple(one for one in model.coils if one.name in wanted))
-    widened = used.with_semiaxis_addition(addition)
-    if len(used.coils) < 2:
-        raise LocalizeError(f"two coils are needed for a position; the model has {', '.join(used.names)}.")
-    return lambda readings: [_crossed(widened, origin, one, model.names) for one in readings]
-
-
-def _crossed(model: EllipseModel, origin: tuple[float, float], reading: Reading, names: Sequence[str]) -> Record:
-    from coilarray.paper.ellipse_model import locate_x
-
-    if not isinstance(reading, dict):
-        if len(reading) != len(names):
-            return {"error": f"a reading must have one δ for each of {len(names)} coils; got {len(reading)}."}
-        reading = dict(zip(names, reading, strict=True))
-    for name in model.names:
-        if name not in reading:
-            return {"error": f"the reading of {name} is missing."}
-        if not math.isfinite(reading[name]):
-            return {"error": f"the reading of {name} must be finite; got {reading[name]}."}
-    try:
-        place = locate_x(model, reading)
-    except LocalizeError as error:
-        return {"status": "no position fits", "reason": str(error), "modes": []}
-    at_x, at_y = origin
-    modes = [{"x_m": at_x + place.x, "y_m": at_y + y} for y in ((place.y, -place.y) if place.y > 0 else (0.0,))]
-    return {"status": "located", **modes[0], "case": place.case, "coils": list(place.coils), "modes": modes}
+    return lambda readings: list(map(crossed, readings)), {"noise": None}, []

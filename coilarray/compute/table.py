@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
+import itertools
 import math
 import re
 import textwrap
@@ -33,7 +34,6 @@ _POSITION = ("x", "y")  # columns that are kept even if they have equal numbers
 _TRUTH = {True: "yes", False: "no"}
 _GAP = 2  # blanks between columns
 _NARROWEST = 10  # characters of a column before its heading or text is wrapped
-_KEYS = 0.4  # part of the width for columns that are repeated in every block
 _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
 
 
@@ -160,12 +160,21 @@ class Table:
         Numbers are never cut. In a narrow terminal headings and texts are wrapped. Columns that still do not fit follow
         below, with the first columns repeated.
         """
-        cells = self.cells()
-        marked = [bool(self.mark) and self.mark in row for row in cells]
-        blocks = _blocks(self.headers, cells, width or 10**6)
+        rows = self.cells()
+        columns = [[header, *(row[k] for row in rows)] for k, header in enumerate(self.headers)]
+        numeric = [any(texts[1:]) and all(map(_is_number, filter(None, texts[1:]))) for texts in columns]
         lines = [fill(self.title, width)] if title and self.title else []
-        for number, columns in enumerate(blocks):
-            lines += [""] * bool(number) + _lines(columns, marked)
+        for number, (block, widths) in enumerate(_blocks(columns, width or 10**6)):
+            lines += [""] * bool(number)
+            for n, texts in enumerate(zip(*(columns[k] for k in block), strict=True)):
+                wrapped = [_wrapped(text, w) for text, w in zip(texts, widths, strict=True)]
+                if n == 0:  # the last lines of headings stand beside each other
+                    wrapped = [[""] * (max(map(len, wrapped)) - len(parts)) + parts for parts in wrapped]
+                marked = n > 0 and bool(self.mark) and self.mark in rows[n - 1]
+                for parts in itertools.zip_longest(*wrapped, fillvalue=""):
+                    placed = zip(parts, widths, block, strict=True)
+                    line = (" " * _GAP).join(part.rjust(w) if numeric[k] else part.ljust(w) for part, w, k in placed)
+                    lines.append(f"{_RED}{line.rstrip()}{_PLAIN}" if marked else line.rstrip())
         return "\n".join([*lines, *(fill(note, width) for note in self.notes)])
 
     def without_empty_columns(self) -> Table:
@@ -373,90 +382,35 @@ def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """Column on a terminal: its heading and cells as lines of text, and its width."""
+def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int], list[int]]]:
+    """Return blocks of columns that fit into a width, each with the widths of its columns.
 
-    header: list[str]
-    cells: list[list[str]]
-    width: int
-    numeric: bool
-
-
-def _blocks(headers: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[list[_Shown]]:
-    """Lay columns out in blocks of at most a width."""
-    columns = [[row[k] for row in rows] for k in range(len(headers))]
-    numeric = [any(texts) and all(_is_number(text) for text in texts if text) for texts in columns]
-    full = [max(map(len, (header, *texts))) for header, texts in zip(headers, columns, strict=True)]
-    least = []
-    for header, texts, number in zip(headers, columns, numeric, strict=True):
-        words = header.split() + ([] if number else " ".join(texts).split())
-        unbroken = max(map(len, texts), default=0) if number else min(_NARROWEST, max(map(len, texts), default=0))
-        least.append(max([unbroken, min(len(header), _NARROWEST), *map(len, words)]))
-    keys = _key_columns(columns, numeric, least, width)
-    blocks = [list(range(keys))]
-    for k in range(keys, len(headers)):
-        block = [*blocks[-1], k]
-        if sum(least[j] + _GAP for j in block) - _GAP > width and len(blocks[-1]) > keys:
-            block = [*range(keys), k]
-            blocks.append(block)
-        blocks[-1] = block
-    shown = []
+    The first column is in every block, the second one too if the rows are not known by the first.
+    """
+    full = [max(map(len, texts)) for texts in columns]
+    words = [[len(word) for text in texts for word in text.split()] for texts in columns]
+    least = [max([min(most, _NARROWEST), *lengths]) for most, lengths in zip(full, words, strict=True)]
+    keys = 1 if not columns or len(set(columns[0])) == len(columns[0]) else 2
+    blocks = [list(range(min(keys, len(columns))))]
+    for k in range(keys, len(columns)):
+        if sum(least[j] + _GAP for j in (*blocks[-1], k)) - _GAP > width and len(blocks[-1]) > keys:
+            blocks.append(list(range(keys)))
+        blocks[-1].append(k)
+    found = []
     for block in blocks:
-        widths = _widths([least[k] for k in block], [full[k] for k in block], width - _GAP * (len(block) - 1))
-        shown.append(
-            [
-                _Shown(_wrapped(headers[k], w), [_wrapped(text, w) for text in columns[k]], w, numeric[k])
-                for k, w in zip(block, widths, strict=True)
-            ]
-        )
-    return shown
-
-
-def _key_columns(columns: Sequence[list[str]], numeric: Sequence[bool], least: Sequence[int], width: int) -> int:
-    """Count the first columns that name the rows, at least one."""
-    for count in range(1, len(columns)):
-        if len(set(zip(*columns[:count], strict=True))) == len(columns[0]):
-            return count if sum(w + _GAP for w in least[:count]) <= _KEYS * width else 1
-        if numeric[count]:
-            break
-    return 1 if columns else 0
-
-
-def _widths(least: list[int], full: list[int], width: int) -> list[int]:
-    """Share the characters that are left among the columns that want more, the smallest wish first."""
-    widths = list(least)
-    spare = max(width - sum(least), 0)
-    wishes = sorted(range(len(least)), key=lambda k: full[k] - least[k])
-    for place, k in enumerate(wishes):
-        more = min(max(full[k] - least[k], 0), spare // (len(wishes) - place))
-        widths[k] += more
-        spare -= more
-    return widths
+        widths = [least[k] for k in block]
+        spare = width - sum(widths) - _GAP * (len(block) - 1)
+        # the smallest wish for more first
+        for place, j in enumerate(sorted(range(len(block)), key=lambda j: full[block[j]] - widths[j])):
+            more = max(0, min(full[block[j]] - widths[j], spare // (len(block) - place)))
+            widths[j] += more
+            spare -= more
+        found.append((block, widths))
+    return found
 
 
 def _wrapped(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
-
-
-def _lines(columns: Sequence[_Shown], marked: Sequence[bool]) -> list[str]:
-    """Return the lines of a block."""
-    height = max((len(column.header) for column in columns), default=0)
-    heads = [[""] * (height - len(column.header)) + column.header for column in columns]
-    lines = _row_lines(heads, columns)
-    for k, red in enumerate(marked):
-        row = _row_lines([column.cells[k] for column in columns], columns)
-        lines += [f"{_RED}{line}{_PLAIN}" for line in row] if red else row
-    return lines
-
-
-def _row_lines(cells: Sequence[list[str]], columns: Sequence[_Shown]) -> list[str]:
-    lines = []
-    for n in range(max(map(len, cells), default=0)):
-        texts = [texts[n] if n < len(texts) else "" for texts in cells]
-        placed = [t.rjust(c.width) if c.numeric else t.ljust(c.width) for t, c in zip(texts, columns, strict=True)]
-        lines.append((" " * _GAP).join(placed).rstrip())
-    return lines
 
 
 def _is_number(text: str) -> bool:

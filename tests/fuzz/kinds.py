@@ -606,7 +606,6 @@ KINDS = (
     Kind("ellipse model", ".json", _models, _JSON, _model, share=2),
     Kind("readings, CSV of a stream", ".csv", _streams, _LINES, _readings, sealed=True),
     Kind("readings, CSV", ".csv", _readings_files(".csv", _OF_CSV), _CSV, _readings),
-    Kind("readings, JSON", ".json", _readings_files(".json", f"[{_READING}, [1e-4, 2e-4, 3e-4]]"), _JSON, _readings),
     Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", f"{_READING}\n[1, 2, 3]\n"), _CSV, _readings),
     Kind("KiCad board", ".kicad_pcb", _kicad_boards, _CSV, _imported, share=2),
     Kind("request to the studio", ".txt", _request_files, _CSV, _requested, _let_in),
