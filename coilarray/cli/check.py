@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from coilarray.design.fab_limits import FabProfile
     from coilarray.geometry import Margin
 
-_SAME = 1e-9  # m, or of a ratio: what layers drawn alike differ by in rounding is a thousandth of it
+_SAME = 9  # decimals of m or of a ratio, to which layers that are drawn alike have the same
 
 
 def check(
@@ -72,7 +72,11 @@ def check(
         margins = check_rules(opened.array, limits, progress=progress)
     first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
     shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
-    groups = [[margin] for margin in shown] if every else _equal_layers(shown)
+    alike: dict[object, list[Margin]] = {}
+    for k, margin in enumerate(shown):
+        same = (margin.rule, margin.unit, round(margin.value, _SAME), round(margin.limit, _SAME))
+        alike.setdefault(k if every else same, []).append(margin)
+    groups = list(alike.values())
     numbers = {id(margin): k + 1 for k, group in enumerate(groups) for margin in group}
     if out is not None:
         write_text(out, rules_table(margins).csv())
@@ -91,23 +95,6 @@ def check(
     if not as_json:
         kept = f"all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)"
         typer.echo(f"{broken} of {len(margins)} rules are broken" if broken else kept)
-
-
-def _equal_layers(margins: Sequence[Margin]) -> list[list[Margin]]:
-    """Join margins that differ in layer and place alone."""
-    groups: list[list[Margin]] = []
-    for margin in margins:
-        same = (group for group in groups if _alike(group[0], margin))
-        if (group := next(same, None)) is None:
-            groups.append([margin])
-        else:
-            group.append(margin)
-    return groups
-
-
-def _alike(one: Margin, other: Margin) -> bool:
-    apart = max(abs(one.value - other.value), abs(one.limit - other.limit))
-    return (one.rule, one.unit) == (other.rule, other.unit) and apart <= _SAME
 
 
 def _layers_text(names: Sequence[str], layers: Collection[str]) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import functools
+import io
 import os
 import re
 import sys
+import unicodedata
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -37,7 +40,6 @@ from coilarray.cli import (
 from coilarray.cli.board import calibrate as calibrate_board
 from coilarray.cli.board import campaign, compare, info, live, measure, self_test
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt, was_interrupted
-from coilarray.cli.output import prepare_output
 from coilarray.cli.shared import drop_output
 from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
@@ -190,11 +192,8 @@ def _answer_to(error: Exception, command: str) -> int:
         if error.errno == errno.EPIPE:  # who read the output has ended
             return _UNREAD
         return _refuse(f"cannot write {error.filename or 'the output'}: {error.strerror}.")
-    if isinstance(error, UnicodeEncodeError):  # a name of a file in what is written, which is UTF-8
-        if error.reason != "surrogates not allowed":
-            raise error
-        name = next(word for word in error.object.split() if error.object[error.start] in word)
-        return _refuse(f"the name {name} is not UTF-8, and cannot be written into a file.")
+    if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
+        return _refuse("a name is not UTF-8, and cannot be written into a file.")
     # typer brings its own copy of click in some versions; both kinds of usage error have this method
     format_message = getattr(error, "format_message", None)
     if format_message is None:
@@ -240,12 +239,51 @@ def _telling_unusual_values() -> Iterator[None]:
 
 def run() -> None:
     """Entry point of the installed program."""
-    prepare_output()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # there may be none
+            _prepare(stream)
     with nullcontext() if sys.argv[1:2] and sys.argv[1] in _ORDERLY else ending_on_interrupt():
         code = main()
         if code == INTERRUPTED:
             end_interrupted()
     sys.exit(code)
+
+
+def _prepare(stream: io.TextIOWrapper) -> None:
+    """Let a stream take every text, with the minus sign of ASCII for programs."""
+    encoding, for_programs = codecs.lookup(stream.encoding).name, not stream.isatty()
+    if encoding == "utf-8":  # names of files may have bytes that are no UTF-8
+        stream.reconfigure(errors="surrogateescape")
+    elif encoding == "ascii":  # which typer would replace by UTF-8
+        stream.reconfigure(encoding="latin-1")
+    write: Callable[[str], int] = stream.write
+
+    def write_readable(text: str) -> int:
+        text = text.replace("−", "-") if for_programs else text
+        return write(text if encoding == "utf-8" else text.encode(encoding, "coilarray").decode(encoding))
+
+    stream.write = write_readable  # type: ignore[method-assign]
+
+
+_READABLE = {
+    "−": "-", "–": "-", "—": "-", "µ": "u", "μ": "u", "Ω": "Ohm", "…": "...", "·": "*", "×": "x", "±": "+/-", "≤": "<=",
+    "≥": ">=", "≈": "~", "→": "->", "°": " deg", "√": "sqrt ", "∞": "inf", "“": '"', "”": '"', "‘": "'", "’": "'",
+    "•": "*", "⁻": "^-", "²": "^2", "³": "^3",
+}  # fmt: skip
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    """Return readable ASCII for characters that an encoding lacks, such as delta for δ."""
+    assert isinstance(error, UnicodeEncodeError)
+    text = ""
+    for one in error.object[error.start : error.end]:
+        greek = re.fullmatch(r"GREEK (SMALL|CAPITAL) LETTER (\w+)", unicodedata.name(one, ""))
+        plain = unicodedata.normalize("NFKD", one).encode("ascii", "ignore").decode()
+        text += _READABLE.get(one) or (greek[2].lower() if greek else plain or "#")
+    return text, error.end
+
+
+codecs.register_error("coilarray", _in_ascii)
 
 
 def _flush() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +13,6 @@ from coilarray.cli.board.options import marked
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import xarray as xr
 
     from coilarray.compute.arrays import FloatArray
@@ -26,13 +23,6 @@ if TYPE_CHECKING:
 
 _SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
 _RECORDING = ".sqlite"
-
-
-def depth_in_metres(depth_mm: float | None) -> float | None:
-    """Convert the option --depth-mm to m."""
-    if depth_mm is not None and not (math.isfinite(depth_mm) and depth_mm > 0):
-        raise LocalizeError(f"--depth-mm must be positive and finite; got {depth_mm:g}.")
-    return None if depth_mm is None else depth_mm * 1e-3
 
 
 def is_map(source: str | None) -> bool:
@@ -94,29 +84,6 @@ def read_ellipses(path: Path) -> EllipseModel:
     from coilarray.paper.ellipse_model import model_from_json
 
     return model_from_json(read_text(path, LocalizeError))
-
-
-def one_map(
-    source: str | None, depth: float | None, *, allow_violations: bool, coils: Sequence[str] = ()
-) -> xr.Dataset:
-    """Read a response, or compute it on the grid of a design.
-
-    `source` is a netCDF file, or a design as for other commands. `depth` is in m, the first one by default. A design
-    must have the states `coils`.
-    """
-    if is_map(source):
-        return read_map(Path(str(source)))
-    from coilarray.response.map import response_map
-    from coilarray.response.setup import indentation_of
-
-    design = shared.open_design(source, allow_violations=allow_violations)
-    states = [state.name for state in design.plan]
-    for name in coils:
-        if name not in states:
-            raise LocalizeError(f"--coil must be one of {', '.join(states)}; got {name}.")
-    depths = indentation_of(design).depths[:1] if depth is None else [depth]
-    with shared.progress_bar("response") as progress:
-        return response_map(design, depths=depths, reach="auto", progress=progress)
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:

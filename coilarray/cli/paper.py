@@ -9,7 +9,8 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.maps import depth_in_metres, one_map
+from coilarray.cli.maps import is_map, read_map
+from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
     from coilarray.compute.table import Table
@@ -20,7 +21,12 @@ def fit(
         str | None,
         typer.Argument(metavar="MAP|DESIGN", help="Response (.nc), measured or computed, or a design [gast2020]."),
     ] = None,
-    depth_mm: Annotated[float | None, typer.Option(help="Depth of the map; the first one by default.")] = None,
+    depth_mm: Annotated[
+        float | None,
+        shared.number_option(
+            ("--depth-mm",), 0, shared.LONGEST_MM, "Depth of the map; the first one by default.", above=True
+        ),
+    ] = None,
     coil: Annotated[
         list[str] | None, typer.Option(help="Coil to fit; may be repeated. By default all with closed curves.")
     ] = None,
@@ -36,14 +42,26 @@ def fit(
 
     Example: coilarray paper fit gast2020 --out model.json --plot model.png
     """
-    depth = depth_in_metres(depth_mm)
+    depth = None if depth_mm is None else depth_mm * 1e-3
     from coilarray.compute.files import write_text
     from coilarray.paper.ellipse import fit_ellipses
     from coilarray.paper.ellipse_model import ellipse_model, model_to_json
     from coilarray.paper.published import published_model
     from coilarray.report.position import fit_table, polynomial_table
+    from coilarray.response.map import response_map
+    from coilarray.response.setup import indentation_of
 
-    response = one_map(source, depth, allow_violations=allow_violations, coils=coil or ())
+    if is_map(source):
+        response = read_map(Path(str(source)))
+    else:
+        design = shared.open_design(source, allow_violations=allow_violations)
+        states = [state.name for state in design.plan]
+        for name in coil or ():
+            if name not in states:
+                raise LocalizeError(f"--coil must be one of {', '.join(states)}; got {name}.")
+        depths = indentation_of(design).depths[:1] if depth is None else [depth]
+        with shared.progress_bar("response") as progress:
+            response = response_map(design, depths=depths, reach="auto", progress=progress)
     fits = fit_ellipses(response, depth, states=coil)
     model = ellipse_model(fits)
     tables = (polynomial_table(model), fit_table(fits, model))

@@ -16,11 +16,6 @@ from coilarray.errors import ElastomerError
 if TYPE_CHECKING:
     from coilarray.response.map import Imperfections, Reach
 
-# keys of [[elastomer]] and [indentation] that the dent depends on; the others say where it is made
-_ENTERING = (
-    "thickness_mm", "youngs_modulus_kPa", "poissons_ratio", "strain", "base", "seat_stiffness_kPa_per_mm",
-    "seat_shear_kPa_per_mm", "depths_mm", "sample_radius_mm",
-)  # fmt: skip
 _REST = "rest_distance_mm"
 _SHEET = "thickness_error_mm."
 
@@ -86,7 +81,12 @@ def response(
         _print_dent(design, depths, out, plot, as_json=as_json)
         return
     imperfections, rest = _experiment(experiment or ())
-    counted = _reach(reach)
+    counted: Reach = None if reach == "all" else "auto"
+    if reach not in ("all", "auto"):
+        try:
+            counted = float(reach)
+        except ValueError:
+            raise ElastomerError(f"--reach must be all, auto or a relative error of δ; got {reach!r}.") from None
     from coilarray.circuit.readability import reading_lines
     from coilarray.report.figures import map_outlines
     from coilarray.report.response_tables import path_drive_table, response_table
@@ -136,53 +136,25 @@ def _print_dent(
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
     from coilarray.circuit.coupling import provenance
-    from coilarray.design.model import load_design_file
+    from coilarray.design.model import load_design
     from coilarray.report.response_tables import indentation_table
-    from coilarray.report.tables import design_table
     from coilarray.response.setup import contact_at, indentation_of
 
-    file = load_design_file(name)
-    opened = file.design
+    opened = load_design(name)
     setup = indentation_of(opened)
     result = contact_at(setup, opened.sheets, depths or setup.depths).assign_attrs(provenance(opened))
     how = f"{setup.indenter.name}, base {setup.base}, {setup.strain} strain"
     table = replace(indentation_table(result), title=how)
     shared.write_numbers(out, result, table.csv)
     shared.draw(plot, lambda: viz.indentation_figure(result, setup.indenter))
-    not_given = [
-        row
-        for row in design_table(file).records()
-        if row["origin"] != "given"
-        and _enters(str(row["key"]))
-        and not (depths and str(row["key"]).endswith(".depths_mm"))
-    ]
     lines = []
     if setup.sample_bounds is not None:
         lines.append("The sample counts as wide here, on an even seat that holds it. Responses include sides and seat.")
-    for row in not_given:
-        lines.append(
-            ": ".join(filter(None, (f"{row['origin']}", f"{row['key']} = {row['value']}", f"{row['reason']}")))
-        )
     data = {
         **shared.design_record(opened), "indenter": setup.indenter.name, "base": str(setup.base),
         "strain": setup.strain, "dents": table.records(),
-        "not_given": [{**row, "value": file.values[str(row["key"])]} for row in not_given],
     }  # fmt: skip
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=(out, plot))
-
-
-def _enters(key: str) -> bool:
-    """Tell whether a key of the design enters the dent."""
-    in_tables = key.startswith(("elastomer.", "indentation.")) and key.split(".")[-1] in _ENTERING
-    return key.startswith("indenter.") or in_tables
-
-
-def _reach(text: str) -> Reach:
-    """Return which coils count, checked by the library."""
-    try:
-        return None if text == "all" else "auto" if text == "auto" else float(text)
-    except ValueError:
-        raise ElastomerError(f"--reach must be all, auto or a relative error of δ; got {text!r}.") from None
 
 
 def _experiment(texts: Sequence[str]) -> tuple[Imperfections, float]:

@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.errors import MetalError
-
-if TYPE_CHECKING:
-    from coilarray.design.model import Design
-    from coilarray.electromagnetics.inductance import Accuracy
-
-_MANY = 1000  # positions, which take a minute and more
 
 
 def target(
@@ -37,13 +27,7 @@ def target(
     y_mm: shared.PlacesY = None,
     noise: shared.Noise = None,
     ideal: shared.Ideal = False,
-    accuracy: Annotated[
-        str,
-        typer.Option(
-            help="full, screen (inductances to 3e-4), or 0.5 to 4: the fineness of the mesh of a plate with an "
-            "outline, whose error is estimated and printed."
-        ),
-    ] = "full",
+    accuracy: shared.Accuracy = "full",
     out: shared.NumbersFile = Path("target.nc"),
     plot: Annotated[Path | None, shared.plot_option("δ, L, Q and f against the distance")] = None,
     maps: Annotated[Path | None, shared.plot_option("the maps of δ at the least distance", "--maps")] = None,
@@ -82,10 +66,9 @@ def target(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
-    _tell_work(opened, distances, x, y)
     with shared.map_parts(out) as keep, shared.progress_bar("target") as progress:
         result = target_map(
-            opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, accuracy=_accuracy(accuracy),
+            opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, accuracy=accuracy,
             keep=keep, progress=progress,
         )  # fmt: skip
         shown = on_board(result)
@@ -113,30 +96,3 @@ def target(
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
     shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[plot, maps])
-
-
-def _accuracy(text: str) -> Accuracy | float:
-    """Return the accuracy of an option."""
-    named: dict[str, Accuracy] = {"full": "full", "screen": "screen"}
-    if text in named:
-        return named[text]
-    with suppress(ValueError):
-        if 0.5 <= (fineness := float(text)) <= 4.0:
-            return fineness
-    raise MetalError(f"--accuracy must be full, screen or a fineness of 0.5 to 4; got {text!r}.")
-
-
-def _tell_work(design: Design, *given: Sequence[float] | None) -> None:
-    """Say before a long computation how to have fewer positions."""
-    if (target := design.target) is None:
-        return
-    own = (target.distances, target.x, target.y)
-    counts = [len(axis if one is None else one) for one, axis in zip(given, own, strict=True)]
-    if math.prod(counts) > _MANY:
-        magnetic = any(sheet.magnetic for sheet in design.sheets)
-        how_long = "take minutes over magnetic sheets" if magnetic else "take a while"
-        typer.echo(
-            f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} positions {how_long}; give fewer with "
-            "--x-mm, --y-mm and --distance-mm: --x-mm 0 --y-mm 0 for distances above one place alone",
-            err=True,
-        )

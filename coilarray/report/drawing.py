@@ -11,9 +11,8 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO, TypeVar
 
@@ -34,59 +33,40 @@ class Drawing:
     """
 
     def __init__(self, process: subprocess.Popen[bytes] | None) -> None:
-        """Start the thread that feeds the process."""
+        """Make ready a thread that waits for the answers of the process."""
         self._process = process
-        self._todo: deque[Task] = deque()
-        self._told = threading.Condition()
-        self._ended = False
-        self._thread = threading.Thread(target=self._serve, name="drawing", daemon=True)
-        if process is not None:
-            self._thread.start()
+        self._asking = ThreadPoolExecutor(1, "drawing")
+        self._tasks: list[Task] = []
+        self._answers: list[Future[None]] = []
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
         """Submit a function of a module, whose arguments and result are pickled."""
-        future: Future[Result] = Future()
-        with self._told:
-            self._todo.append((future, function, arguments))
-            self._told.notify()
-        return future
+        task: Task = (Future(), function, arguments)
+        self._tasks.append(task)
+        if self._process is not None:
+            self._answers.append(self._asking.submit(_ask, self._process, task))
+        return task[0]
 
     def finish(self) -> None:
         """Finish all tasks, and help if many have not begun."""
-        while len(self._todo) > (_WORTH if self._process is not None else 0) and (task := self._take()) is not None:
-            _fulfil(task)
-        with self._told:
-            self._ended = True
-            self._told.notify()
+        if sum(not answer.done() for answer in self._answers) > _WORTH:
+            for task, answer in zip(reversed(self._tasks), reversed(self._answers), strict=True):
+                if answer.cancel():
+                    _fulfil(task)
+        self._asking.shutdown()
+        for task in self._tasks:
+            if not task[0].done():  # the process could not do it
+                _fulfil(task)
+
+    def end(self) -> None:
+        """End the process, and forget what has not begun."""
         if self._process is not None:
-            self._thread.join()
-        while (task := self._take()) is not None:  # tasks that the process could not do
-            _fulfil(task)
-
-    def _take(self) -> Task | None:
-        with self._told:
-            return self._todo.popleft() if self._todo else None
-
-    def _serve(self) -> None:
-        """Give the process its tasks until none is left or it has ended."""
-        assert self._process is not None
-        while True:
-            with self._told:
-                self._told.wait_for(lambda: self._todo or self._ended)
-                if not self._todo:
-                    return
-                task = self._todo.popleft()
-            future, function, arguments = task
-            try:
-                result, error = _asked(self._process, (function, arguments))
-            except Exception:  # the process has ended, or something cannot be pickled
-                with self._told:
-                    self._todo.appendleft(task)
-                return
-            if error is None:
-                future.set_result(result)
-            else:
-                future.set_exception(error)
+            self._process.kill()
+            self._asking.shutdown(cancel_futures=True)
+            for stream in (self._process.stdin, self._process.stdout):
+                with suppress(OSError, AttributeError):  # a question on its way
+                    stream.close()  # type: ignore[union-attr]
+            self._process.wait()
 
 
 def _fulfil(task: Task) -> None:
@@ -97,14 +77,21 @@ def _fulfil(task: Task) -> None:
         future.set_exception(error)
 
 
-def _asked(process: subprocess.Popen[bytes], question: object) -> tuple[Any, Exception | None]:
-    """Return the answer of the process to a question."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    pickle.dump(question, process.stdin, pickle.HIGHEST_PROTOCOL)
-    process.stdin.flush()
-    answer: tuple[Any, Exception | None] = pickle.load(process.stdout)
-    return answer
+def _ask(process: subprocess.Popen[bytes], task: Task) -> None:
+    """Let the process do a task, which stays undone if the process has ended or something cannot be pickled."""
+    future, *question = task
+    try:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        pickle.dump(question, process.stdin, pickle.HIGHEST_PROTOCOL)
+        process.stdin.flush()
+        result, error = pickle.load(process.stdout)
+    except Exception:
+        return
+    if error is None:
+        future.set_result(result)
+    else:
+        future.set_exception(error)
 
 
 @contextmanager
@@ -124,17 +111,13 @@ def drawing_beside() -> Iterator[Drawing]:
         env={**os.environ, "PYTHONPATH": path, "COILARRAY_THREADS": "1"},
         start_new_session=True,  # an interrupt from the keyboard is for this process, which ends the drawing process
     )  # fmt: skip
+    drawing = Drawing(process)
     try:
-        _OPEN.append(Drawing(process))
-        yield _OPEN[0]
+        _OPEN.append(drawing)
+        yield drawing
     finally:
         _OPEN.clear()
-        process.kill()
-        for stream in (process.stdin, process.stdout):
-            if stream is not None:
-                with suppress(OSError):  # a question on its way
-                    stream.close()
-        process.wait()
+        drawing.end()
 
 
 def _draw(questions: BinaryIO, answers: BinaryIO) -> None:

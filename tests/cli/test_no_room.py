@@ -1,87 +1,112 @@
-"""No room for a file: every command that writes ends in one line and exit code 2, and leaves nothing half-written.
+"""No room for a file: commands end in one line and exit code 2, and leave nothing half-written.
 
-Each is refused twice: a file may have no byte at all, which stops it at its first file, and 6 kB, which stops it later,
-where what it writes is larger. What each writes without a limit is tested with the command.
+There is one for each way of writing: text, netCDF, pictures, boards, pages, folders and recordings.
 """
 
 import os
-import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import tomli_w
 from support.command_line import runner
-from support.every_command import BOARD, PICTURES, SLOW, WRITES, WRITES_NOTHING, command_of, write_inputs
-from support.made_up import made_up_distortion, made_up_ellipses
-from support.no_room import file_limit, small_disk
+from support.recorded_boards import WIRING_TEXT, two_coils_document
 
-import coilarray.paper.distortion
-import coilarray.studies.calibrate.calibration
-from coilarray.cli.main import COMMANDS
+from coilarray.design.bundled import read
 
+pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner()
+BOARD = ("two.toml", "--wiring", "wiring.toml")
+SPAN = ("--vary", "array.pitch_mm=12:14:3", "--workers", "1")
+# whether it writes more than 6 kB in one file, and the command
+WRITES = [
+    (True, "init", "new.toml", "--from", "starter"),
+    (False, "check", "starter", "--out", "rules.csv"),
+    (True, "check", "starter", "--picture", "rules.png"),
+    (True, "export", "starter", "--to", "kicad", "--out", "board"),
+    (True, "export", "starter", "--to", "gerber", "--out", "b.zip"),
+    (True, "view", "starter", "--out", "v.vtm"),
+    (True, "view", "bare.toml", "--spacing-mm", "4", "--out", "f.nc"),
+    (False, "impedance", "bare.toml", "--out", "i.csv"),
+    (True, "optimize", "starter", *SPAN, "--goal", "minimize span_mm", "--trials", "3"),
+    (True, "tolerance", "starter", "-q", "span_mm", "--samples", "8", "--out", "t.json", "--workers", "1"),
+    (True, "board", "measure", *BOARD, "--scans", "5", "--out", "run.sqlite"),
+    (True, "report", "bare.toml", "--out", "folder"),
+]
 
 
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("inputs")
-    write_inputs(folder)
-    return folder
+@contextmanager
+def file_limit(size):
+    """Let no file of this process grow beyond a size in bytes within the block, as ``ulimit -f`` does.
+
+    Python keeps no compiled module meanwhile, nor do its children: it would keep the beginning and load that later.
+    """
+    resource = pytest.importorskip("resource", reason="no limit of file sizes on this system")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)  # Python ignores SIGXFSZ: a write fails instead
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "dont_write_bytecode", True)
+        patch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def content():
     return {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
 
 
-@pytest.mark.usefixtures("own_folder")
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(one, marks=[pytest.mark.slow] * (one[-1] in SLOW), id=f"{command_of(one[1:])} {one[-1]}")
-        for one in WRITES
-    ],
-)
-def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs, monkeypatch, case):
+@pytest.fixture(autouse=True)
+def inputs(own_folder, monkeypatch):
+    """Write the designs that the commands read; pictures are drawn in this process, which has the limit."""
+    monkeypatch.setenv("COILARRAY_THREADS", "1")
+    text = read("gast_fem")  # one coil, without elastomer: the quickest of all
+    bare = text[: text.index("[[elastomer]]")] + text[text.index("[circuit]") : text.index("[assumed]")]
+    texts = {"bare.toml": bare, "two.toml": tomli_w.dumps(two_coils_document()), "wiring.toml": WIRING_TEXT}
+    for name, written in texts.items():
+        Path(name).write_text(written, encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", WRITES, ids=lambda case: f"{case[1]} {case[-1]}")
+def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, case):
+    """A limit of no byte stops it at its first file, 6 kB later."""
     large, *command = case
-    monkeypatch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process, which has the limit
-    # half a minute each; what they write is theirs all the same
-    monkeypatch.setattr(coilarray.paper.distortion, "distortion", made_up_distortion)
-    monkeypatch.setattr(coilarray.studies.calibrate.calibration, "evaluate_model", made_up_ellipses)
-    shutil.copytree(inputs, Path(), dirs_exist_ok=True)
     before = content()
-    for size in (6000,) if command[-1] in PICTURES else (0, 6000) if large else (0,):
+    for size in (0, 6000) if large else (0,):
         with file_limit(size):
             line = refused(capsys, *command)
         assert "cannot write" in line or "cannot use" in line or "cannot read" in line
-        left = {path: data for path, data in content().items() if path.name != "study.lock"}
-        assert left == before
+        assert {path: data for path, data in content().items() if path.name != "study.lock"} == before
 
 
-def test_every_command_is_looked_at():
-    written = {command_of(case) for _, *case in WRITES}
-    assert written | WRITES_NOTHING == set(COMMANDS)
-    assert not written & WRITES_NOTHING
-
-
-@pytest.mark.usefixtures("own_folder")
-def test_a_full_disk_ends_in_one_line_and_what_was_there_stays(capsys, inputs, monkeypatch):
-    monkeypatch.setenv("COILARRAY_THREADS", "1")
-    shutil.copytree(inputs, Path(), dirs_exist_ok=True)
-    with small_disk(Path("disk"), 16 * 4096) as disk:
+def test_a_full_disk_ends_in_one_line_and_what_was_there_stays(capsys):
+    disk, size = Path("disk"), 16 * 4096
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)]
+    try:
+        mounted = subprocess.run(mount, check=False, capture_output=True).returncode == 0
+    except FileNotFoundError:
+        mounted = False
+    if not mounted:
+        pytest.skip("no file system may be mounted here")
+    try:
+        kept = disk / "kept"
+        kept.write_bytes(bytes(13 * 4096))
         for name, command in (
             ("x.nc", ("view", "bare.toml", "--spacing-mm", "2", "--out")),
-            ("x.nc", ("board", "info", "campaign.sqlite", "--out")),
             ("x.svg", ("export", "starter", "--to", "svg", "--out")),
-            ("x.vtm", ("view", "starter", "--out")),
             ("x.sqlite", ("board", "measure", *BOARD, "--scans", "5", "--out")),
         ):
-            kept = disk / "kept"
-            kept.write_bytes(bytes(13 * 4096))
             line = refused(capsys, *command, disk / name)
             assert "full" in line or "No space left" in line or "disk I/O error" in line
             assert [path.name for path in disk.iterdir()] == ["kept"]
             assert kept.read_bytes() == bytes(13 * 4096)
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")

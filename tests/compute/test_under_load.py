@@ -27,7 +27,6 @@ import xarray as xr
 from support.load_work import digests, results
 from threadpoolctl import threadpool_limits
 
-from coilarray.cli import optimize
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.compute.threads import Recent
@@ -155,7 +154,6 @@ def interrupted(folder, command, after=1, writing=False):
         for module in [one for name, one in sys.modules.items() if name.startswith("coilarray.cli.")]:
             if hasattr(module, "progress_bar"):
                 patch.setattr(module, "progress_bar", telling)
-        patch.setattr(optimize, "_progress", telling)
         if writing:  # the file is complete but has not got its name; so is the folder when its nets are checked
             patch.setattr(Path, "replace", _interrupt)
             patch.setattr("coilarray.design.export._net_faults", _interrupt)
