@@ -122,7 +122,6 @@ _NO_FAB = (
     "board house."
 )
 _MET = 5e-3  # of the wanted inductance: as near as is not worth a word
-_FEW = 2  # layers of a winding: no board has fewer
 _HELPS = {
     ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
     ("frequency over self-resonance", "high"): "; a larger --capacitance-pF lowers it",
@@ -281,9 +280,8 @@ def _create(target: Path, chosen: dict[str, Any]) -> _Told:
         chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {}
     with shared.progress_bar("layers, winding, pitch, terminals and tank"):
         made = _made(target.stem, chosen)
-        fewer = _fewer_layers(made, chosen)
     with shared.progress_bar("states") as progress:
-        described = [*_described(made, chosen, progress), *fewer]  # with what is refused before it is written
+        described = _described(made, chosen, progress)  # with what is refused before it is written
     save_design(made, target)
     return [f"wrote {target}: {made.design.title}", *described], {"title": made.design.title, "notes": described}
 
@@ -294,23 +292,6 @@ def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
     from coilarray.studies.create import new_design
 
     return new_design(design_names([name])[name], **in_si(chosen))
-
-
-def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
-    """Describe the inductance that fewer layers reach."""
-    from coilarray.studies.create import Choices, reach_of_fewer_layers
-
-    layers = len(made.design.array.stackup.names)
-    (coil,) = made.document["coils"].values()
-    choices = Choices(**in_si(chosen))
-    if choices.inductance is None or choices.layers or choices.layers_of_fab or coil["winding_layers"] <= _FEW:
-        return []
-    reach = reach_of_fewer_layers(layers, choices)
-    wanted = f"layers: {chosen['inductance_uH']:g} µH takes {layers}"
-    if reach is None:
-        return [f"{wanted}; on fewer there is no place for the terminals"]
-    reached = f"{reach.inductance * 1e6:.3g}"
-    return [f"{wanted}; {reach.layers} reach {reached} µH, with --layers {reach.layers} --inductance-uH {reached}"]
 
 
 def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) -> list[str]:

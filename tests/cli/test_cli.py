@@ -186,16 +186,6 @@ def test_init_says_why_coils_have_another_inductance_than_the_wanted_one(capsys)
     assert "(4 wanted)" in alone
 
 
-def test_init_says_what_fewer_layers_reach_in_a_line_that_can_be_typed(capsys):
-    choices = ("--coils", "1", "--shape", "square", "--size-mm", "10", "--no-elastomer")
-    out = good(capsys, "init", "many", *choices, "--inductance-uH", "12")
-    few, reached, typed = re.search(r"layers: 12 µH takes 4; (\d) reach (\S+) µH, with (--layers .*)", out).groups()
-    again = good(capsys, "init", "few", *choices, *typed.split())
-    assert f"({reached} wanted)" in again
-    assert f"{few} copper layers" in again
-    assert "layers:" not in again
-
-
 @pytest.mark.slow
 def test_init_warns_of_coils_that_the_converter_cannot_read(capsys):
     coil = ("--coils", "1", "--shape", "circle", "--no-elastomer", "--capacitance-pF")

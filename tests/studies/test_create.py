@@ -17,7 +17,6 @@ from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError
-from coilarray.studies.create import Choices, reach_of_fewer_layers
 from coilarray.studies.create.choices import Arrangement, read_arrangement
 from coilarray.studies.create.layout import neighbour_coupling
 from coilarray.studies.create.plan import Plan, Room, Winding, wind
@@ -99,7 +98,6 @@ def test_other_arrangements_are_refused(coils):
     [
         ("3", {"size": 14e-3, "inductance": 6e-6}),
         ("2x2", {"shape": "square", "size": 12e-3, "inductance": 4e-6, "fab": "jlcpcb-2-layer"}),
-        ("7-hex", {"size": 20e-3, "inductance": 9e-6, "elastomer": False}),
         ("1", {"shape": "circle", "size": 16e-3, "inductance": 2e-6, "frequency": 6.78e6, "elastomer": False}),
         ("2", {"shape": "racetrack", "size": (16e-3, 9e-3), "inductance": 1.5e-6}),
     ],
@@ -173,7 +171,7 @@ def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, bo
         error.routed = led
         raise error
 
-    module = sys.modules["coilarray.studies.create.terminals"]
+    module = sys.modules["coilarray.studies.create.layout"]
     monkeypatch.setattr(module, "route_leads", no_way)
     arrangement = Arrangement("square", 2, 2)
     plan = Plan("pad", "", arrangement, "square", (8e-3, 8e-3), False, "oshpark-2-layer", pitch=10e-3)
@@ -191,7 +189,7 @@ def test_a_wide_trace_has_the_least_resistance_where_the_coil_is_used():
     f = float(scan_design(design, elastomer=False, accuracy="screen").frequency[0])
     chosen, ac, dc = int(file.values["coils.circle.turns_per_layer"]), {}, {}
     for turns in range(chosen - 1, chosen + 3):
-        widths = np.linspace(0.15, 2.0, 16)
+        widths = np.geomspace(0.15, 2.0, 9)
         made = [vary(file, {"coils.circle.turns_per_layer": turns, "coils.circle.trace_width_mm": w}) for w in widths
                 if turns * (w + 0.15) + w < 11]  # fmt: skip
         L = np.array([inductance_matrix(one.array, accuracy="screen")[0, 0] for one in made])
@@ -216,22 +214,6 @@ def test_wide_traces_of_squares_keep_apart_at_their_corners_and_pads_beside_wide
     four = replace(Plan("x", "", Arrangement("single"), "square", (40e-3, 40e-3), False, fab="oshpark-4-layer"),
                    winding_layers=4, winding=Winding(2, 3e-3, 0.5e-3))  # fmt: skip
     assert all(margin.kept for margin in check_rules(four.design.array, four.rules))
-
-
-@pytest.mark.slow
-def test_what_fewer_layers_reach_can_be_made():
-    choices = {"shape": "hexagon", "size": 16e-3, "overlap": "decoupled", "elastomer": False}
-    file = new_design("many", "2", inductance=24e-6, **choices)
-    layers = len(file.design.array.stackup.names)
-    wanted = Choices("2", inductance=24e-6, **choices)
-    reach = reach_of_fewer_layers(layers, wanted)
-    assert reach.layers < layers
-    assert 1e-6 < reach.inductance < 24e-6
-    made = new_design("few", "2", inductance=reach.inductance, layers=reach.layers, **choices).design
-    assert len(made.array.stackup.names) == reach.layers
-    # rounded down to three digits
-    assert design_inductance(made)[0][0, 0] == pytest.approx(reach.inductance, rel=1e-2)
-    assert reach_of_fewer_layers(reach.layers, wanted) is None
 
 
 @pytest.mark.parametrize(("sets", "winding_layers"), [(1, 2), (2, 2), (4, 2), (3, 4), (4, 4)])
@@ -295,5 +277,5 @@ def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold
 
 @pytest.mark.parametrize("layers", [6, 8])
 def test_the_vias_of_many_layers_have_room_between_the_leads(layers):
-    made = new_design("many", inductance=18e-6, layers=layers)
+    made = new_design("many", "1", inductance=18e-6, layers=layers, elastomer=False)
     assert not [margin for margin in check_rules(made.design.array, made.design.rules) if not margin.kept]

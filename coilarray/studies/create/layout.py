@@ -1,35 +1,36 @@
-"""Layout of a new design: layers, winding, pitch and terminals, with the fewest layers that fulfil the choices."""
+"""Layout of a new design with the fewest layers: winding, pitch, terminals and connector."""
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
-from itertools import combinations, pairwise, product
+from itertools import combinations, islice, pairwise, product
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from scipy.optimize import brentq
 
 from coilarray.circuit.coupling import design_inductance
 from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.design.board_tables import ConnectorTable
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix, inductance_matrix, pair_inductance
 from coilarray.electromagnetics.resistance import resistance_matrix
-from coilarray.errors import DesignError
-from coilarray.geometry import Array, check_rules
+from coilarray.errors import DesignError, GeometryError, RuleViolationError
+from coilarray.geometry import Array, Placement, check_rules, require_rules, route_leads
+from coilarray.geometry.arcs import Side
+from coilarray.geometry.connector import NoWayError
 from coilarray.studies.create.choices import Choices
 from coilarray.studies.create.plan import Plan, Room, Winding, wind
 from coilarray.studies.create.tank import expected_frequency
-from coilarray.studies.create.terminals import with_terminals
 
 # fractions of the width of a coil between which the sign of its neighbours' coupling is searched
 _SAMPLES = (1.0, 0.8, 0.65, 0.5, 0.4)
-_PITCH_STEP = 1e-5  # m, to which a pitch is given
+_FINE_PITCH = 1e-5  # m, to which the pitch of no coupling is given
 _ROUGHLY = 2e-3  # of the width: accuracy of the search in the rough model, which the corrections improve
 _SLOPE, _CORRECTIONS = 0.01, 2
 _FABS = ("oshpark-2-layer", "oshpark-4-layer", "multi-cb-35um")  # the last one makes any number of layers
@@ -43,6 +44,13 @@ _WINDING_LAYERS = (2, 4)
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
 _KEPT = 512  # results of single coils
 _PASSES, _CLOSE = 3, 1e-3  # corrections of the search for a winding, and the change at which they end
+_MOVES, _MOVE = 13, 0.5e-3  # steps, and their length in m, by which coils are moved apart for their terminals
+_LONGEST_LEAD, _LEAD_STEP = 1.0, 0.25e-3  # widths of a coil, and m
+_SHORT = 1e-9  # m: no lead is a point
+_MOST_TRIALS = 3  # of lengths at one start, as rules may break that the quick look does not see
+_DISTANCES = (5.0, 6.0, 8.0, 10.0)  # mm from the coils; for several rows from the second on, with room for ways between
+_PITCH_STEP = 0.5e-3  # m, to which a roomier pitch is given
+_LONGER, _FURTHER = 0.5e-3, 1e-3  # m by which leads get longer and coils lie further apart at each distance
 
 
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
@@ -70,7 +78,7 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
                 L = design_inductance(design, accuracy="screen")[0]
                 found -= float(neighbour_coupling(design).mean() * L.diagonal().mean()) / slope
             if inner - _SLOPE * width <= found <= outer + _SLOPE * width:
-                return round(found / _PITCH_STEP) * _PITCH_STEP
+                return round(found / _FINE_PITCH) * _FINE_PITCH
     raise DesignError(
         f"neighbours of {width * 1e3:g} mm couple at every pitch from {_SAMPLES[-1] * width * 1e3:.4g} to "
         f"{_SAMPLES[0] * width * 1e3:.4g} mm: their overlap cannot decouple them."
@@ -95,7 +103,7 @@ def lay_out(plan: Plan, choices: Choices) -> Plan:
     tried = set[Plan]()
     for board in _boards(plan, choices):
         try:
-            wound = _wound(board, _winding(board, choices))
+            wound = replace(board, winding=_winding(board, choices), hole=0.0)  # its own hole counts now
             if wound not in tried:  # another hole may have the same winding
                 tried.add(wound)
                 return _completed(wound, choices)
@@ -103,31 +111,6 @@ def lay_out(plan: Plan, choices: Choices) -> Plan:
             problem = error  # of the most layers, for a choice that no board can reach
     assert problem is not None  # there is at least one board, or a reason why not
     raise problem
-
-
-def most_on_fewer_layers(plan: Plan, choices: Choices, layers: int) -> Plan | None:
-    """Find the layout on fewer layers that comes nearest to the wanted inductance, or None."""
-    short: list[tuple[float, int, Plan]] = []
-    for board in _boards(plan, choices):
-        for room in _rooms(board):
-            with contextlib.suppress(DesignError):  # no room for a turn, or for a pad
-                full = _wound(board, room.fullest)
-                reached = (
-                    _rough_inductance(_rough(full, full.winding))
-                    if board.layers < layers and room.most_turns
-                    else math.inf
-                )
-                if reached < (choices.inductance or 0.0):  # others have been tried
-                    short.append((-reached, board.layers, full))
-    for _, _, board in sorted(short, key=lambda one: one[:2]):
-        with contextlib.suppress(DesignError):
-            return _completed(board, choices)
-    return None
-
-
-def _wound(plan: Plan, winding: Winding) -> Plan:
-    """Fix a winding, after which its own hole counts."""
-    return replace(plan, winding=winding, hole=0.0)
 
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
@@ -304,7 +287,7 @@ def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
 
 def _alone(plan: Plan, winding: Winding) -> Plan:
     """Return one coil with a winding. Plans with the same coil give equal results."""
-    return replace(_wound(plan.one, winding), pitch=0.0)
+    return replace(plan.one, winding=winding, hole=0.0, pitch=0.0)
 
 
 def _rough(plan: Plan, winding: Winding) -> Plan:
@@ -312,19 +295,19 @@ def _rough(plan: Plan, winding: Winding) -> Plan:
     return replace(_alone(plan, winding), elastomer=False, rough=True)
 
 
-@lru_cache(_KEPT)  # passes, and boards with other holes, ask for the same windings
+@functools.lru_cache(_KEPT)  # passes, and boards with other holes, ask for the same windings
 def _left_out(alone: Plan) -> float:
     """Ratio of a coil's inductance to its quick model's."""
     inductance = float(design_inductance(alone.design, accuracy="screen")[0][0, 0])
     return inductance / _rough_inductance(_rough(alone, alone.winding))
 
 
-@lru_cache(_KEPT)
+@functools.lru_cache(_KEPT)
 def _rough_inductance(rough: Plan) -> float:
     return float(inductance_matrix(rough.design.array, accuracy="screen", allow_overlaps=True)[0, 0])
 
 
-@lru_cache(_KEPT)
+@functools.lru_cache(_KEPT)
 def _rough_resistance(rough: Plan, frequency: float) -> float:
     return float(resistance_matrix(rough.design.array, [frequency]).resistance[0, 0, 0])
 
@@ -339,3 +322,134 @@ def _are_apart(plan: Plan) -> bool:
         one.layers == other.layers and shapes[i].distance(shapes[j]) < plan.rules.min_gap
         for (i, one), (j, other) in combinations(enumerate(placements), 2)
     )
+
+
+def with_terminals(plan: Plan, *, movable: bool) -> Plan:
+    """Find the start of the windings and their leads, with every fabrication rule kept.
+
+    Holes go through the whole board. Holes of coils that overlap must lie in the hole of a neighbour's winding or
+    beside all of them. Coils side by side that are `movable` are moved apart until there is room. Raises DesignError
+    with the broken rule at the usual start.
+    """
+    problem = None
+    for tried in _candidates(plan, movable=movable):
+        try:
+            for arrangement in dict.fromkeys((plan.arrangement.few, plan.arrangement)):
+                board = replace(tried, arrangement=arrangement, elastomer=False)
+                require_rules(board.design.array, board.rules)
+        except (RuleViolationError, DesignError) as error:
+            problem = problem or error
+        else:
+            return tried
+    raise DesignError(
+        "there is no place for terminals that keeps every rule"
+        + (f"; in the usual one {problem}" if problem else ": the holes of the neighbours are too small for them.")
+    )
+
+
+def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
+    """Yield plans with possible starts, leads and pitches."""
+    starts = range(len(plan.starts))
+    if plan.sets > 1:
+        for start in starts:
+            begun = replace(plan, start=start)
+            yield from (replace(begun, lead=length) for length in islice(_clear_leads(begun), _MOST_TRIALS))
+        return
+    for move in range(_MOVES if movable and plan.arrangement.lattice != "single" else 1):
+        for start in starts:
+            yield replace(plan, pitch=plan.pitch + move * _MOVE, start=start)
+
+
+def _clear_leads(plan: Plan) -> Iterator[float]:
+    """Yield lengths of leads in m at which no hole meets the winding of another coil."""
+    placements = replace(plan, arrangement=plan.arrangement.few, elastomer=False).design.array.placements
+    windings = [_windings(place) for place in placements]
+    others = [np.concatenate([*windings[:k], *windings[k + 1 :]]) for k in range(len(windings))]
+    coil = placements[0].coil
+    beside = plan.rules.min_gap + coil.trace_width / 2
+    for place, lines in zip(placements, others, strict=True):
+        if _nearest(place.to_board(coil.via_points), lines) < beside + plan.via_pad / 2:
+            return
+    terminals, pad = coil.terminal_points, 0.0 if coil.terminal is None else coil.terminal.pad
+    outwards = terminals.mean(axis=0) / float(np.hypot(*terminals.mean(axis=0)))
+    alike = [
+        [
+            line
+            for other, own in zip(placements, windings, strict=True)
+            if other is not place and set(place.layers) & set(other.layers)
+            for line in own
+        ]
+        for place in placements
+    ]
+    for longer in np.arange(0.0, _LONGEST_LEAD * plan.width, _LEAD_STEP).tolist():
+        ends = terminals + longer * outwards
+        leads = [
+            np.asarray(
+                shapely.linestrings(
+                    [place.to_board(np.array(both)) for both in zip(terminals, ends + _SHORT, strict=True)]
+                )
+            )
+            for place in placements
+        ]
+        if all(
+            _nearest(place.to_board(ends), others[k]) >= beside + pad / 2
+            and _nearest(
+                place.to_board(np.vstack((ends, coil.via_points))), np.concatenate([*leads[:k], *leads[k + 1 :]])
+            )
+            >= beside + pad / 2
+            and _apart(leads[k], np.array(alike[k])) >= beside + coil.trace_width / 2
+            for k, place in enumerate(placements)
+        ):
+            yield plan.lead + longer
+
+
+def _windings(place: Placement) -> npt.NDArray[np.object_]:
+    """Pieces of a coil's centre lines without leads, in the frame of the board."""
+    outline = shapely.Polygon(place.coil.outline).buffer(place.coil.trace_width)
+    pieces = shapely.get_parts(shapely.intersection([shapely.LineString(line) for line in place.coil.lines], outline))
+    return np.array([shapely.LineString(place.to_board(shapely.get_coordinates(piece))) for piece in pieces])
+
+
+def _nearest(points: FloatArray, lines: npt.NDArray[np.object_]) -> float:
+    return float(np.min(shapely.distance(np.asarray(shapely.points(points))[:, None], lines), initial=np.inf))
+
+
+def _apart(lines: npt.NDArray[np.object_], others: npt.NDArray[np.object_]) -> float:
+    return float(np.min(np.asarray(shapely.distance(lines[:, None], others)), initial=np.inf))
+
+
+def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
+    """Find room for all leads to a connector.
+
+    The distance of the connector, the length of the leads and, if `movable`, the pitch of the coils are increased.
+    Raises DesignError with the problem of the roomiest board. The search stops early if less than half of the coils are
+    routed, and neighbours that may not move are too near for the leads of a row between them.
+    """
+    problem = ""
+    several = plan.arrangement.rows > 1 or plan.arrangement.lattice in ("triangle", "rings")
+    for k, distance in list(enumerate(_DISTANCES))[several:]:
+        further = k * _FURTHER if movable else 0.0
+        tried = replace(plan, lead=plan.lead + k * _LONGER, pitch=plan.pitch + further)
+        ways = ConnectorTable(side=side, distance_mm=distance)
+        try:
+            require_rules(route_leads(tried.design.array, ways.build()), tried.rules)
+        except NoWayError as error:
+            coils, winding = len(tried.design.array.placements), tried.winding
+            upright, size, count = side in ("left", "right"), tried.size, tried.arrangement
+            across, passing = (size[-1], count.columns) if upright else (size[0], count.rows)
+            # the leads of a whole row pass beside each other
+            room = across + tried.lead + passing * (winding.trace_width + winding.gap) + winding.gap
+            roomy = math.ceil(room / _PITCH_STEP * (1 - 1e-9)) * _PITCH_STEP
+            tight = several and tried.pitch < roomy
+            pitch = f"a pitch of about {roomy * 1e3:g} mm" if tight else "another pitch"
+            problem = (
+                f"connector: at most {error.routed} of {coils} coils can be routed to the {side} edge at a pitch of "
+                f"{tried.pitch * 1e3:g} mm; try {pitch}, smaller coils, another side, or no connector."
+            )
+            if tight and not movable and 2 * error.routed < coils:
+                break
+        except (GeometryError, RuleViolationError) as error:
+            problem = f"connector: {str(error).removeprefix(f'{plan.name}: ')}"
+        else:
+            return replace(tried, connector=ways.model_dump(exclude_unset=True))
+    raise DesignError(problem)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from coilarray.circuit.coupling import design_inductance
 from coilarray.design.bundled import DESIGNS
 from coilarray.design.keys import Name, Table
 from coilarray.design.model import DesignFile, build_design_file
@@ -13,12 +11,9 @@ from coilarray.design.switch_parts import PartName
 from coilarray.design.vary import plain
 from coilarray.geometry.arcs import Side
 from coilarray.studies.create.choices import Choices, Overlap, Shape
-from coilarray.studies.create.layout import lay_out, most_on_fewer_layers
+from coilarray.studies.create.layout import lay_out, with_connector
 from coilarray.studies.create.plan import Plan
 from coilarray.studies.create.tank import tank_capacitance
-from coilarray.studies.create.terminals import with_connector
-
-_DIGITS = 3  # of an inductance that is reached
 
 
 class _Named(Table):
@@ -113,7 +108,8 @@ def new_design(
         switches=switches, title=title
     )  # fmt: skip
     DESIGNS.check(_Named, {"name": name}, f"{name}")
-    found = lay_out(_planned(name, choices), choices)
+    plan = Plan(name, title, choices.arrangement, shape, choices.sides, elastomer, switches=switches)
+    found = lay_out(plan, choices)
     one = found.one  # without the way to a connector
     if connector is not None:  # refused before the tank is computed
         found = with_connector(found, connector, movable=found.sets == 1 and pitch is None and found.pitch > 0)
@@ -121,27 +117,3 @@ def new_design(
         tank = one if frequency is None else replace(found, connector=None)  # a frequency is met with the switches
         capacitance = tank_capacitance(lambda value: replace(tank, capacitance=value).design, frequency)
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
-
-
-@dataclass(frozen=True)
-class Reach:
-    """Layers of a board with fewer layers, and the inductance in H that it reaches."""
-
-    layers: int
-    inductance: float
-
-
-def reach_of_fewer_layers(layers: int, choices: Choices) -> Reach | None:
-    """Find the inductance that fewer layers can reach, rounded down to three digits, or None."""
-    found = most_on_fewer_layers(_planned("fewer", choices), choices, layers)
-    if found is None:
-        return None
-    reached = float(design_inductance(found.one.design)[0][0, 0])
-    step = 10.0 ** (math.floor(math.log10(reached)) - _DIGITS + 1)
-    return Reach(found.layers, math.floor(reached / step) * step)
-
-
-def _planned(name: str, choices: Choices) -> Plan:
-    """Return the plan before the layout."""
-    plan = Plan(name, choices.title, choices.arrangement, choices.shape, choices.sides, choices.elastomer)
-    return replace(plan, switches=choices.switches)
