@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.direct import AutoscanReader, DirectReader
+from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.readings import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
@@ -174,12 +174,8 @@ def open_board(
     match place:
         case EmulatorPort():
             emulator = _emulator(design, wired, place.board, emulation)
-            if place.board is None:
-                reader = DirectReader(
-                    emulator.bus, emulator.switches, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True
-                )
-            else:
-                reader = AutoscanReader(emulator.bus, emulator.clock, kind=EMULATOR, emulated=True)
+            chain = emulator.switches if place.board is None else None
+            reader = DirectReader(emulator.bus, chain, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True)
         case SerialPort(name, baud):
             from coilarray.hardware.board.microcontroller import open_microcontroller
 
@@ -242,26 +238,22 @@ def _emulator(
 def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
     """Open the buses of a port and their reader."""
     bus: RegisterBus
-    switches: SwitchChain
+    switches: SwitchChain | None = None
     with ExitStack() as opened:
-        if port.board is not None:
-            if isinstance(port, LinuxPort):
-                bus, kind = LinuxRegisterBus(port.bus, port.address), f"I²C bus {port.bus} of this computer"
-            else:
-                bus, kind = open_ft232h_bus(port.url, port.address), "FTDI adapter"
+        if isinstance(port, LinuxPort):
+            bus, kind = LinuxRegisterBus(port.bus, port.address), f"I²C bus {port.bus} of this computer"
             opened.callback(bus.close)
-            reader: DirectReader = AutoscanReader(bus, ComputerClock(), kind=kind)
-        else:
-            if isinstance(port, LinuxPort):
-                bus = LinuxRegisterBus(port.bus, port.address)
-                opened.callback(bus.close)
+            if port.board is None:
                 switches = SpiSwitchChain(port.spi_bus, port.spi_device, mode=port.mode, readback=port.readback)
                 opened.callback(switches.close)
                 kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
-            else:
-                bus, switches = open_ft232h(port.url, port.address, mode=port.mode, readback=port.readback)
-                opened.callback(bus.close)
-                kind = "FT232H"
-            reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
+        elif port.board is not None:
+            bus, kind = open_ft232h_bus(port.url, port.address), "FTDI adapter"
+            opened.callback(bus.close)
+        else:
+            bus, switches = open_ft232h(port.url, port.address, mode=port.mode, readback=port.readback)
+            opened.callback(bus.close)
+            kind = "FT232H"
+        reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
         opened.pop_all()
     return reader

@@ -1,7 +1,9 @@
-"""Readers of a board with chips on the computer's buses.
+"""Reader of a board with chips on the computer's buses.
 
-They scan like the firmware of a microcontroller. `hardware/firmware/PROTOCOL.md`, "What the board does", defines the
-order of the steps. Between two states, and after any failure, the converter is asleep and every coil is grounded.
+`ChipDriver` runs the steps sleep, switch, wake, wait, read and check. It stores the known state of the chips: whether
+the converter sleeps, and which words the switches hold. `DirectReader` scans with it like the firmware of a
+microcontroller. `hardware/firmware/PROTOCOL.md`, "What the board does", defines the order of the steps. Between two
+states, and after any failure, the converter is asleep and every coil is grounded.
 """
 
 from __future__ import annotations
@@ -12,24 +14,17 @@ import secrets
 import time
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.chip_driver import (
-    ATTEMPTS,
-    BUS_FAULTS,
-    LOOK_AGAIN,
-    ChipDriver,
-    ChipSettings,
-    fault_of,
-    no_sample,
-)
-from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
-from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault
+from coilarray.hardware.chips.ldc1614 import CHANNELS
+from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
+from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault, ready_status
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import (
     BoardRestarted,
     BusFault,
+    BusTimeout,
     Clock,
     RegisterBus,
     SwitchChain,
@@ -37,7 +32,223 @@ from coilarray.hardware.wire.buses import (
     held_signals,
 )
 
+ATTEMPTS = 3
+"""Number of attempts at a step that must not fail."""
+BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
+"""Faults of a sample that come from the bus to the converter."""
+_ADDRESS = {name: found.address for name, found in registers().items()}
+_DATA_MSB, _DATA_LSB = ([_ADDRESS[f"DATA{channel}_{half}"] for channel in range(CHANNELS)] for half in ("MSB", "LSB"))
+_STATUS, _CONFIG, _RESET_DEV = _ADDRESS["STATUS"], _ADDRESS["CONFIG"], _ADDRESS["RESET_DEV"]
+_CLOCK_DIVIDERS, _DRIVE_CURRENTS = (
+    [_ADDRESS[f"{name}{channel}"] for channel in range(CHANNELS)] for name in ("CLOCK_DIVIDERS", "DRIVE_CURRENT")
+)
+_DRIVE_MASK = register("DRIVE_CURRENT0").field("IDRIVE0").mask  # the chip writes any value into the bits below
+_DATA_READY, _ERRORS, _ERROR_FLAGS = 0x0040, 0xFF00, 0x3F00  # bits of STATUS
+_FIXED_DRIVE = register("CONFIG").field("RP_OVERRIDE_EN").mask
+_RESET = 0x8000
+_RESET_TIME = 2e-3  # s; the data sheet gives it for the pin SD and no time for the register
+_LOOK_AGAIN = 1e-3  # s between two looks at STATUS
+_EARLIEST = 0.75  # of the nominal time from result to result: below the fastest oscillator's 43.4/55
 _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same state, before the stream ends
+
+
+@dataclass(frozen=True)
+class ChipSettings:
+    """Settings of a scan as register values and switch words."""
+
+    names: tuple[str, ...]
+    channels: tuple[int, ...]  # of the states
+    scanning: bool  # whether the converter scans several channels
+    words: tuple[bytes, ...]  # of the switches in each state
+    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; empty if coils are wired to channels
+    asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
+    active: int  # register CONFIG while the converter is awake
+    wait: float  # s, until the first look at STATUS
+    timeout: float  # s, until giving up
+    discard: int  # conversions to discard
+    again: float  # s, from a discarded conversion until the next look
+    turn: float  # s, from result to result of a converter that stays awake, with its nominal clock
+    hash: int
+
+    @staticmethod
+    def of(settings: ScanSettings) -> ChipSettings:
+        """Encode settings of a scan."""
+        given = dict(settings.registers)
+        return ChipSettings(
+            names=tuple(state.name for state in settings.states),
+            channels=tuple(state.channel for state in settings.states),
+            scanning=len(settings.channels) > 1,
+            words=tuple(state.words for state in settings.states),
+            drives=() if settings.wired else tuple(settings.drive_register(state) for state in settings.states),
+            asleep=tuple(sorted((given | {_CONFIG: given[_CONFIG] | ASLEEP}).items())),
+            active=given[_CONFIG],
+            wait=settings.wait_us * 1e-6,
+            timeout=settings.timeout_us * 1e-6,
+            discard=settings.discard,
+            again=settings.again_us * 1e-6,
+            turn=settings.again_us * 1e-6 * settings.slowest_reference / settings.reference,
+            hash=settings.hash,
+        )
+
+
+class ChipDriver:
+    """Driver of the converter on a bus and the switches, None without switches."""
+
+    def __init__(self, bus: RegisterBus, switches: SwitchChain | None, clock: Clock) -> None:
+        self.bus, self.clock = bus, clock
+        self._switches = switches
+        self._held: bytes | None = None  # words of the switches; None if they are not known
+        self._sleep_word = register("CONFIG").reset
+        self.asleep = False
+        """Whether the converter was put to sleep and not woken since."""
+        self.ready_at = 0.0
+        """Time in s by the clock at which results were last seen to be ready."""
+
+    def identity(self) -> tuple[int, int]:
+        """Read the registers MANUFACTURER_ID and DEVICE_ID."""
+        return self.bus.read(_ADDRESS["MANUFACTURER_ID"]), self.bus.read(_ADDRESS["DEVICE_ID"])
+
+    def sleep(self, attempts: int = ATTEMPTS) -> None:
+        """Put the converter to sleep."""
+        while True:
+            attempts -= 1
+            try:
+                self.bus.write(_CONFIG, self._sleep_word)
+            except BusFault:
+                if not attempts:
+                    raise
+                with contextlib.suppress(BusFault):
+                    self.bus.clear()
+            else:
+                self.asleep = True
+                return
+
+    def wake(self, settings: ChipSettings, drive: int | None = None) -> None:
+        """Start converting."""
+        if drive is not None:
+            self.bus.write(_DRIVE_CURRENTS[0], drive)
+        self.asleep = False  # first, because the write may be cut off after it was done
+        self.bus.write(_CONFIG, settings.active)
+
+    def results(self, settings: ChipSettings, wait: float | None = None) -> tuple[RawSample, ...]:
+        """Wait for the next results of all channels.
+
+        Each result is read once if states share a channel. The first look at STATUS comes after `wait` in s. Without
+        `wait`, the converter was just woken, and its first conversions are discarded according to the settings. If no
+        result is read, the samples have a fault. If the converter chose its own drive current, this current is read
+        too, before sleep can clear it.
+        """
+        channels = tuple(dict.fromkeys(settings.channels))
+        looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
+        for _ in range(settings.discard if wait is None else 0):
+            if looks is not None:
+                for channel in channels:
+                    self.bus.read(_DATA_MSB[channel])  # clears its flags
+                looks = self._ready(settings.again, settings.timeout)
+        if looks is None:
+            return (_no_sample(SampleFault.NO_RESULT),) * len(channels)
+        return tuple(self._sample(settings, channel, looks) for channel in channels)
+
+    def _ready(self, wait: float, timeout: float) -> list[int] | None:
+        """Wait until results are ready."""
+        start, looks = self.clock.now(), []
+        self.clock.sleep(wait)
+        while True:
+            passed = self.clock.now() - start  # before the look, so that a later pause of the computer does not count
+            looks.append(self.bus.read(_STATUS))
+            if looks[-1] & _DATA_READY:
+                self.ready_at = start + passed
+                return looks
+            if passed >= timeout:
+                return None
+            self.clock.sleep(_LOOK_AGAIN)
+
+    def _sample(self, settings: ChipSettings, channel: int, looks: Sequence[int]) -> RawSample:
+        """Read the result of a channel.
+
+        Reading STATUS clears its errors, so all looks count.
+        """
+        try:
+            msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
+            drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
+        except BusFault as fault:
+            if not settings.scanning:
+                raise
+            return _no_sample(_fault_of(fault))
+        if not settings.scanning:
+            errors = 0
+            for look in looks:
+                errors |= look & _ERRORS
+            return RawSample(msb, lsb, looks[-1] | errors, drive=drive)
+        # The bits of unread results freeze with an error of any channel. DRDY shows that all channels have a new
+        # result.
+        status = ready_status(channel)
+        for look in looks:
+            if look & _ERROR_FLAGS and look >> 14 == channel:
+                status |= look & _ERRORS
+        return RawSample(msb, lsb, status, drive=drive)
+
+    def switch(self, words: bytes) -> bool:
+        """Send the switches their words, and return whether those before came back."""
+        if self._switches is None:
+            return True
+        expected, self._held = self._held, None  # unknown until all of them are through
+        returned = self._switches.shift(words)
+        self._held = words
+        return returned is None or expected is None or returned == expected
+
+    def configure(self, settings: ChipSettings) -> None:
+        """Write all registers of a sleeping converter and verify them."""
+        for attempts_left in reversed(range(ATTEMPTS)):
+            try:
+                self._write(settings)
+            except BusFault:
+                if not attempts_left:
+                    raise
+                self._reset()
+            else:
+                return
+
+    def hold(self, settings: ChipSettings, *, thoroughly: bool) -> bool:
+        """Check whether the converter still has its settings.
+
+        One register shows a reset. All registers show a corrupted transfer.
+        """
+        pairs = settings.asleep if thoroughly else [pair for pair in settings.asleep if pair[0] in _CLOCK_DIVIDERS][:1]
+        return all((self.bus.read(address) ^ value) & _mask(address) == 0 for address, value in pairs)
+
+    def close(self) -> None:
+        """Close both buses. Never raises."""
+        for port in (self.bus, self._switches):
+            with contextlib.suppress(Exception):
+                if port is not None:
+                    port.close()
+
+    def _write(self, settings: ChipSettings) -> None:
+        """Write the settings once and read them back."""
+        found = self.identity()
+        if found != (MANUFACTURER, DEVICE):
+            raise BusFault(
+                f"the chip must be an LDC1614 or one of its kind, {MANUFACTURER:04X}/{DEVICE:04X}; "
+                f"got {found[0]:04X}/{found[1]:04X}."
+            )
+        written = [*settings.asleep, *((_DRIVE_CURRENTS[0], drive) for drive in settings.drives[:1])]
+        for address, value in written:
+            self.bus.write(address, value)
+        self._sleep_word = settings.active | ASLEEP
+        for address, value in written:
+            got = self.bus.read(address)
+            if (got ^ value) & _mask(address):
+                raise BusFault(f"register {register(address).name} must read {value:#06x} as written; got {got:#06x}.")
+
+    def _reset(self) -> None:
+        """Reset a converter after a possibly interrupted transfer."""
+        with contextlib.suppress(BusFault):
+            self.bus.clear()
+            self.bus.write(_RESET_DEV, _RESET)
+            self.clock.sleep(_RESET_TIME)
+            self._sleep_word = register("CONFIG").reset
+            self.sleep()
 
 
 class DirectReader:
@@ -45,14 +256,18 @@ class DirectReader:
 
     First of all the switches get `safe_words`, which ground both ends of every coil. `kind` and `emulated` are passed
     on to `Identity`, which also shows a converter that does not answer.
+
+    Without switches, None, the coils are wired to the channels of the converter. In a stream it converts all the time.
+    If a slow computer does not fetch a result in time, the next result replaces it, which only the times of the scans
+    show.
     """
 
     def __init__(
         self,
         bus: RegisterBus,
-        switches: SwitchChain,
+        switches: SwitchChain | None,
         clock: Clock,
-        safe_words: bytes,
+        safe_words: bytes = b"",
         *,
         kind: str,
         emulated: bool = False,
@@ -161,21 +376,20 @@ class DirectReader:
             raise
 
     def _scan(self, sequence: int, *, running: bool = False) -> RawScan:
-        """Measure all states."""
+        """Measure all states. A `running` converter without switches is left awake."""
         if self._failure is not None:
             raise self._failure
         chip_settings = self._chip_settings
         if chip_settings is None:
             raise HardwareError("the board must be open and configured before a scan.")
         with self._resting_on_failure():
-            start, samples, missed = self._measured(chip_settings, running=running)
+            start = self._clock.now()
+            if self._safe_words:
+                samples = [self._sample(chip_settings, k) for k in range(len(chip_settings.words))]
+            else:
+                start, samples = self._channels(chip_settings, running=running)
             samples = self._verified(chip_settings, samples)
-        return RawScan(sequence + missed, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
-
-    def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample], int]:
-        """Measure all states of a scan."""
-        start = self._clock.now()
-        return start, [self._sample(chip_settings, k) for k in range(len(chip_settings.words))], 0
+        return RawScan(sequence, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
 
     def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
         """Measure a state.
@@ -192,12 +406,32 @@ class DirectReader:
             (sample,) = chips.results(chip_settings)
             chips.sleep(attempts=1)
         except BusFault as fault:
-            sample = no_sample(fault_of(fault))
+            sample = _no_sample(_fault_of(fault))
         if not chips.asleep:
             with contextlib.suppress(BusFault):  # the next state tries again before it closes a switch
                 chips.sleep()
         same &= chips.switch(self._safe_words)
-        return sample if same else no_sample(SampleFault.SWITCHES_DIFFER)
+        return sample if same else _no_sample(SampleFault.SWITCHES_DIFFER)
+
+    def _channels(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample]]:
+        """Measure all channels, and return when their results began."""
+        chips, start = self._chips, self._clock.now()
+        try:
+            if running and not chips.asleep:
+                look = chips.ready_at + _EARLIEST * chip_settings.turn
+                samples = list(chips.results(chip_settings, max(look - start, 0.0)))
+                start = chips.ready_at - chip_settings.turn
+            else:
+                if not chips.asleep:
+                    chips.sleep()
+                chips.wake(chip_settings)
+                samples = list(chips.results(chip_settings))
+        except BusFault as fault:
+            samples = [_no_sample(_fault_of(fault))] * len(chip_settings.names)
+        if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
+            with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
+                chips.sleep()
+        return start, samples
 
     def _verified(self, chip_settings: ChipSettings, samples: list[RawSample]) -> list[RawSample]:
         """Return the samples of a scan after checking the converter."""
@@ -210,7 +444,7 @@ class DirectReader:
             if not kept:
                 faults = [SampleFault.CONVERTER_RESET] * len(faults)
         self._judge(chip_settings, faults)
-        return [no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
+        return [_no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
 
     def _judge(self, chip_settings: ChipSettings, faults: Sequence[SampleFault]) -> None:
         """Decide whether the faults of a scan end the stream."""
@@ -251,74 +485,16 @@ class DirectReader:
             raise
 
 
-class AutoscanReader(DirectReader):
-    """A `Reader` of a converter's 1 to 4 channels.
-
-    If a slow computer does not fetch a result in time, the next result replaces it. The lost result is left out in the
-    sequence numbers of a stream.
-    """
-
-    def __init__(self, bus: RegisterBus, clock: Clock, *, kind: str, emulated: bool = False) -> None:
-        self._ready = -math.inf  # time at which the latest results were ready
-        self._turn = 0.0  # s, from result to result, measured with this converter's clock
-        self._reading = math.inf  # s, least time for reading the results
-        self._followed = 0  # consecutive results that became ready between two looks, so that their time is known
-        super().__init__(bus, _NoSwitches(), clock, b"", kind=kind, emulated=emulated)
-
-    def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample], int]:
-        """Measure all channels, from sleep or in a running scan."""
-        chips, going_on = self._chips, running and not self._chips.asleep
-        start, missed = self._clock.now(), 0
-        try:
-            if going_on:
-                # The turn is known after two results that became ready between looks. The next look is a little before
-                # the next result.
-                look = self._ready + self._turn - 2 * LOOK_AGAIN if self._followed > 1 else start
-                samples = list(chips.results(chip_settings, max(look - start, 0.0)))
-                if chips.ready_at > self._ready:
-                    # These results began one turn ago, however late the computer is.
-                    start = chips.ready_at - chip_settings.turn
-                    missed = self._follow(chip_settings)
-            else:
-                if not chips.asleep:
-                    chips.sleep()
-                chips.wake(chip_settings)
-                samples = list(chips.results(chip_settings))
-                self._ready, self._turn, self._followed = chips.ready_at, chip_settings.turn, 0
-                self._reading = math.inf
-            self._reading = min(self._reading, self._clock.now() - chips.ready_at)
-        except BusFault as fault:
-            samples = [no_sample(fault_of(fault))] * len(chip_settings.names)
-        if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
-            with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
-                chips.sleep()
-        return start, samples, missed
-
-    def _follow(self, chip_settings: ChipSettings) -> int:
-        """Return the number of missed scans, and learn the turn.
-
-        The turn of the converter is learnt from results that became ready between two looks. Results that come faster
-        than they can be read are not missed. A scan takes one turn, or twice the time of a look and the reading, which
-        leaves room for a bus whose speed varies.
-        """
-        ready, passed = self._chips.ready_at, self._chips.ready_at - self._ready
-        step = max(self._turn, 2 * (self._reading + LOOK_AGAIN))
-        if self._chips.came:
-            scans = max(round(passed / step), 1)
-            self._ready, self._followed = ready, self._followed + 1
-            if self._followed > 1:
-                self._turn = min(passed, chip_settings.again)  # after a pause the computer saw the result late
-        else:
-            scans = max(math.floor(passed / step), 1)
-            self._ready, self._followed = min(self._ready + scans * step, ready), 0
-        return scans - 1
+def _mask(address: int) -> int:
+    """Return the bits of a register that read back unchanged."""
+    return _DRIVE_MASK if address in _DRIVE_CURRENTS else 0xFFFF
 
 
-class _NoSwitches:
-    """A `SwitchChain` without switches."""
+def _fault_of(fault: BusFault) -> SampleFault:
+    """Return the sample fault of a failed transfer."""
+    return SampleFault.BUS_TIMEOUT if isinstance(fault, BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
 
-    def shift(self, words: bytes) -> bytes | None:
-        return None
 
-    def close(self) -> None:
-        pass
+def _no_sample(fault: SampleFault) -> RawSample:
+    """Return the sample of a state without a measurement."""
+    return RawSample(0, 0, 0, fault)

@@ -19,7 +19,7 @@ from typing import Literal
 from coilarray.compute.threads import Progress
 from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.chip_driver import BUS_FAULTS
+from coilarray.hardware.board.direct import BUS_FAULTS
 from coilarray.hardware.scan.readings import RawScan, Reader, SampleFault, read_scan
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 from coilarray.hardware.scan.switching import SWITCHES, Closure, SwitchTable, closed_switches, switch_table

@@ -12,7 +12,6 @@ from coilarray import hardware
 from coilarray.errors import HardwareError
 from coilarray.hardware import emulator
 from coilarray.hardware.board.connect import Board, open_board, wiring_of_board
-from coilarray.hardware.board.direct import AutoscanReader
 from coilarray.hardware.emulator import Conditions
 from coilarray.hardware.wire import direct_buses, ports
 from coilarray.hardware.wire.ports import ChannelBoard, EmulatorPort, FtdiPort, LinuxPort, SerialPort, parse_port
@@ -103,7 +102,6 @@ def test_a_wiring_of_the_other_kind_is_refused(tmp_path):
 
 def test_coils_at_channels_are_emulated_with_the_clock_of_the_port():
     with open_board("emulator?channels=0,3&clock=24MHz", conditions=Conditions(noise=0.0), strict=True) as board:
-        assert isinstance(board.reader, AutoscanReader)
         assert "LDC1614 (5449/3055), channels 0, 3, 24 MHz at CLKIN; " in board.line
         settings = settings_of(board.wiring, rcount=200, drives=7, clock=24e6, external_clock=True)
         board.reader.configure(settings)
