@@ -22,15 +22,13 @@ from coilarray.hardware.wire.buses import (
     SwitchFault,
     VersionMismatch,
 )
-from coilarray.hardware.wire.link import LinkTimes, Session, Wait, read_nothing
+from coilarray.hardware.wire.link import LinkTimes, Session, read_nothing
 from coilarray.hardware.wire.protocol import (
     Answer,
-    Greeting,
     Heartbeat,
     Message,
     MessageError,
     Mode,
-    ScanGate,
     ScanMessage,
     StreamEnd,
     StreamEndReason,
@@ -39,12 +37,11 @@ from coilarray.hardware.wire.protocol import (
     read_pong,
     read_scan,
 )
-from coilarray.hardware.wire.serial_ports import BAUD, BytePort, choose_serial_port, open_serial_port
+from coilarray.hardware.wire.serial_ports import BAUD, OpenSerialPort, choose_serial_port
 
 LONGEST_INTERVAL = 2147.0
 """Longest time between two scans of a stream in s: half a wrap of the board's clock."""
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
-_MOST_UNSEEN = 1024  # messages after a deadline, until a stream that sends no scans is given up
 
 _ENDS: dict[StreamEndReason, tuple[type[HardwareError], str]] = {
     StreamEndReason.LEASE: (NoAnswer, "it heard nothing of this computer in time"),
@@ -60,13 +57,11 @@ _SIGNS = {
 }
 
 
-def open_microcontroller(
-    port: str | None = None, *, baud: int = BAUD, times: LinkTimes | None = None
-) -> MicrocontrollerReader:
+def open_microcontroller(port: str, *, baud: int = BAUD, times: LinkTimes | None = None) -> MicrocontrollerReader:
     """Open a new session with a microcontroller board."""
     chosen = choose_serial_port(port)
     same = f"usb:{chosen.serial_number}" if chosen.serial_number else chosen.name
-    opened = open_serial_port(chosen.name, baud=baud)
+    opened = OpenSerialPort(chosen.name, baud=baud)
     try:
         return MicrocontrollerReader(
             opened, times=times, reopen=lambda: open_microcontroller(same, baud=baud, times=times)
@@ -87,7 +82,7 @@ class MicrocontrollerReader:
 
     def __init__(
         self,
-        port: BytePort,
+        port: OpenSerialPort,
         *,
         times: LinkTimes | None = None,
         clock: Clock | None = None,
@@ -96,12 +91,12 @@ class MicrocontrollerReader:
         self._session = Session(port, times=times or LinkTimes(), clock=clock)
         self._reopen = reopen
         self._settings: ScanSettings | None = None
-        self._hash = 0  # of the settings
         self._stream = 0  # number of the running stream; 0 without a stream
         self._streams = 0
         self._silent = False  # whether it did not answer STOP
         self._unsure = False  # whether the board may still be measuring: it must be stopped first
         self._faults: frozenset[SampleFault] = frozenset()  # of the last scan of the stream
+        self._after, self._sequence = 0, -1  # time in µs and number of the last scan
 
     @property
     def identity(self) -> Identity:
@@ -114,11 +109,6 @@ class MicrocontrollerReader:
             device=greeting.device,
             boot=greeting.boot,
         )
-
-    @property
-    def greeting(self) -> Greeting:
-        """Reply of the board to HELLO."""
-        return self._session.greeting
 
     def configure(self, settings: ScanSettings) -> None:
         """Send the board its settings."""
@@ -143,14 +133,14 @@ class MicrocontrollerReader:
         held = self._session.ask(_word, *commit, patience=_longest_scan(settings))
         if held != settings.hash:
             raise BusFault(f"the board holds the settings {held:04X}, not {settings.hash:04X}; configure it again.")
-        self._settings, self._hash = settings, held
+        self._settings = settings
 
     def scan(self) -> RawScan:
         """Measure every state once."""
         settings = self._configured()
-        gate = ScanGate(configuration=self._hash, states=len(settings.states), start=self._session.newest)
+        self._after, self._sequence = self._session.newest, -1
         try:
-            scan = self._passed(gate, self._session.ask(read_scan, "SCAN", patience=_longest_scan(settings)))
+            scan = self._passed(settings, self._session.ask(read_scan, "SCAN", patience=_longest_scan(settings)))
         except CommandRefused as refusal:
             raise self._refused(refusal) from None
         except (NoAnswer, NotABoard):
@@ -247,16 +237,21 @@ class MicrocontrollerReader:
             raise HardwareError("the board must be configured before it can scan.")
         return self._settings
 
-    def _passed(self, gate: ScanGate, message: ScanMessage) -> RawScan | None:
-        """Return the scan of a message that passes the gate."""
+    def _passed(self, settings: ScanSettings, message: ScanMessage) -> RawScan | None:
+        """Return a scan of the settings that is later than the last one, else None."""
         self._session.check_boot(message.boot)
         microseconds = self._session.unwrap(message.time)
-        try:
-            if not gate.passes(message, microseconds):
-                return None
-        except BoardRestarted:
+        if microseconds < self._after:
+            return None
+        if message.configuration != settings.hash:
             self._settings = None
-            raise
+            raise BoardRestarted(
+                f"the board measures with the settings {message.configuration:04X}, not with {settings.hash:04X}; "
+                "configure it again."
+            )
+        if len(message.samples) != len(settings.states) or message.sequence <= self._sequence:
+            return None
+        self._after, self._sequence = microseconds, message.sequence
         return RawScan(
             sequence=message.sequence,
             time=microseconds * 1e-6,
@@ -272,7 +267,7 @@ class MicrocontrollerReader:
             raise HardwareError("the board was configured again after the scans were requested; request them again.")
         longest = _longest_scan(settings)
         self._session.ping(longest)  # scans of this stream are not older than this
-        gate = ScanGate(configuration=self._hash, states=len(settings.states), start=self._session.newest)
+        self._after, self._sequence = self._session.newest, -1
         self._streams += 1
         mine = self._stream = self._streams
         self._unsure, self._faults = True, frozenset()
@@ -280,7 +275,7 @@ class MicrocontrollerReader:
         try:
             self._session.ask(read_nothing, "START", f"{interval:08X}", patience=longest)
             self._session.recall_early()
-            yield from self._fetch(mine, gate, max(interval * 1e-6, settings.period), longest)
+            yield from self._fetch(mine, settings, max(interval * 1e-6, settings.period), longest)
             failed = False
         except GeneratorExit:
             failed = False
@@ -293,34 +288,30 @@ class MicrocontrollerReader:
                     self.rest()
                 self._stream = 0
 
-    def _fetch(self, mine: int, gate: ScanGate, period: float, longest: float) -> Generator[RawScan]:
+    def _fetch(self, mine: int, settings: ScanSettings, period: float, longest: float) -> Generator[RawScan]:
         """Yield the scans of the stream until `rest`."""
         now, times = self._session.clock.now, self._session.times
         gap, silence = max(times.gap * period, times.least_gap + longest), times.heartbeat + longest
         scan_due, line_due, ping_due = now() + gap, now() + silence, now() + times.ping
-        unseen = 0
         while self._stream == mine:
             if now() >= ping_due:
                 ping_due = now() + times.ping
                 self._session.post("PING")
-            message = self._session.receive(Wait(min(scan_due, line_due, ping_due)))
-            scan = self._passed(gate, message) if isinstance(message, ScanMessage) else None
+            message = self._session.receive(min(scan_due, line_due, ping_due))
+            scan = self._passed(settings, message) if isinstance(message, ScanMessage) else None
             if scan is not None:
                 self._faults = frozenset(sample.fault for sample in scan.samples)
                 yield scan
                 if _was_reset(scan):
                     raise self._ended(StreamEndReason.CONVERTER_RESET)
-                scan_due, line_due, unseen = now() + gap, now() + silence, 0
+                scan_due, line_due = now() + gap, now() + silence
                 continue
             if message is not None:
                 self._heed(message)
                 line_due = now() + silence
-            if now() >= min(scan_due, line_due):
-                unseen += 1
-                if message is None or unseen > _MOST_UNSEEN:
-                    raise self._end_unheard() or self._session.silence_fault(
-                        f"no scan came from {self._session.name} in time."
-                    )
+            elif now() >= min(scan_due, line_due):
+                fault = self._session.silence_fault(f"no scan came from {self._session.name} in time.")
+                raise self._end_unheard() or fault
 
     def _heed(self, message: Message) -> None:
         """Raise the fault that a message in a stream reports."""

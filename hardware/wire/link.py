@@ -1,7 +1,6 @@
-"""Link to a microcontroller for commands, replies and messages, and its session.
+"""Session with a microcontroller: commands, replies and messages.
 
-All other messages come in order, within limits of time and size. A session lasts from the greeting of the board until
-the port is lost or the board restarts.
+A session lasts from the greeting of the board until the port is lost or the board restarts.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -44,7 +43,7 @@ from coilarray.hardware.wire.protocol import (
     read_pong,
     read_version,
 )
-from coilarray.hardware.wire.serial_ports import BytePort
+from coilarray.hardware.wire.serial_ports import OpenSerialPort
 
 _MEANINGS: dict[int, tuple[type[HardwareError], str]] = {
     1: (CommandRefused, "unknown command"),
@@ -57,65 +56,67 @@ _MEANINGS: dict[int, tuple[type[HardwareError], str]] = {
     8: (BusFault, "the converter is another chip"),
     9: (CommandRefused, "busy with a stream"),
 }
-_MOST_KEPT = 1024  # messages that wait for their reader; further messages are lost and show as a gap
-_MOST_LATE = 1 << 16  # bytes to look at after a deadline: more than a system keeps for a port
+_MOST_EARLY = 1024  # messages before the reply to START; older messages are lost and show as a gap
+_QUIET = 0.05  # s without a line after which all old lines have come
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """Limits of a link."""
+    """Limits of a link, in s."""
 
     reply: float = 0.5  # for the reply to a command, in addition to the time that the command itself takes
     attempts: int = 3  # of sending a command
-    opening: float = 1.0  # for the first line of a board
     gap: float = 3.0  # for a scan of a stream, as a multiple of the time between two scans
     least_gap: float = 0.25  # lower limit of that wait, because computers pause
     heartbeat: float = 3.0  # for any line, in addition to the time of a scan
     ping: float = 2.0  # between two PING commands, well below the board's lease of 10 s
     foreign: int = 512  # bytes without an intact line that indicate another device
-    most_bytes: float = 1e6  # per second that a board can send
 
 
-@dataclass
-class Wait:
-    """A deadline in s.
+class Session:
+    """Session with a board on a serial port.
 
-    Bytes that came before it are still read after it, up to a limit.
+    The constructor stops the board and greets it. All other messages than replies come in order from `receive`. The
+    clock, the computer's by default, is used for all deadlines.
     """
 
-    until: float
-    late: int = 0  # bytes read after it
-
-
-class Link:
-    """Link that sends commands and sorts the received messages.
-
-    Once `boot` is set, it detects the end of that session. `clock`, the computer's by default, is used for all
-    deadlines. `number` is the number of the command before the first. The board does not repeat a command of the same
-    number and text.
-    """
-
-    def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None, number: int = 0) -> None:
+    def __init__(self, port: OpenSerialPort, *, times: LinkTimes, clock: Clock | None = None) -> None:
         self._port, self.times, self.clock = port, times, clock or ComputerClock()
         self._parser = LineParser()
-        self._number = number % IDS
+        self._number = random.randrange(IDS)  # of the last command; the board does not repeat one of the same number
         self._kept: deque[Message] = deque()
-        self._early: deque[Message] = deque(maxlen=_MOST_KEPT)
-        self.foreign = 0
-        """Bytes since the last intact line."""
-        self._second, self._taken = self.clock.now(), 0  # for the rate
+        self._early: deque[Message] = deque(maxlen=_MOST_EARLY)
+        self._foreign = 0  # bytes since the last intact line
         self._pending: int | None = None  # command without its reply
-        self.boot: int | None = None
-        """Session of the board. A line of another session raises BoardRestarted."""
+        self._boot: int | None = None  # number of the session
+        self._time = BoardTime()
         self.end: HardwareError | None = None
         """Fault that ended the session."""
+        self.newest = 0
+        """Latest present time of the board in µs, without wraps."""
+        self._wake_and_stop()
+        version, greeting = self.ask(_hello, "HELLO")
+        if greeting is None:
+            raise VersionMismatch(
+                f"the board at {self.name} speaks version {version[0]}.{version[1]} of the protocol, this package "
+                f"{VERSION[0]}.{VERSION[1]}; flash the firmware that belongs to it."
+            )
+        self._boot = greeting.boot
+        self.greeting = greeting
+        """Reply of the board to HELLO."""
+        self.ping()
 
     @property
     def name(self) -> str:
         """Name of the port."""
         return self._port.name
+
+    def check(self) -> None:
+        """Raise the fault that has ended the session."""
+        if self.end is not None:
+            raise type(self.end)(f"this session has ended: {self.end}")
 
     def post(self, verb: str, *arguments: str) -> None:
         """Send a command without waiting."""
@@ -127,30 +128,30 @@ class Link:
         """Send a line feed."""
         self._write(b"\n")
 
-    def wait(self, seconds: float) -> Wait:
-        """Return the deadline a number of seconds from now."""
-        return Wait(self.clock.now() + seconds)
+    def receive(self, until: float) -> Message | None:
+        """Return the next message, or None if none comes until a time in s.
 
-    def receive(self, wait: Wait) -> Message | None:
-        """Return the next message, or None if none comes.
-
-        None is returned after the deadline. Replies that no command waits for are skipped.
+        Bytes that came before that time are still read after it. Replies that no command waits for are skipped.
         """
         while True:
             while self._kept:
                 message = self._kept.popleft()
-                if self._is_mine(message):
+                if not isinstance(message, Answer | Refusal):
+                    self.check_boot(message.boot)
                     return message
-            left = wait.until - self.clock.now()
-            if wait.late > _MOST_LATE:
-                return None
+                if message.command == self._pending:
+                    return message
+            left = until - self.clock.now()
             with self._recording_end():
                 data = self._port.read(max(left, 0.0))
-            self._take(data)
-            if left <= 0:
-                if not data:
-                    return None
-                wait.late += len(data)
+            if data:
+                texts = self._parser.feed(data)
+                self._foreign = 0 if texts else self._foreign + len(data)
+                for text in texts:
+                    with suppress(MessageError):
+                        self._kept.append(parse_message(text))
+            if left <= 0 and not self._kept:
+                return None
 
     def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
         """Send a command until its reply comes.
@@ -163,82 +164,80 @@ class Link:
         for attempt in range(self.times.attempts):
             if attempt:
                 self._write(command_line(number, verb, *arguments))
-            wait = self.wait(self.times.reply + patience)
-            while (message := self.receive(wait)) is not None:
+            until = self.clock.now() + self.times.reply + patience
+            while (message := self.receive(until)) is not None:
                 if isinstance(message, Refusal):
-                    self._pending = None
-                    raise _refused(verb, message)
+                    kind, meaning = _MEANINGS.get(message.code, (CommandRefused, "unknown reason"))
+                    if kind is CommandRefused and self._boot is not None and verb != "PING":
+                        self.ping(patience)  # raises BoardRestarted in another session
+                    said = f": {message.text}" if message.text else ""
+                    raise kind(f"the board refused {verb} (error {message.code:X}, {meaning}){said}.")
                 if isinstance(message, Answer):
-                    try:
-                        reply = reading(message.fields)
-                    except MessageError:
-                        continue
-                    self._pending = None
-                    return reply
-                if isinstance(message, ScanMessage | StreamEnd):
+                    with suppress(MessageError):
+                        return reading(message.fields)
+                elif isinstance(message, ScanMessage | StreamEnd):
                     self._early.append(message)
-        self._pending = None
         raise self.silence_fault(f"the board at {self.name} did not answer {verb} in {self.times.attempts} attempts.")
 
     def recall_early(self) -> None:
-        """Return early scans from `receive` once more."""
+        """Return scans that came before a reply from `receive` once more."""
         self._kept.extendleft(reversed(self._early))
         self._early.clear()
 
-    def drain(self, seconds: float) -> None:
-        """Discard messages until none comes for this time."""
-        end = self.clock.now() + 10 * seconds
-        while self.clock.now() < end and self.receive(self.wait(seconds)) is not None:
-            pass
-        self._kept.clear()
+    def ping(self, patience: float = 0.0) -> None:
+        """Send PING and keep the reply."""
+        self.keep(self.ask(read_pong, "PING", patience=patience))
 
-    def close(self) -> None:
-        """Close the port. Never raises."""
-        self._port.close()
+    def keep(self, pong: Pong) -> None:
+        """Store the reply to PING."""
+        self.check_boot(pong.boot)
+        self.present(pong.time)
 
-    def _take(self, data: bytes) -> None:
-        """Parse received bytes and store their messages."""
-        if not data:
-            return
-        self._limit_rate(len(data))
-        texts = self._parser.feed(data)
-        self.foreign = 0 if texts else self.foreign + len(data)
-        for text in texts:
-            try:
-                message = parse_message(text)
-            except MessageError:
-                continue
-            if len(self._kept) < _MOST_KEPT:
-                self._kept.append(message)
+    def present(self, microseconds: int) -> bool:
+        """Store the board's present time, and return whether it is later than any before."""
+        unwrapped = self.unwrap(microseconds)
+        later = unwrapped > self.newest
+        self.newest = max(self.newest, unwrapped)
+        return later
 
-    def _limit_rate(self, count: int) -> None:
-        """Raise NotABoard if bytes come too fast."""
-        now = self.clock.now()
-        if now - self._second >= 1.0:
-            self._second, self._taken = now, 0
-        self._taken += count
-        if self._taken > self.times.most_bytes:
-            raise NotABoard(f"{self.name} sends more than {self.times.most_bytes:.0f} bytes a second.")
-
-    def _is_mine(self, message: Message) -> bool:
-        """Check whether a message belongs to the command or session."""
-        if isinstance(message, Answer | Refusal):
-            return message.command == self._pending
-        self.check_boot(message.boot)
-        return True
+    def unwrap(self, microseconds: int) -> int:
+        """Return a board time in µs without its wraps."""
+        return self._time.unwrap(microseconds, self.clock.now())
 
     def check_boot(self, boot: int) -> None:
         """Raise BoardRestarted for a message of another session."""
-        if self.boot is not None and boot != self.boot:
+        if self._boot is not None and boot != self._boot:
             with self._recording_end():
                 raise BoardRestarted(
-                    f"the board at {self.name} has restarted (session {boot:08X} after {self.boot:08X}), "
+                    f"the board at {self.name} has restarted (session {boot:08X} after {self._boot:08X}), "
                     "so its settings are gone; open it again."
                 )
 
     def silence_fault(self, otherwise: str) -> HardwareError:
-        """Return NotABoard if bytes come but no lines."""
-        return NoAnswer(otherwise) if self.foreign < self.times.foreign else self.not_a_board()
+        """Return NotABoard if bytes come but no lines, else NoAnswer."""
+        return NoAnswer(otherwise) if self._foreign < self.times.foreign else self._not_a_board()
+
+    def close(self) -> None:
+        """End the session and close the port. Never raises."""
+        self._port.close()
+        self.end = self.end or DeviceLost(f"{self.name} was closed.")
+
+    def _wake_and_stop(self) -> None:
+        """Stop the board and discard its earlier messages."""
+        self.wake()
+        try:
+            self.ask(read_nothing, "STOP")
+        except BusFault:  # the board has received the command; configuring shows the fault of its converter
+            pass
+        except NoAnswer:
+            if self._foreign:
+                raise self._not_a_board() from None
+            raise
+        quiet = min(_QUIET, self.times.reply)
+        end = self.clock.now() + 10 * quiet
+        while self.clock.now() < end and self.receive(self.clock.now() + quiet) is not None:
+            pass
+        self._kept.clear()
 
     def _write(self, data: bytes) -> None:
         with self._recording_end():
@@ -252,109 +251,11 @@ class Link:
             self.end = fault
             raise
 
-    def not_a_board(self) -> NotABoard:
-        """Return the fault of a device that sends no lines."""
+    def _not_a_board(self) -> NotABoard:
         return NotABoard(
-            f"{self.name} sends bytes but no intact line ({self.foreign} since the last one): "
+            f"{self.name} sends bytes but no intact line ({self._foreign} since the last one): "
             "another device, or another baud rate."
         )
-
-
-def _refused(verb: str, refusal: Refusal) -> HardwareError:
-    kind, meaning = _MEANINGS.get(refusal.code, (CommandRefused, "unknown reason"))
-    said = f": {refusal.text}" if refusal.text else ""
-    return kind(f"the board refused {verb} (error {refusal.code:X}, {meaning}){said}.")
-
-
-_QUIET = 0.05  # s without a line after which all old lines have come
-
-
-class Session(Link):
-    """Session with a board on a serial port.
-
-    The constructor stops the board and greets it. The session stores its number, its clock and its end.
-
-    The clock, the computer's by default, is used for all deadlines.
-    """
-
-    def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None) -> None:
-        super().__init__(port, times=times, clock=clock, number=random.randrange(IDS))
-        self._time = BoardTime()
-        self.newest = 0
-        """Latest present time of the board in µs, without wraps."""
-        self._silence()
-        self.greeting = self._greet()
-        """Reply of the board to HELLO."""
-        self.ping()
-
-    def check(self) -> None:
-        """Raise the fault that has ended the session."""
-        if self.end is not None:
-            raise type(self.end)(f"this session has ended: {self.end}")
-
-    def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
-        """Send a command with `Link.ask`."""
-        try:
-            return super().ask(reading, verb, *arguments, patience=patience)
-        except CommandRefused:
-            if verb != "PING":
-                self.ping(patience)
-            raise
-
-    def ping(self, patience: float = 0.0) -> None:
-        """Send PING and keep the reply."""
-        self.keep(self.ask(read_pong, "PING", patience=patience))
-
-    def keep(self, pong: Pong) -> None:
-        """Store the reply to PING."""
-        self.check_boot(pong.boot)
-        self.present(pong.time)
-
-    def present(self, microseconds: int) -> bool:
-        """Store the board's present time."""
-        unwrapped = self.unwrap(microseconds)
-        later = unwrapped > self.newest
-        self.newest = max(self.newest, unwrapped)
-        return later
-
-    def unwrap(self, microseconds: int) -> int:
-        """Return a board time in µs without its wraps."""
-        return self._time.unwrap(microseconds, self.clock.now())
-
-    def close(self) -> None:
-        """End the session and close the port. Never raises."""
-        super().close()
-        self.end = self.end or DeviceLost(f"{self.name} was closed.")
-
-    def _silence(self) -> None:
-        """Stop the board and discard its earlier messages."""
-        times = self.times
-        end = self.wait(max(times.opening, times.attempts * times.reply)).until
-        while True:
-            self.wake()
-            try:
-                super().ask(read_nothing, "STOP")
-                break
-            except BusFault:  # the board has received the command; configuring shows the fault of its converter
-                break
-            except NoAnswer:
-                if self.clock.now() < end:
-                    continue
-                if self.foreign:
-                    raise self.not_a_board() from None
-                raise
-        self.drain(min(_QUIET, times.reply))
-
-    def _greet(self) -> Greeting:
-        """Greet the board and check its protocol version."""
-        version, greeting = super().ask(_hello, "HELLO")
-        if greeting is None:
-            raise VersionMismatch(
-                f"the board at {self.name} speaks version {version[0]}.{version[1]} of the protocol, this package "
-                f"{VERSION[0]}.{VERSION[1]}; flash the firmware that belongs to it."
-            )
-        self.boot = greeting.boot
-        return greeting
 
 
 def read_nothing(fields: tuple[str, ...]) -> None:

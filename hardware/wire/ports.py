@@ -215,7 +215,7 @@ def bus_rate(port: Port) -> float:
 def found_ports() -> Mapping[str, tuple[str, ...]]:
     """Return the ports of this computer by kind."""
     try:
-        serial = tuple(map(str, list_serial_ports()))
+        serial = tuple(port.text for port in list_serial_ports())
     except MissingDependencyError:  # without pyserial
         serial = ()
     return {EMULATOR: (EMULATOR,), "serial": serial, "linux": linux_buses(), "ftdi": ft232h_adapters()}

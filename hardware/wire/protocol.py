@@ -11,11 +11,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from typing import TypeVar
 
 from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.switching import SWITCHES
-from coilarray.hardware.wire.buses import BoardRestarted
 
 VERSION = (2, 0)
 """Major and minor version of this package's protocol."""
@@ -137,7 +137,7 @@ def read_scan(fields: Sequence[str]) -> ScanMessage:
 def _sample(word: str) -> RawSample:
     """Read the word of a sample."""
     if word[:1] == "!":
-        return RawSample(msb=0, lsb=0, status=0, fault=SampleFault(_from_one(word[1:], max(SampleFault), "a fault")))
+        return RawSample(msb=0, lsb=0, status=0, fault=_member(SampleFault, word[1:]))
     match = _WORDS.fullmatch(word)
     if not match:
         raise MessageError(
@@ -152,11 +152,15 @@ def _sample(word: str) -> RawSample:
     )
 
 
-def _from_one(field: str, largest: int, what: str) -> int:
+_Code = TypeVar("_Code", bound=IntEnum)
+
+
+def _member(kind: type[_Code], field: str) -> _Code:
+    """Return the reason or fault of a field."""
     number = hexadecimal(field, 1)
-    if not 1 <= number <= largest:
-        raise MessageError(f"{what} must be 1 to {largest:d}; got {number}.")
-    return number
+    if not 1 <= number <= max(kind):
+        raise MessageError(f"a {kind.__name__} must be 1 to {max(kind):d}; got {number}.")
+    return kind(number)
 
 
 def _heartbeat(fields: Sequence[str]) -> Heartbeat:
@@ -165,15 +169,15 @@ def _heartbeat(fields: Sequence[str]) -> Heartbeat:
 
 
 def _mode(field: str) -> Mode:
-    if field not in {member.value for member in Mode}:
-        raise MessageError(f"a mode must be u, i or s; got {field!r}.")
-    return Mode(field)
+    try:
+        return Mode(field)
+    except ValueError:
+        raise MessageError(f"a mode must be u, i or s; got {field!r}.") from None
 
 
 def _stream_end(fields: Sequence[str]) -> StreamEnd:
     code, configuration, boot, text = _exactly(4, fields)
-    reason = StreamEndReason(_from_one(code, max(StreamEndReason), "the reason of an end"))
-    return StreamEnd(reason, hexadecimal(configuration, 4), hexadecimal(boot, 8), text)
+    return StreamEnd(_member(StreamEndReason, code), hexadecimal(configuration, 4), hexadecimal(boot, 8), text)
 
 
 def _reply(fields: Sequence[str]) -> Answer | Refusal:
@@ -191,8 +195,11 @@ def _reply(fields: Sequence[str]) -> Answer | Refusal:
 
 
 _KINDS: Mapping[str, Callable[[Sequence[str]], Message]] = {
-    "S": read_scan, "H": _heartbeat, "E": _stream_end, "<": _reply,
-}  # fmt: skip
+    "S": read_scan,
+    "H": _heartbeat,
+    "E": _stream_end,
+    "<": _reply,
+}
 
 
 def _exactly(count: int, fields: Sequence[str]) -> Sequence[str]:
@@ -212,20 +219,15 @@ class Greeting:
     device: int
     most_states: int  # that a configuration may have
     most_devices: int
-    capabilities: frozenset[str]  # "readback" if the end of the chain of switches is wired back
 
 
 @dataclass(frozen=True)
 class Pong:
-    """Reply to PING.
-
-    It has the session, the time in µs (wraps at 2³²), the mode, and the number of lines dropped by the board.
-    """
+    """Reply to PING: the session, the time in µs (wraps at 2³²) and the mode."""
 
     boot: int
     time: int
     mode: Mode
-    dropped: int
 
 
 def read_version(fields: Sequence[str]) -> tuple[int, int]:
@@ -238,9 +240,9 @@ def read_version(fields: Sequence[str]) -> tuple[int, int]:
 
 def read_greeting(fields: Sequence[str]) -> Greeting:
     """Read the fields of a reply to HELLO."""
-    if len(fields) < 8:  # a later minor version may have more
+    if len(fields) < 8:  # the last are its capabilities; a later minor version may have more
         raise MessageError(f"a greeting must have 8 fields; got {len(fields)}.")
-    _, firmware, boot, manufacturer, device, states, devices, capabilities = fields[:8]
+    _, firmware, boot, manufacturer, device, states, devices = fields[:7]
     return Greeting(
         version=read_version(fields),
         firmware=firmware,
@@ -249,7 +251,6 @@ def read_greeting(fields: Sequence[str]) -> Greeting:
         device=hexadecimal(device, 4),
         most_states=decimal(states),
         most_devices=decimal(devices),
-        capabilities=frozenset(capabilities.split("+")) - {"-", ""},
     )
 
 
@@ -258,7 +259,8 @@ def read_pong(fields: Sequence[str]) -> Pong:
     if len(fields) < 4:
         raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
     boot, time, mode, dropped = fields[:4]
-    return Pong(hexadecimal(boot, 8), hexadecimal(time, 8), _mode(mode), decimal(dropped))
+    decimal(dropped)  # lines that the board could not read
+    return Pong(hexadecimal(boot, 8), hexadecimal(time, 8), _mode(mode))
 
 
 MAX_LINE = 512
@@ -283,11 +285,6 @@ def seal(text: str) -> bytes:
     return b"%b*%04X\n" % (data, binascii.crc_hqx(data, 0xFFFF))
 
 
-def intact(line: bytes) -> bool:
-    """Check whether a line ends in its checksum."""
-    return line[-_CHECKSUM:] == b"*%04X" % binascii.crc_hqx(line[:-_CHECKSUM], 0xFFFF)
-
-
 class LineParser:
     r"""Parser from bytes to the texts of intact lines.
 
@@ -301,33 +298,20 @@ class LineParser:
     """
 
     def __init__(self) -> None:
-        self._begun = bytearray()  # of the line that has not ended yet
-        self._overrun = False  # this line is already too long, and its bytes are no longer kept
+        self._begun = b""  # of the line that has not ended yet, cut after the longest line
 
     def feed(self, data: bytes) -> list[str]:
         """Take bytes in pieces of any size."""
-        *ended, rest = data.split(b"\n")
+        *lines, rest = (self._begun + data).split(b"\n")
+        self._begun = rest[: MAX_LINE + 2]  # what is cut is too long already, with a carriage return
         texts = []
-        for piece in ended:
-            self._keep(piece)
-            if (text := self._end()) is not None:
-                texts.append(text)
-        self._keep(rest)
+        for line in (line.removesuffix(b"\r") for line in lines):
+            text, checksum = line[:-_CHECKSUM], line[-_CHECKSUM:]
+            if not text or len(line) > MAX_LINE or line.translate(None, _PRINTABLE):
+                continue
+            if checksum == b"*%04X" % binascii.crc_hqx(text, 0xFFFF):
+                texts.append(text.decode("ascii"))
         return texts
-
-    def _keep(self, piece: bytes) -> None:
-        room = MAX_LINE + 1 - len(self._begun)  # one more byte for a carriage return
-        self._overrun = self._overrun or len(piece) > room
-        self._begun += piece[:room]
-
-    def _end(self) -> str | None:
-        """Return the text of the finished line if intact."""
-        line, overrun = bytes(self._begun).removesuffix(b"\r"), self._overrun
-        self._begun.clear()
-        self._overrun = False
-        if overrun or len(line) > MAX_LINE or line.translate(None, _PRINTABLE):
-            return None
-        return line[:-_CHECKSUM].decode("ascii") if len(line) > _CHECKSUM and intact(line) else None
 
 
 def command_line(number: int, verb: str, *arguments: str) -> bytes:
@@ -392,33 +376,3 @@ class BoardTime:
         if unwrapped > self._newest:
             self._newest, self._then = unwrapped, now
         return unwrapped
-
-
-class ScanGate:
-    """Filter of the scans of one stream.
-
-    It uses the hash of the settings and the number of their states. The stream began after `start`, an unwrapped time
-    of the board in µs.
-    """
-
-    def __init__(self, *, configuration: int, states: int, start: int) -> None:
-        self._configuration, self._states = configuration, states
-        self._newest = start
-        self._sequence = -1
-
-    def passes(self, scan: ScanMessage, time: int) -> bool:
-        """Decide whether to accept a scan.
-
-        `time` is its unwrapped time in µs.
-        """
-        if time < self._newest:
-            return False
-        if scan.configuration != self._configuration:
-            raise BoardRestarted(
-                f"the board measures with the settings {scan.configuration:04X}, not with {self._configuration:04X}; "
-                "configure it again."
-            )
-        if len(scan.samples) != self._states or scan.sequence <= self._sequence:
-            return False
-        self._sequence, self._newest = scan.sequence, time
-        return True

@@ -25,13 +25,13 @@ from coilarray.hardware.board.self_test import self_test
 from coilarray.hardware.scan.readings import judge, read_scan
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.wire.link import LinkTimes
-from coilarray.hardware.wire.serial_ports import open_serial_port
+from coilarray.hardware.wire.serial_ports import OpenSerialPort
 
 pytest.importorskip("serial")
 pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
 OTHERS = 8  # faults of each kind but stuck switches
 LONGEST = 0.05  # s: a scan in which no state has a result
-TIMES = LinkTimes(reply=0.04, attempts=14, opening=0.1, gap=3.0, least_gap=1.6, heartbeat=2.0, ping=0.05, foreign=200)
+TIMES = LinkTimes(reply=0.04, attempts=14, gap=3.0, least_gap=1.6, heartbeat=2.0, ping=0.05, foreign=200)
 COMMAND = TIMES.attempts * (TIMES.reply + LONGEST)  # s until a command is given up
 SLACK = 2.0  # s in which this process runs and computes instead of waiting
 _COUNTED = 0.05  # s between two looks at the clock that count at most; a port is waited for in steps of 0.02 s
@@ -62,7 +62,7 @@ class Emulated:
         self.board = plain(strict=False)
         self.settings = quick_settings()
         self.host = FirmwareHost(self.board.bus, self.board.switches, self.board.clock)
-        self.reader = MicrocontrollerReader(open_serial_port(self.host.port), times=TIMES, clock=DriverClock())
+        self.reader = MicrocontrollerReader(OpenSerialPort(self.host.port), times=TIMES, clock=DriverClock())
         self.reader.configure(self.settings)
         self.accepted, self.wrong, self.bad = 0, [], 0
 
@@ -135,7 +135,7 @@ def test_a_neighbour_that_is_not_grounded_is_seen_by_no_scan_and_named_by_the_se
         return read_scan(scan, settings, 120e-12).states[state].frequency
 
     with FirmwareHost(board.bus, board.switches, board.clock) as host:
-        reader = MicrocontrollerReader(open_serial_port(host.port), clock=DriverClock())
+        reader = MicrocontrollerReader(OpenSerialPort(host.port), clock=DriverClock())
         reader.configure(settings)
         good = reader.scan()
         for k, end in ((0, 0), (0, 1), (3, 1), (5, 0)):  # number of the coil, and of its end

@@ -49,7 +49,6 @@ def test_opening_stops_the_board_before_it_greets_it(board):
     assert reader.identity.kind == "scripted 1, protocol 2.0"
     assert (reader.identity.manufacturer, reader.identity.device) == (0x5449, 0x3055)
     assert (reader.identity.boot, reader.identity.emulated) == (0x1234ABCD, False)
-    assert reader.greeting.most_states == 64
     board.version = "2.7"  # another minor version is told
     assert opened(board).identity.kind.endswith("protocol 2.7")
 
@@ -71,10 +70,9 @@ def test_opening_goes_through_a_running_stream_and_half_a_line(board):
     refused(HardwareError, "must be configured", reader.scan)
 
 
-ATTEMPTS = TIMES.attempts * TIMES.reply  # longer than `opening`
+ATTEMPTS = TIMES.attempts * TIMES.reply
 SILENT = {"deaf": True, "silent": True}
 SPOILT = {"deaf": True, "spoil": lambda line: bytes(byte | 0x80 for byte in line)}
-FLOOD = {"read": lambda seconds: b"$GPGGA,123519,4807.038,N\n" * 160}
 OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for version in ("1.0", "3.0"))
 
 
@@ -83,7 +81,6 @@ OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for vers
     [
         (SILENT, faults.NoAnswer, "did not answer STOP in 3 attempts", ATTEMPTS, ATTEMPTS),
         (SPOILT, faults.NotABoard, "another device, or another baud rate", 0.0, 2 * ATTEMPTS),
-        (FLOOD, faults.NotABoard, "sends more than 1000000 bytes a second", 0.0, 0.0),  # as many came in none
         ({"deaf": True}, faults.NoAnswer, "did not answer STOP", 0.0, 3 * ATTEMPTS),
         ({"greeting_tail": "54,3055,64,8"}, faults.NoAnswer, "did not answer HELLO", 0.0, 3 * ATTEMPTS),
         (OLDER, faults.VersionMismatch, "speaks version 1.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
@@ -248,6 +245,20 @@ def test_damaged_lines_are_gaps_that_are_counted(board, reader):
     board.spoil = lambda line: line.replace(b"0179", b"0178", 1) if damaged.match(line) else line
     sequences = [scan.sequence for scan in itertools.islice(reader.scans(), 20)]
     assert sequences == [n for n in range(24) if n % 16 not in (3, 7)][:20]
+
+
+def test_scans_that_come_twice_or_late_pass_once(board, reader):
+    lines = []
+
+    def again(line):
+        """Send every scan twice, and the one before it once more."""
+        if not line.startswith(b"S"):
+            return line
+        lines.append(line)
+        return lines[-1] * 2 + lines[-2 if len(lines) > 1 else -1]
+
+    board.spoil = again
+    assert [scan.sequence for scan in itertools.islice(reader.scans(), 10)] == list(range(10))
 
 
 def test_settings_of_coils_at_channels_are_refused(board):

@@ -19,14 +19,13 @@ from support.scripted_board import crc16
 
 from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.buses import BoardRestarted
 from coilarray.hardware.wire.protocol import MAX_LINE, LineParser, command_line, draft_commands, seal
 
 from coilarray.hardware.wire.protocol import (  # isort: skip
     Answer, Greeting, Heartbeat, MessageError, Mode, Pong, Refusal, ScanMessage, StreamEnd, StreamEndReason,
     parse_message, read_greeting, read_pong, read_scan,
 )  # fmt: skip
-from coilarray.hardware.wire.protocol import BoardTime, ScanGate
+from coilarray.hardware.wire.protocol import BoardTime
 
 TEXTS = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), min_size=1, max_size=MAX_LINE - 5)
 SCAN = "S00000007,000F4240,D9A4,1234ABCD,01798210,01798211.1048,!3,0179FFFF,01790000,0ABCDEF0"
@@ -130,14 +129,10 @@ def test_another_form_is_refused(text):
         parse_message(text)
 
 
-HELLO = ["2.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fast"]
-
-
 def test_a_greeting_and_a_pong_are_read():
-    able = frozenset({"readback", "fast"})
-    assert read_greeting(HELLO) == Greeting((2, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, able)
-    assert read_greeting([*HELLO[:7], "-", "later"]).capabilities == frozenset()
-    assert read_pong(["1234ABCD", "000F4240", "i", "12"]) == Pong(0x1234ABCD, 1_000_000, Mode.IDLE, 12)
+    hello = ["2.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback", "later"]
+    assert read_greeting(hello) == Greeting((2, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8)
+    assert read_pong(["1234ABCD", "000F4240", "i", "12"]) == Pong(0x1234ABCD, 1_000_000, Mode.IDLE)
 
 
 def told(settings):
@@ -185,22 +180,3 @@ def test_an_older_time_stays_older():
     clock = BoardTime()
     assert (clock.unwrap(2**32 - 10, 0.0), clock.unwrap(5, 0.1)) == (2**32 - 10, 2**32 + 5)
     assert (clock.unwrap(2**32 - 20, 0.2), clock.unwrap(6, 0.3)) == (2**32 - 20, 2**32 + 6)
-
-
-def scan_of(sequence, *, configuration=0xD9A4, states=2):
-    return ScanMessage(sequence, 0, configuration, 1, (RawSample(1, 2, 0x48),) * states)
-
-
-@pytest.fixture
-def gate():
-    return ScanGate(configuration=0xD9A4, states=2, start=100)
-
-
-def test_scans_pass_once_and_in_order(gate):
-    came = [(0, 100), (1, 200), (1, 200), (0, 100), (4, 500), (3, 600), (5, 700)]
-    assert [gate.passes(scan_of(s), t) for s, t in came] == [True, True, False, False, True, False, True]
-
-
-def test_scans_of_other_settings_end_it(gate):
-    with pytest.raises(BoardRestarted, match="measures with the settings 1111, not with D9A4"):
-        gate.passes(scan_of(0, configuration=0x1111), 101)
