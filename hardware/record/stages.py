@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, get_args
 from coilarray.compute.files import make_folder, write_text
 from coilarray.errors import HardwareError, OutputError, shown
 from coilarray.hardware.record.recording import GridPlace
-from coilarray.hardware.wire.serial_ports import BytePort
+from coilarray.hardware.wire.serial_ports import OpenSerialPort
 
 if TYPE_CHECKING:
     from coilarray.hardware.emulator import EmulatedBoard
@@ -174,7 +174,7 @@ class GcodeStage:
 
     def __init__(
         self,
-        port: BytePort,
+        port: OpenSerialPort,
         limits: StageLimits,
         dialect: Dialect = "grbl",
         *,

@@ -11,6 +11,7 @@ from coilarray.cli.board.options import BoardOptions
 from coilarray.errors import HardwareError
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
+from coilarray.hardware.wire.serial_ports import PortInfo
 
 pytestmark = pytest.mark.slow
 
@@ -22,7 +23,8 @@ good, answer = successes("board", "test")
 def known_ports(monkeypatch):
     monkeypatch.setattr(ports, "linux_buses", lambda: ("i2c:1", "spi:0.0"))
     monkeypatch.setattr(ports, "ft232h_adapters", tuple)
-    monkeypatch.setattr(ports, "_serial_ports", lambda: ("/dev/ttyACM0 1366:0105 usb:000591234567 (J-Link)",))
+    port = PortInfo("/dev/ttyACM0", "000591234567", "/dev/ttyACM0 1366:0105 usb:000591234567 (J-Link)")
+    monkeypatch.setattr(ports, "list_serial_ports", lambda: (port,))
 
 
 @pytest.fixture

@@ -173,7 +173,7 @@ def _positions_in_lines() -> Iterator[Progress]:
 def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], *, yes: bool) -> Stage:
     """Return the machine of a plan, opened, or a person, or the stage of an emulated board."""
     from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
-    from coilarray.hardware.wire.serial_ports import choose_serial_port, open_serial_port
+    from coilarray.hardware.wire.serial_ports import OpenSerialPort, choose_serial_port
 
     if stage is None:
         return PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)
@@ -183,7 +183,7 @@ def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], 
     limits = StageLimits((x_min * 1e-3, x_max * 1e-3), (y_min * 1e-3, y_max * 1e-3), depth, clearance)
     found = choose_serial_port(stage.port)
     return GcodeStage(
-        open_serial_port(found.name), limits, stage.machine, confirm=None if yes else _agree, home=stage.home,
+        OpenSerialPort(found.name), limits, stage.machine, confirm=None if yes else _agree, home=stage.home,
         identity=str(found), origin=origin,
     )  # fmt: skip
 
