@@ -9,7 +9,6 @@ from .plots.circuit import plot_currents as plot_currents
 from .plots.circuit import plot_effective_inductance as plot_effective_inductance
 from .plots.circuit import plot_frequency_sweep as plot_frequency_sweep
 from .plots.circuit import plot_inductance as plot_inductance
-from .plots.circuit import plot_matrix as plot_matrix
 from .plots.field import plot_field_lines as plot_field_lines
 from .plots.field import plot_field_map as plot_field_map
 from .plots.indentation import indentation_figure as indentation_figure
@@ -28,7 +27,6 @@ from .plots.measurement import calibration_figure as calibration_figure
 from .plots.measurement import comparison_figure as comparison_figure
 from .plots.measurement import plot_evidence as plot_evidence
 from .plots.measurement import plot_readings as plot_readings
-from .plots.measurement import plot_residual as plot_residual
 from .plots.measurement import plot_stability as plot_stability
 from .plots.measurement import posterior_figure as posterior_figure
 from .plots.optimize import boards_figure as boards_figure

@@ -20,6 +20,7 @@ from support.boards import reference_board
 from support.plot_results import legend
 
 from coilarray import viz
+from coilarray.circuit.coupling import couple
 from coilarray.errors import GeometryError
 from coilarray.geometry.copper import copper_features, drills
 from coilarray.report.figures import png_of
@@ -70,10 +71,6 @@ def test_boards_are_drawn_whole_with_one_patch_a_feature(board):
 def test_what_does_not_fit_a_plot_is_refused(board):
     with pytest.raises(GeometryError, match="no copper layer 'L9'"):
         viz.plot_copper(board, "L9")
-    with pytest.raises(ValueError, match=r"3 coils must have shape \(3, 3\); got \(2, 2\)"):
-        viz.plot_matrix(np.eye(2), NAMES, title="")
-    with pytest.raises(ValueError, match="scale must be"):
-        viz.plot_matrix(np.eye(3), NAMES, title="", scale="rainbow")
     with pytest.raises(ValueError, match="one or more; got none"):
         viz.plot_field_lines({})
     with pytest.raises(ValueError, match=r"line along x, one y and one z; plane has .*'y': 2"):
@@ -82,24 +79,18 @@ def test_what_does_not_fit_a_plot_is_refused(board):
         viz.plot_field_map(results.field([0.0, 1e-3], [0.0]))
 
 
-def test_a_matrix_carries_the_prefix_of_the_largest_and_leaves_a_masked_diagonal_out():
-    matrix = np.array([[19.5e-6, -0.75e-6, -1e-9], [-0.75e-6, 19.4e-6, 0], [-1e-9, 0, 19.6e-6]])
-    ax = viz.plot_matrix(matrix, NAMES, title="L", unit="H", digits=2)
+def test_a_matrix_carries_the_prefix_of_the_largest():
+    matrix = np.array([[19.5e-6, -0.75e-6, -1e-11], [-0.75e-6, 19.4e-6, 0], [-1e-11, 0, 19.6e-6]])
+    ax = viz.plot_inductance(couple(NAMES, matrix, 5.0, 330e-12))
     # no minus before a zero
-    assert (texts(ax)[0, 0], texts(ax)[1, 0], texts(ax)[0, 2]) == ("19.50", "−0.75", "0.00")
-    assert ax.child_axes[0].get_ylabel() == "µH"
+    assert (texts(ax)[0, 0], texts(ax)[1, 0], texts(ax)[0, 2]) == ("19.500", "−0.750", "0.000")
+    assert ax.child_axes[0].get_ylabel() == "L, M (µH)"
     assert [label.get_text() for label in ax.get_yticklabels()] == list(NAMES)
-    k = np.array([[1, -0.04, 0.002], [-0.04, 1, -0.04], [0.002, -0.04, 1]])
-    ax = viz.plot_matrix(k, NAMES, title="k", scale="diverging", digits=4, mask_diagonal=True)
-    assert len(ax.texts) == 6
-    assert texts(ax)[0, 2] == "0.0020"
-    assert ax.images[0].get_clim() == (-0.04, 0.04)
     alone = results.coupling().isel(coil=[0], other=[0])
-    assert not viz.plot_currents(alone).texts
-    assert not viz.plot_coupling(alone).texts
-    axes = viz.plot_matrix([[1.0]], ["C1"], title="k", scale="diverging", mask_diagonal=True)
-    axes.figure.draw_without_rendering()
-    assert not axes.texts
+    for draw in (viz.plot_currents, viz.plot_coupling):
+        ax = draw(alone)
+        ax.figure.draw_without_rendering()
+        assert not ax.texts
 
 
 def test_k_is_drawn_pair_by_pair_and_inductance_with_its_diagonal():

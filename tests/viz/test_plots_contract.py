@@ -46,7 +46,7 @@ ARGUMENTS = {
     "plot_field_map": lambda: (results.field(LINE, PLANE),), "plot_force_depth": lambda: (results.dents(),),
     "plot_frequency_sweep": lambda: (results.frequency_sweep(),), "plot_identifiability": lambda: (results.bounds(),),
     "plot_inductance": lambda: (results.coupling(),),
-    "plot_readings": lambda: (results.comparison(),), "plot_residual": lambda: (results.comparison(), "coil1"),
+    "plot_readings": lambda: (results.comparison(),),
     "plot_response": lambda: (results.response(), "coil1"), "plot_response_profile": lambda: (results.response(),),
     "plot_shares": lambda: (results.tolerances(),),
     "plot_stability": lambda: (results.noise(),),
@@ -58,7 +58,7 @@ ARGUMENTS = {
 }  # fmt: skip
 
 # these take numbers of no particular result, and are tested with what they draw
-PLAIN_NUMBERS = {"plot_matrix", "plot_convergence", "plot_front", "plot_importance"}
+PLAIN_NUMBERS = {"plot_convergence", "plot_front", "plot_importance"}
 DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS)
 
 # axes of texts, counts, pure numbers, and quantities whose names say the unit

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,7 +38,8 @@ _LETTER_OF_PITCH = 0.2  # height over the distance of neighbours; names of six l
 def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
     """Draw the copper of one layer in mm.
 
-    Each coil has its own colour and its name. Holes and the edge of the board are drawn too.
+    Each coil has its own colour and its name. Holes and the edge of the board are drawn too. Raises GeometryError if
+    the board has no such layer.
 
     Parameters
     ----------
@@ -47,17 +47,6 @@ def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
         Board that is drawn.
     layer : str
         Name of the copper layer.
-
-    Raises
-    ------
-    GeometryError
-        If the board has no such layer.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> plot_copper(load_design("gast2020").array, "L1").get_title(loc="left")
-    'Copper L1'
     """
     array.stackup.index(layer)
     ax = ax or _board_axes(array)
@@ -82,13 +71,6 @@ def plot_board(array: Array, ax: Axes | None = None) -> Axes:
     ----------
     array : Array
         Board that is drawn.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> ax = plot_board(load_design("gast2020").array)
-    >>> [text.get_text() for text in ax.texts][:2], ax.get_xlabel()
-    (['coil1', 'coil2'], 'x (mm)')
     """
     ax = ax or _board_axes(array)
     colours = cycled(LAYERS, array.stackup.names)
@@ -225,22 +207,11 @@ def _circle(ax: Axes, mark: _Mark) -> None:
     halo = [patheffects.withStroke(linewidth=3.5, foreground="white")]
     x, y = MM.of((mark.x, mark.y)).tolist()
     circle: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": colour, "mew": 1.6}
-    ax.plot(x, y, "o", path_effects=halo, gid=_numbers(mark), **circle)
+    numbers = ", ".join(map(str, mark.numbers))
+    ax.plot(x, y, "o", path_effects=halo, gid=numbers, **circle)
     letters: dict[str, Any] = {"xytext": (8, 8), "textcoords": "offset points", "color": colour, "weight": "bold"}
-    first, *others = _numbers(mark).split(", ")
-    ax.annotate(_numbers(mark) if len(others) < 2 else f"{first}, …", (x, y), path_effects=halo, **letters)
-
-
-def _numbers(mark: _Mark) -> str:
-    """Text of the numbers of a mark."""
-    runs: list[list[int]] = []
-    for number in mark.numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    parts = ([f"{run[0]}–{run[-1]}"] if len(run) > 2 else [str(number) for number in run] for run in runs)
-    return ", ".join(itertools.chain.from_iterable(parts))
+    shown = numbers if len(mark.numbers) < 3 else f"{mark.numbers[0]}, …"
+    ax.annotate(shown, (x, y), path_effects=halo, **letters)
 
 
 def _enlarge(ax: Axes, mark: _Mark) -> None:

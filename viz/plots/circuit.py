@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
@@ -37,109 +36,45 @@ _RANGE = 0.35  # opacity of the range of all curves
 
 @style.styled
 def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the coupling coefficients k of all pairs.
+    """Draw the matrix of the coupling coefficients k.
 
-    The matrix is drawn by `plot_matrix`, without its diagonal.
+    For up to 12 coils the cells contain the numbers.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         Result of `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
-
-    Examples
-    --------
-    >>> from coilarray.circuit.coupling import couple
-    >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 5.0, 330e-12)
-    >>> [text.get_text() for text in plot_coupling(pair).texts]
-    ['−0.050', '−0.050']
     """
-    k, names = coupling.coupling, coupling.coil.values.tolist()
-    title = "Coupling coefficient k = M/√(L L)"
-    return plot_matrix(k, names, title=title, quantity="k", scale="diverging", mask_diagonal=True, ax=ax)
+    return _signed_matrix(coupling.coupling, "Coupling coefficient k = M/√(L L)", "k", ax, diagonal=False)
 
 
 @style.styled
 def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the inductance matrix.
 
-    It is drawn by `plot_matrix`, with L on the diagonal and M of the pairs off it. For more than 12 coils only M is
-    drawn, because L would take up its colours.
+    L is on the diagonal and M of the pairs off it. For more than 12 coils only M is drawn, because L would take up its
+    colours.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
-
-    Examples
-    --------
-    >>> from coilarray.circuit.coupling import couple
-    >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 5.0, 330e-12)
-    >>> [text.get_text() for text in plot_inductance(pair).texts]
-    ['20.000', '−1.000', '−1.000', '20.000']
     """
-    L, names = coupling.inductance, coupling.coil.values.tolist()
-    unit = str(L.attrs["units"])
-    many = len(names) > _MOST_NUMBERED
+    many = coupling.sizes["coil"] > _MOST_NUMBERED
     title, quantity = ("Mutual inductance", "M") if many else ("Inductance", "L, M")
-    return plot_matrix(
-        L, names, title=title, quantity=quantity, unit=unit, scale="diverging", mask_diagonal=many, ax=ax
-    )
+    return _signed_matrix(coupling.inductance, title, quantity, ax, diagonal=not many)
 
 
-@style.styled
-def plot_matrix(
-    values: npt.ArrayLike,
-    names: Sequence[str],
-    *,
-    title: str,
-    quantity: str = "",
-    unit: str = "",
-    scale: Literal["sequential", "diverging"] = "sequential",
-    digits: int = 3,
-    mask_diagonal: bool = False,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw a square matrix as a heat map.
-
-    For up to 12 coils the cells contain the numbers.
-
-    Parameters
-    ----------
-    values : array_like, shape (coils, coils)
-        Elements in SI units.
-    names : sequence of str
-        Names of the coils.
-    title, quantity : str
-        Title of the axes, and name of the quantity for the colour bar.
-    unit : str
-        SI unit of `values` without a prefix, such as ``"H"``. The prefix is chosen from the largest value shown. Empty
-        for a pure number, which gets no prefix.
-    scale : {"sequential", "diverging"}
-        Diverging colours are symmetric about zero, or from zero for values of one sign.
-    digits, mask_diagonal : int, bool
-        Number of digits after the decimal point, and whether to leave the diagonal out. Without it the colours spread
-        over the neighbours.
-
-    Raises
-    ------
-    ValueError
-        If the shape of the matrix does not fit the names, or the scale is unknown.
-
-    Examples
-    --------
-    >>> ax = plot_matrix([[2e-6, 0.0], [0.0, 3e-6]], ["a", "b"], title="L", unit="H", digits=1)
-    >>> [text.get_text() for text in ax.texts]
-    ['2.0', '0.0', '0.0', '3.0']
-    """
-    matrix = np.asarray(values, dtype=np.float64)
-    if matrix.shape != (len(names), len(names)):
-        raise ValueError(f"a matrix of {len(names)} coils must have shape {(len(names),) * 2}; got {matrix.shape}.")
-    hidden = np.eye(len(names), dtype=np.bool_) if mask_diagonal else np.zeros_like(matrix, dtype=np.bool_)
-    shown = style.axis_unit(matrix[~hidden], unit) if unit else PLAIN
+def _signed_matrix(matrix: xr.DataArray, title: str, quantity: str, ax: Axes | None, *, diagonal: bool) -> Axes:
+    """Draw a matrix of the coils in colours about zero, without its diagonal if that would take up the colours."""
+    names, unit = matrix.coil.values.tolist(), str(matrix.attrs["units"])
+    hidden = np.eye(len(names), dtype=np.bool_) & (not diagonal)
+    shown = PLAIN if unit == "1" else style.axis_unit(matrix.values[~hidden], unit)
     numbers = np.ma.array(shown.of(matrix), mask=hidden)
-    texts = [[number_text(number, digits) for number in row] for row in numbers.data.tolist()]
-    label = shown.label(quantity) if quantity else shown.symbol
-    return _heat_map(numbers, texts, names, title, label, scale, ax)
+    texts = [[number_text(number, 3) for number in row] for row in numbers.data.tolist()]
+    values = numbers.compressed() if numbers.count() else [0.0, 1.0]  # a single coil has no neighbours
+    colours, low, high = signed_colours(values)
+    return _heat_map(numbers, texts, names, title, shown.label(quantity), (colours, Normalize(low, high)), ax)
 
 
 @style.styled
@@ -153,13 +88,6 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
-
-    Examples
-    --------
-    >>> from coilarray.circuit.coupling import couple
-    >>> pair = couple(["a", "b"], [[20e-6, -2e-6], [-2e-6, 20e-6]], 0.0, 330e-12)
-    >>> [text.get_text() for text in plot_effective_inductance(pair).texts]
-    ['−1.00 %', '−1.00 %']
     """
     names = coupling.coil.values.tolist()
     before, after = coupling.open_effective_inductance.values, coupling.effective_inductance.values
@@ -195,13 +123,6 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
-
-    Examples
-    --------
-    >>> from coilarray.circuit.coupling import couple
-    >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 0.0, 330e-12)
-    >>> plot_currents(pair).texts[0].get_text().split()
-    ['50', '0°']
     """
     names = coupling.coil.values.tolist()
     currents = (coupling.current_real + 1j * coupling.current_imag).transpose("other", "coil").values
@@ -213,7 +134,8 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
         for row in zip(numbers.data.tolist(), np.degrees(np.angle(currents)).tolist(), strict=True)
     ]
     label = f"current ({shown.symbol} per A)"
-    ax = _heat_map(numbers, texts, names, "Currents in the passive coils", label, "sequential", ax)
+    norm = Normalize(*((numbers.min(), numbers.max()) if numbers.count() else (0.0, 1.0)))
+    ax = _heat_map(numbers, texts, names, "Currents in the passive coils", label, (SEQUENTIAL, norm), ax)
     ax.set(xlabel="active coil", ylabel="passive coil")
     return ax
 
@@ -225,7 +147,7 @@ def plot_frequency_sweep(
     """Draw a quantity over frequency, one curve per state.
 
     If there are many states, three of them and the range of all are drawn. A quantity with a pole is drawn up to four
-    times its value at the lowest frequency.
+    times its value at the lowest frequency. Raises ValueError if the sweep has no such quantity.
 
     Parameters
     ----------
@@ -236,19 +158,6 @@ def plot_frequency_sweep(
     scan : xarray.Dataset, optional
         Result of `coilarray.circuit.impedance.scan_design` of the same states. A dot marks the resonance with the tank
         on each curve, and a dotted line the self-resonance.
-
-    Raises
-    ------
-    ValueError
-        If the sweep has no such quantity.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.circuit.impedance import sweep_design
-    >>> ax = plot_frequency_sweep(sweep_design(load_design("gast_fem"), [1e5, 1e6]))
-    >>> ax.get_xlabel(), ax.get_ylabel()
-    ('frequency (MHz)', 'apparent inductance Im Z/ω (µH)')
     """
     there = [name for name in _NAMES if name in sweep]
     if quantity not in there:
@@ -262,9 +171,11 @@ def plot_frequency_sweep(
     of_frequency = style.axis_unit(sweep.frequency)
     f = of_frequency.of(sweep.frequency)
     ax = ax or style.new_axes(6.5, 3.6)
-    names = sweep.state.values.tolist()
-    chosen = _chosen(sweep)
-    if len(chosen) < len(names):
+    names, resonances = sweep.state.values.tolist(), ("frequency", "state_self_resonance")
+    chosen = list(range(len(names)))
+    if len(names) > _MOST_CURVES:  # those of least, middle and most inductance
+        order = sweep["apparent_inductance"].isel(frequency=0).values.argsort(kind="stable")
+        chosen = sorted(int(order[k]) for k in (0, len(names) // 2, len(names) - 1))
         within = (values > 0).all(axis=1)  # no range beyond a pole of some states
         low, high = (shown.of(edge) for edge in (values.min(axis=1), values.max(axis=1)))
         ax.fill_between(f, low, high, where=within, color=GREY, alpha=_RANGE, lw=0, label=f"all {len(names)} states")
@@ -276,10 +187,15 @@ def plot_frequency_sweep(
         drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
         ax.plot(*drawn, label=name, marker="o" if f.size == 1 else "", **curve_look(k))
         if scan is not None:
-            _mark_resonances(ax, scan, name, of_frequency.of, f, curve, curve_look(k)["color"])
+            colour = curve_look(k)["color"]
+            tank, own = (float(of_frequency.of(scan[one].sel(state=name))) for one in resonances)
+            if f[0] <= tank <= f[-1]:
+                ax.plot(tank, np.interp(tank, f, curve), "o", color=colour, markersize=5)
+            if f[0] <= own <= f[-1]:
+                ax.axvline(own, color=colour, linestyle=":", linewidth=0.9, zorder=0)
     if scan is not None:
-        for mark, label, own in (("o", "with the tank", "frequency"), (":", "self-resonance", "state_self_resonance")):
-            at = of_frequency.of(scan[own])
+        for one, mark, label in zip(resonances, "o:", ("with the tank", "self-resonance"), strict=True):
+            at = of_frequency.of(scan[one])
             if ((f[0] <= at) & (at <= f[-1])).any():
                 ax.plot([], [], mark, color=GREY, label=label)
     if top > 0:
@@ -288,20 +204,8 @@ def plot_frequency_sweep(
     if f.size > 1:
         ax.set_xlim(f[0], f[-1])
     style.logarithmic_ticks(ax.xaxis, math.log10(f[-1] / f[0]))
-    style.faint_grid(ax)
-    ax.set(xlabel=of_frequency.label("frequency"), ylabel=shown.label(_NAMES[quantity]))
-    style.legend_beside(ax)
+    style.finish_curves(ax, of_frequency.label("frequency"), shown.label(_NAMES[quantity]))
     return ax
-
-
-def _chosen(sweep: xr.Dataset) -> list[int]:
-    """All states, or of many those of least, middle and most inductance."""
-    count = sweep.sizes["state"]
-    if count <= _MOST_CURVES:
-        return list(range(count))
-    first = sweep["apparent_inductance"].transpose("frequency", "state").values[0]
-    order = first.argsort(kind="stable")
-    return sorted(int(order[k]) for k in (0, count // 2, count - 1))
 
 
 @style.styled
@@ -314,15 +218,6 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     ----------
     sweep, scan : xarray.Dataset
         Results of `coilarray.circuit.impedance.sweep_design` and `coilarray.circuit.impedance.scan_design`.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.circuit.impedance import scan_design, sweep_design
-    >>> design = load_design("gast_fem")
-    >>> figure = frequency_figure(sweep_design(design, [1e5, 1e6]), scan_design(design, elastomer=False))
-    >>> [ax.get_ylabel().split(" Im")[0] for ax in figure.axes]
-    ['apparent inductance', 'effective resistance Re Z (Ω)', 'quality factor']
     """
     names = ("apparent_inductance", "impedance_real", "quality_factor")
     figure = style.new_figure(6.5, 3.2 * len(names))
@@ -331,36 +226,12 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
         plot_frequency_sweep(sweep, name, ax, scan=scan)
         if k and (legend := ax.get_legend()) is not None:
             legend.remove()  # it repeats the first legend
-        if name == "impedance_real":
-            _logarithmic(ax, sweep[name].values)
+        positive = sweep[name].values[sweep[name].values > 0]
+        if name == "impedance_real" and positive.size and positive.max() > _MANY * positive.min():
+            ax.set_yscale("log")
+            ax.set_ylim(positive.min() / _HEADROOM, positive.max() * _HEADROOM)
+            style.logarithmic_ticks(ax.yaxis, math.log10(positive.max() / positive.min()))
     return figure
-
-
-def _logarithmic(ax: Axes, values: npt.NDArray[np.float64]) -> None:
-    """Use powers of ten if values span many."""
-    positive = values[values > 0]
-    if positive.size and positive.max() > _MANY * positive.min():
-        ax.set_yscale("log")
-        ax.set_ylim(positive.min() / _HEADROOM, positive.max() * _HEADROOM)
-        style.logarithmic_ticks(ax.yaxis, math.log10(positive.max() / positive.min()))
-
-
-def _mark_resonances(
-    ax: Axes,
-    scan: xr.Dataset,
-    state: str,
-    shown: Callable[[npt.ArrayLike], npt.NDArray[np.float64]],
-    f: npt.NDArray[np.float64],
-    curve: npt.NDArray[np.float64],
-    colour: str,
-) -> None:
-    """Mark the resonances of a state, with frequencies in the unit shown."""
-    of_state = scan.sel(state=state)
-    tank, own = (float(shown(of_state[name])) for name in ("frequency", "state_self_resonance"))
-    if f[0] <= tank <= f[-1]:
-        ax.plot(tank, np.interp(tank, f, curve), "o", color=colour, markersize=5)
-    if f[0] <= own <= f[-1]:
-        ax.axvline(own, color=colour, linestyle=":", linewidth=0.9, zorder=0)
 
 
 def _heat_map(
@@ -369,21 +240,13 @@ def _heat_map(
     names: Sequence[str],
     title: str,
     label: str,
-    scale: Literal["sequential", "diverging"],
+    colours: tuple[str, Normalize],
     ax: Axes | None,
 ) -> Axes:
     """Draw a matrix with names and a colour bar."""
     n = len(names)
     ax = ax or style.new_axes(min(2.2 + 0.62 * n, _LARGEST), min(1.4 + 0.55 * n, _LARGEST - 0.8))
-    shown = numbers.compressed() if numbers.count() else np.array([0.0, 1.0])  # a single coil has no neighbours
-    if scale == "diverging":
-        colours, low, high = signed_colours(shown)
-        norm = Normalize(low, high)
-    elif scale == "sequential":
-        colours, norm = SEQUENTIAL, Normalize(float(shown.min()), float(shown.max()))
-    else:
-        raise ValueError(f"scale must be 'sequential' or 'diverging'; got {scale!r}.")
-    image = ax.imshow(numbers, cmap=colours, norm=norm)
+    image = ax.imshow(numbers, cmap=colours[0], norm=colours[1])
     ax.set_facecolor(UNKNOWN)
     named = range(0, n, math.ceil(n / _MOST_NAMED))
     look: dict[str, Any] = {"fontsize": 9.0 if n <= _MOST_NUMBERED else 7.0}
@@ -395,7 +258,7 @@ def _heat_map(
     style.colour_bar(ax, image, label)
     if n > _MOST_NUMBERED:
         return ax
-    size, cells = min(9.0, 60.0 / max(len(texts), 1)), image.to_rgba(numbers)
+    size, cells = min(9.0, 60.0 / n), image.to_rgba(numbers)
     linear = np.where(cells <= 0.04045, cells / 12.92, ((cells + 0.055) / 1.055) ** 2.4)  # sRGB
     luminance = linear[..., :3] @ (0.2126, 0.7152, 0.0722)
     for i, j in np.argwhere(~np.ma.getmaskarray(numbers)).tolist():

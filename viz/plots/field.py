@@ -20,7 +20,8 @@ def plot_field_lines(
 ) -> Axes:
     """Draw B_z along x.
 
-    Each field has a bell-shaped curve, as in Fig. 2 of Gast & Zimmermann (2020).
+    Each field has a bell-shaped curve, as in Fig. 2 of Gast & Zimmermann (2020). Raises ValueError if there is no
+    field, or a field is not along x.
 
     Parameters
     ----------
@@ -28,20 +29,6 @@ def plot_field_lines(
         Results of `coilarray.operating_field` along x, with one y and one z, by their texts in the legend.
     coil : tuple of float, optional
         Ends of the coil along x in m. The coil is shaded.
-
-    Raises
-    ------
-    ValueError
-        If there is no field, or a field is not along x.
-
-    Examples
-    --------
-    >>> from coilarray import couple_design, load_design, operating_field
-    >>> design = load_design("gast_fem")
-    >>> coupling, name = couple_design(design), design.array.names[0]
-    >>> line = operating_field(design, coupling, name, [-20e-3, 0.0, 20e-3], 0.0, 1e-3)
-    >>> plot_field_lines({"1 mm high": line}).get_ylabel()
-    '$B_z$ (mT per A)'
     """
     if not fields:
         raise ValueError("fields must hold one or more; got none.")
@@ -69,7 +56,7 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
 
     The outlines of the coils are drawn too.
 
-    The colours are symmetric about zero.
+    The colours are symmetric about zero. Raises ValueError if the field is not on a plane.
 
     Parameters
     ----------
@@ -77,20 +64,6 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
         Result of `coilarray.operating_field` with one z.
     outlines : sequence of array_like
         As in `coilarray.viz.plot_response`.
-
-    Raises
-    ------
-    ValueError
-        If the field is not on a plane.
-
-    Examples
-    --------
-    >>> from coilarray import couple_design, load_design, operating_field
-    >>> design = load_design("gast_fem")
-    >>> coupling, name = couple_design(design), design.array.names[0]
-    >>> plane = operating_field(design, coupling, name, [-5e-3, 0.0, 5e-3], [0.0, 5e-3], 1e-3)
-    >>> plot_field_map(plane).child_axes[0].get_ylabel()
-    '$B_z$ (mT per A)'
     """
     if field.sizes["z"] != 1 or min(field.sizes["x"], field.sizes["y"]) < 2:
         raise ValueError(f"a field must be of a plane, two x and y or more and one z; it has {dict(field.sizes)}.")

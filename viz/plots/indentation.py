@@ -33,14 +33,6 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     ----------
     indentation : xarray.Dataset
         Result of `coilarray.indent`.
-
-    Examples
-    --------
-    >>> from coilarray import indent, load_design
-    >>> design = load_design("gast2020")
-    >>> ax = plot_force_depth(indent(design.sheets, design.indentation.indenter, [0.5e-3, 1e-3]))
-    >>> ax.get_xlabel(), ax.get_ylabel()
-    ('depth (mm)', 'force (mN)')
     """
     ax = ax or new_axes(6.0, _FORCE_HEIGHT)
     depth = MM.of(indentation.depth)
@@ -65,7 +57,8 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: Axes | None = None) -> Axes:
     """Draw the deformed sheets under the indenter in section.
 
-    The section is mirrored about the axis of the indenter. The flat sheets are dashed.
+    The section is mirrored about the axis of the indenter. The flat sheets are dashed. Raises ValueError if the dataset
+    has no such depth.
 
     Parameters
     ----------
@@ -73,20 +66,6 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
         As in `plot_force_depth`.
     indenter, depth : Indenter and int
         Body that made the dent, and index of the depth in the dataset. The default is the deepest.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such depth.
-
-    Examples
-    --------
-    >>> from coilarray import indent, load_design
-    >>> design = load_design("gast2020")
-    >>> indenter = design.indentation.indenter
-    >>> result = indent(design.sheets, indenter, [0.5e-3, 1e-3])
-    >>> plot_dent(result, indenter).get_title(loc="left")
-    '1 mm deep: 296 mN, contact radius 1.45 mm'
     """
     at = at_depth(indentation, depth)
     height = MM.of(at.height)

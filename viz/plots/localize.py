@@ -39,7 +39,8 @@ def plot_ellipse_parameters(
     """Draw A, B and x0 of a coil over δ.
 
     Markers are the fitted ellipses, and lines are the polynomials, as in Fig. 5b of Gast & Zimmermann (2020). Levels
-    whose points do not determine their ellipse are crossed out.
+    whose points do not determine their ellipse are crossed out. Raises ValueError if the fits or the model have no such
+    state.
 
     Parameters
     ----------
@@ -51,20 +52,6 @@ def plot_ellipse_parameters(
         Name of the coil.
     published : EllipseModel, optional
         Another model, drawn in grey if it has the coil.
-
-    Raises
-    ------
-    ValueError
-        If the fits or the model have no such state.
-
-    Examples
-    --------
-    >>> from coilarray.paper.ellipse import fit_ellipses
-    >>> from coilarray.paper.ellipse_model import ellipse_model
-    >>> from coilarray.paper.published import published_map
-    >>> fits = fit_ellipses(published_map(), states=["coil1", "coil2"])
-    >>> plot_ellipse_parameters(fits, ellipse_model(fits), "coil1").get_ylabel()
-    'A, B, $x_0$ (mm)'
     """
     names = fits.state.values.tolist()
     if state not in names or state not in model.names:
@@ -72,9 +59,8 @@ def plot_ellipse_parameters(
     ax = ax or style.new_axes(6.0, 4.0)
     of, coil = fits.sel(state=state), model[state]
     for key, (colour, marker, line) in _PARAMETERS.items():
-        look: dict[str, Any] = {"color": colour, "markersize": 3.5, "markerfacecolor": "none"}
-        ax.plot(MILLI_DELTA.of(of.delta), MM.of(of[key]), marker, **look)
-        style.mark_undetermined(ax, MILLI_DELTA.of(of.delta), MM.of(of[key]), of.undetermined, colour)
+        look: dict[str, Any] = {"markersize": 3.5, "markerfacecolor": "none", "undetermined": of.undetermined}
+        style.draw_curve(ax, MILLI_DELTA.of(of.delta), MM.of(of[key]), marker, colour, **look)
         at = np.linspace(np.nanmin(of.delta.values), np.nanmax(of.delta.values), 200)
         ax.plot(MILLI_DELTA.of(at), MM.of(np.polyval(getattr(coil, key), at)), line, color=colour, label=_NAMES[key])
     if published is not None and state in published.names:
@@ -86,9 +72,7 @@ def plot_ellipse_parameters(
             ax.plot(MILLI_DELTA.of(at), curve, line, color=GREY, linewidth=1.0, label=label)
     style.zero_line(ax)
     ax.set_xlim(left=0.0)
-    style.faint_grid(ax)
-    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"Ellipses of {state}")
-    style.legend_beside(ax)
+    style.finish_curves(ax, MILLI_DELTA.label("δ"), MM.label("A, B, $x_0$"), f"Ellipses of {state}")
     return ax
 
 
@@ -126,7 +110,7 @@ def plot_ellipses(
 ) -> Axes:
     """Draw the ellipses of coils and their intersections.
 
-    The figure follows Fig. 6 of Gast & Zimmermann (2020).
+    The figure follows Fig. 6 of Gast & Zimmermann (2020). Raises ValueError if there is no ellipse.
 
     Parameters
     ----------
@@ -136,21 +120,6 @@ def plot_ellipses(
         Position where two of them meet, drawn as dots at y and −y and a line at x.
     real : tuple of float, optional
         Real x and y in m, drawn as a cross.
-
-    Raises
-    ------
-    ValueError
-        If there is no ellipse.
-
-    Examples
-    --------
-    >>> from coilarray.paper.ellipse_model import intersect
-    >>> from coilarray.paper.published import published_model
-    >>> model, deltas = published_model(), {"coil1": 8.09e-4, "coil2": 6.47e-4}
-    >>> place = intersect(model, deltas, "coil1", "coil2")
-    >>> ax = plot_ellipses({name: model[name].ellipse(delta) for name, delta in deltas.items()}, place)
-    >>> [text.get_text() for text in ax.get_legend().get_texts()]
-    ['coil1', 'coil2', 'x = −8.75 mm, two points']
     """
     if not ellipses:
         raise ValueError("ellipses must hold one or more; got none.")
@@ -185,7 +154,7 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     """Draw the error of a determined x over position.
 
     The figure follows Fig. 7 of Gast & Zimmermann (2020). The colours are symmetric about zero. Places without a
-    position are grey.
+    position are grey. Raises ValueError if there are fewer than two x or y, or no error at all.
 
     Parameters
     ----------
@@ -194,11 +163,6 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
         are NaN.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m, first point not repeated.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two x or y, or no error at all.
     """
     values = _plane(error, "an error", "one value")
     ax = ax or style.new_axes(*_size(error))
@@ -213,7 +177,7 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
 
     It is predicted with the neighbours grounded and open, and as published. Levels are crossed out if the window shows
     too little of their ellipse, and the axis fits the other levels. If the result has standard deviations, bands are
-    two standard deviations of the posterior on each side.
+    two standard deviations of the posterior on each side. Raises ValueError if the dataset has no such state.
 
     Parameters
     ----------
@@ -221,11 +185,6 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
         Result of `coilarray.paper.distortion.distortion`.
     state : str
         Name of the coil.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such state.
     """
     of = of_state(distortion, state)
     ax = ax or style.new_axes(6.5, 4.0)
@@ -239,17 +198,14 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     for label, curve, prefix, colour, line in curves:
         x0 = MM.of(curve[f"{prefix}x0"])
         if np.isfinite(x0).any():
-            ax.plot(at, x0, line, color=colour, label=label)
-            determined.append(x0[np.isfinite(x0) & ~curve[f"{prefix}undetermined"].values])
-            if not prefix and "x0_std" in curve:
-                style.draw_band(ax, at, x0, 2 * MM.of(curve.x0_std), colour)
-            style.mark_undetermined(ax, at, x0, curve[f"{prefix}undetermined"], colour)
+            hidden = curve[f"{prefix}undetermined"].values
+            half = 2 * MM.of(curve.x0_std) if not prefix and "x0_std" in curve else None
+            style.draw_curve(ax, at, x0, line, colour, half=half, undetermined=hidden, label=label)
+            determined.append(x0[np.isfinite(x0) & ~hidden])
     ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
     shown = np.concatenate(determined)
     ax.set_ylim(shown.min() - _MARGIN, shown.max() + _MARGIN)
-    style.faint_grid(ax)
-    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")
-    style.legend_beside(ax)
+    style.finish_curves(ax, MILLI_DELTA.label("δ"), MM.label("$x_0$"), f"$x_0$ of {state}")
     return ax
 
 
@@ -278,13 +234,11 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
         look = looks[cause] if named else CurveLook(color=GREY, linestyle="-")
         label = f"{cause}, {rms[cause] * MM.factor:.2f}" if named else None
         share = MM.of(of.effect.sel(cause=cause))
-        ax.plot(at, share, linewidth=0.9 if single else 1.6, label=label, **look)
-        if "effect_std" in of:
-            style.draw_band(ax, at, share, 2 * MM.of(of.effect_std.sel(cause=cause)), look["color"])
+        half = 2 * MM.of(of.effect_std.sel(cause=cause)) if "effect_std" in of else None
+        width = 0.9 if single else 1.6
+        style.draw_curve(ax, at, share, look["linestyle"], look["color"], half=half, linewidth=width, label=label)
     style.zero_line(ax)
-    style.faint_grid(ax)
-    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("share in $x_0$"), title=f"Causes for {state}, rms in mm")
-    style.legend_beside(ax)
+    style.finish_curves(ax, MILLI_DELTA.label("δ"), MM.label("share in $x_0$"), f"Causes for {state}, rms in mm")
     return ax
 
 
@@ -312,7 +266,8 @@ def plot_identifiability(
 ) -> Axes:
     """Draw the Cramér–Rao bound of x, y or depth.
 
-    It is drawn over the board on a logarithmic scale. Places with an infinite bound are grey.
+    It is drawn over the board on a logarithmic scale. Places with an infinite bound are grey. Raises ValueError if the
+    dataset has no such quantity, fewer than two x or y, or no finite value.
 
     Parameters
     ----------
@@ -322,11 +277,6 @@ def plot_identifiability(
         Name of a variable: ``sigma_x``, ``sigma_y`` or ``sigma_h``.
     outlines : sequence of array_like
         As in `plot_x_error`.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such quantity, fewer than two x or y, or no finite value.
     """
     there = [name for name in _SIGMAS if name in bounds]
     if quantity not in there:

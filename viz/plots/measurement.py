@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,52 +21,11 @@ from coilarray.viz.plots import style
 MOST_STATES = 6
 """Largest number of states in `comparison_figure` and `calibration_figure`."""
 
-_STAGES: dict[Literal["before", "after"], str] = {"before": "as simulated", "after": "scaled and shifted"}
+_STAGES = {"before": "as simulated", "after": "scaled and shifted"}
 _SOURCES = ("measured", "simulated")
 _ROW = 10.0  # inches, of two maps beside each other
 _LOOKS = {"A": ("o", BLUE), "B": ("s", VERMILLION), "x0": ("^", INK)}
 _NAMES = {"A": "A", "B": "B", "x0": "$x_0$"}
-_SECONDS = DisplayUnit("s")
-
-
-@style.styled
-def plot_residual(
-    comparison: xr.Dataset,
-    state: str,
-    depth: int = 0,
-    stage: Literal["before", "after"] = "after",
-    ax: Axes | None = None,
-    outlines: Sequence[npt.ArrayLike] = (),
-) -> Axes:
-    """Draw measured minus simulated δ of one state.
-
-    It is drawn over the position of the indenter, with the outlines of the coils. The colours are symmetric about zero
-    and the same for both stages of a state. Places without a comparison are grey.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        Result of `coilarray.studies.comparison.compare_responses`, with at least two x and two y.
-    state, depth : str and int
-        Name of the state, and index of the depth in the dataset.
-    stage : {"before", "after"}
-        Simulated map as it is, or scaled and shifted onto the measured map.
-    outlines : sequence of array_like
-        As in `coilarray.viz.plot_response`.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such state, or the map has a single row.
-    """
-    of = of_state(comparison.isel(depth=depth), state)
-    style.require_plane(of)
-    ax = ax or style.new_axes(*style.map_size(of))
-    both, shown = _residuals(of)
-    mesh = style.signed_map(ax, of, both[list(_STAGES).index(stage)], outlines, style.largest(both))
-    style.colour_bar(ax, mesh, shown.label("δ"))
-    ax.set_title(f"Measured less simulated {state}, {_STAGES[stage]}")
-    return ax
 
 
 @style.styled
@@ -75,12 +34,12 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
 
     There is a dot per position, and the line of equality.
 
-    Both have the unit 10⁻³.
-
     Parameters
     ----------
-    comparison, depth
-        As in `plot_residual`.
+    comparison : xarray.Dataset
+        Result of `coilarray.studies.comparison.compare_responses`.
+    depth : int
+        Index of the depth in the dataset.
     """
     at = comparison.isel(depth=depth)
     ax = ax or style.new_axes(5.0, 4.5)
@@ -95,10 +54,8 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
     if ends:
         span = min(ends), max(ends)
         ax.plot(span, span, color=GREY, linewidth=0.8, zorder=0)
-    style.faint_grid(ax)
-    ax.set(xlabel=MILLI_DELTA.label("simulated δ"), ylabel=MILLI_DELTA.label("measured δ"))
-    ax.set_title(f"Readings, {MM.text(at.depth)} deep")
-    style.legend_beside(ax)
+    title = f"Readings, {MM.text(at.depth)} deep"
+    style.finish_curves(ax, MILLI_DELTA.label("simulated δ"), MILLI_DELTA.label("measured δ"), title)
     return ax
 
 
@@ -106,15 +63,15 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
 def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw a comparison, one row per state.
 
-    A row has the difference before and after scale and shift. A response along a single line, or at a
-    single position, is drawn by `plot_readings` alone. The first `MOST_STATES` states are shown.
+    A row has maps of measured minus simulated δ before and after scale and shift, in the same colours. A response along
+    a single line, or at a single position, is drawn by `plot_readings` alone. The first `MOST_STATES` states are shown.
 
     Parameters
     ----------
-    comparison, outlines
-        As in `plot_residual`, with any number of x and y.
-    depth : int
-        Index of the depth in the dataset. The default is the deepest.
+    comparison, depth : xarray.Dataset and int
+        As in `plot_readings`, by default the deepest.
+    outlines : sequence of array_like
+        As in `coilarray.viz.plot_response`.
     """
     if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
         figure = style.new_figure(7.0, 4.5)
@@ -127,22 +84,16 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
     axes = figure.subplots(len(names), 2, squeeze=False)
     for (left, right), state in zip(axes, names, strict=True):
         of = of_state(comparison.isel(depth=depth), state)
-        both, shown = _residuals(of)
-        for ax, values, stage in zip((left, right), both, _STAGES.values(), strict=True):
-            mesh = style.signed_map(ax, of, values, outlines, style.largest(both))
+        both = np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
+        shown = style.axis_unit(both, "1")
+        for ax, values, stage in zip((left, right), shown.of(both), _STAGES.values(), strict=True):
+            mesh = style.signed_map(ax, of, values, outlines, style.largest(shown.of(both)))
             ax.set_title(f"{state}, {stage}")
         figure.colorbar(mesh, ax=[left, right], label=shown.label("δ"), fraction=0.03, pad=0.01)
         right.set_ylabel("")
     note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
     style.main_title(figure, f"Measured less simulated δ, {MM.text(comparison.depth[depth])} deep{note}")
     return figure
-
-
-def _residuals(of: xr.Dataset) -> tuple[npt.NDArray[np.float64], DisplayUnit]:
-    """Residuals of one state before and after, (2, y, x), and their unit."""
-    both = np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
-    shown = style.axis_unit(both, "1")
-    return shown.of(both), shown
 
 
 @style.styled
@@ -183,14 +134,13 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
         part = of.isel(datum=np.flatnonzero(of.quantity == name))
         level, model = MILLI_DELTA.of(part.level), np.where(known, MM.of(part.model), np.nan)
         left.plot(level, MM.of(part.measured), marker, color=colour, markersize=4.0, markerfacecolor="none")
-        left.plot(level, model, "-", color=colour, label=_NAMES[name])
-        style.draw_band(left, level, model, MM.of(part.model_std), colour)
+        style.draw_curve(left, level, model, "-", colour, half=MM.of(part.model_std), label=_NAMES[name])
         line = "-" if (part.weight > 0).any() else "--"
         remains = np.where(known, part.residual.values, np.nan)
         right.plot(level, remains, f"{marker}{line}", color=colour, label=_NAMES[name])
-    left.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"{state}: lines fitted")
-    right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: residuals")
-    _finish_pair(left, right)
+    style.zero_line(right)
+    style.finish_curves(left, MILLI_DELTA.label("δ"), MM.label("A, B, $x_0$"), f"{state}: lines fitted")
+    style.finish_curves(right, MILLI_DELTA.label("δ"), "fitted − measured (noise)", f"{state}: residuals")
 
 
 def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
@@ -209,13 +159,6 @@ def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
     right.set(xlabel=MM.label("x"), ylabel=MM.label("y"), title=f"{state}: residuals")
     style.faint_grid(left)
     left.legend(loc="best")
-
-
-def _finish_pair(left: Axes, right: Axes) -> None:
-    style.zero_line(right)
-    for ax in (left, right):
-        style.faint_grid(ax)
-        style.legend_beside(ax)
 
 
 @style.styled
@@ -291,14 +234,6 @@ def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
     found : xarray.Dataset
         Result of `coilarray.hardware.record.stability.stability`. If it has ``expected``, white noise of the budget is
         a dotted line.
-
-    Examples
-    --------
-    >>> from coilarray.hardware.record.stability import stability
-    >>> noise = 1e-6 * np.random.default_rng(0).standard_normal((200, 1))
-    >>> ax = plot_stability(stability(0.3 * np.arange(200), noise, ["coil1"], expected=[1e-6]))
-    >>> ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()
-    ('averaging time (s)', 'Allan deviation of δ', 'log')
     """
     ax = ax or style.new_axes(6.5, 3.8)
     tau, names = found.tau.values, found.state.values.tolist()
@@ -308,11 +243,10 @@ def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
         known = np.isfinite(one.deviation.values)
         look = curve_look(k) | {"color": colours[name]}
         ax.plot(tau[known], one.deviation.values[known], label=name, marker="o", markersize=3.0, **look)
-    ax.set(xscale="log", yscale="log", xlabel=_SECONDS.label("averaging time"), ylabel="Allan deviation of δ")
+    ax.set(xscale="log", yscale="log")
     if "expected" in found and np.isfinite(found.expected.values).any():
         expected = float(np.nanmean(found.expected.values))
         ax.plot(tau, expected * np.sqrt(tau[0] / tau), color=GREY, linewidth=1.2, linestyle=":", label="budget, white")
     style.logarithmic_ticks(ax.xaxis, math.log10(tau[-1] / tau[0]) if len(tau) > 1 else 1.0)
-    style.faint_grid(ax)
-    style.legend_beside(ax)
+    style.finish_curves(ax, DisplayUnit("s").label("averaging time"), "Allan deviation of δ")
     return ax

@@ -32,7 +32,7 @@ def plot_convergence(
 ) -> Axes:
     """Draw the score of every trial.
 
-    A line is the best feasible score up to each trial.
+    A line is the best feasible score up to each trial. Raises ValueError if the shapes do not fit.
 
     Parameters
     ----------
@@ -46,17 +46,6 @@ def plot_convergence(
         Index of the first trial of the local solver.
     start : float, optional
         Score of the given design, drawn as a dashed line.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit.
-
-    Examples
-    --------
-    >>> ax = plot_convergence([0.3, 0.2, 0.4], [True, True, True], label="worst_k")
-    >>> ax.lines[0].get_ydata().tolist()
-    [0.3, 0.2, 0.2]
     """
     values, kept = np.asarray(scores, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
     if values.ndim != 1 or values.shape != kept.shape:
@@ -95,12 +84,6 @@ def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None =
         Importance from 0 to 1 by the name of the variable, at least one.
     title : str
         Title of the axes: the quantity that the variables decide.
-
-    Examples
-    --------
-    >>> ax = plot_importance({"array.pitch_mm": 0.75, "array.columns": 0.25}, title="worst_k")
-    >>> [text.get_text() for text in ax.texts]
-    ['75 %', '25 %']
     """
     ax = ax or new_axes(6.0, 0.9 + 0.32 * len(parts))
     rows = np.arange(len(parts))
@@ -126,7 +109,8 @@ def plot_front(
 ) -> Axes:
     """Draw two scores of all trials.
 
-    The scores are drawn against each other, with the Pareto front and the given design.
+    The scores are drawn against each other, with the Pareto front and the given design. Raises ValueError if the shapes
+    do not fit.
 
     Parameters
     ----------
@@ -141,17 +125,6 @@ def plot_front(
     stairs : {"pre", "post"}, optional
         Draw the front as a staircase: ``"post"`` if the first score is minimized, ``"pre"`` if it is maximized. None
         draws no line, as for two out of more scores.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit.
-
-    Examples
-    --------
-    >>> ax = plot_front([(1, 3), (2, 1), (3, 3)], [True, True, True], [0, 1], labels=("a", "b"))
-    >>> ax.collections[1].get_offsets().tolist()
-    [[1.0, 3.0], [2.0, 1.0]]
     """
     values, kept = np.asarray(points, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
     if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:

@@ -55,7 +55,7 @@ def plot_response(
     It is drawn over the position of the indenter, with the outlines of the coils. The colours are symmetric about zero,
     or start at zero for values of one sign. They are white if |δ| is below 1 % of its maximum. A dashed line marks the
     change of sign. Between the positions δ is interpolated linearly. Nothing is drawn beside a position without a
-    value.
+    value. Raises ValueError if the dataset has no such state or depth, or the map has a single row.
 
     Parameters
     ----------
@@ -65,11 +65,6 @@ def plot_response(
         Name of the state, and index of the depth in the dataset.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m from the same origin as x and y, first point not repeated.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such state or depth, or the map has a single row.
     """
     delta = _delta(response, state=state, depth=depth).transpose("y", "x")
     style.require_plane(delta)
@@ -94,7 +89,7 @@ def plot_response_profile(
 
     There is a curve for each state and depth that is not fixed.
 
-    Dotted lines mark the centres of the coils.
+    Dotted lines mark the centres of the coils. Raises ValueError if the dataset has no such state or depth.
 
     Parameters
     ----------
@@ -105,11 +100,6 @@ def plot_response_profile(
     along : {"x", "y"}
         Direction of the line. It is the line with the largest |δ| of the state, or of the middle state if all states
         are drawn. States without a response on it are left out.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such state or depth.
     """
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
@@ -155,7 +145,8 @@ def plot_bell_curve(
     curves are cubic splines through the positions with a value. A bar marks the width at half the peak. The legend
     gives both, without the width if δ does not fall to half on both sides.
 
-    A dotted line marks the centre of the coil.
+    A dotted line marks the centre of the coil. Raises ValueError if the map has no such state, or fewer than two
+    positions have a value.
 
     Parameters
     ----------
@@ -166,11 +157,6 @@ def plot_bell_curve(
         Name of the state of a map. The default is the state that responds nearest to the middle of the map.
     along : {"x", "y"}
         Direction of the line. On a map the other coordinate is the value nearest to the centre of the coil.
-
-    Raises
-    ------
-    ValueError
-        If the map has no such state, or fewer than two positions have a value.
     """
     rows, centre, name = _bell(response, state, along)
     at = MM.of(rows[along])
@@ -308,21 +294,16 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
         unread = (~read).transpose("y", "x").values.astype(float)
         ax.contourf(x, y, unread, levels=[0.5, 1.5], colors="none", hatches=["////"])
     style.draw_outlines(ax, look.outlines)
-    names, centres = response.coil.values.tolist(), (MM.of(response.coil_x), MM.of(response.coil_y))
-    for name, at, across in zip(names, *centres, strict=True):
+    shapes = [MM.of(outline) for outline in look.outlines]
+    names, places = response.coil.values.tolist(), np.column_stack((MM.of(response.coil_x), MM.of(response.coil_y)))
+    for name, (at, up) in zip(names, places.tolist(), strict=True):
         if len(names) <= _MOST_NAMES and x.min() < at < x.max():
-            low = _lower_end(look.outlines, at, across)
-            # its peak is in the middle of the coil
-            style.write_name(ax, at, look.y[0] if low is None else low + _NAME_AT * (across - low), name, fontsize=8)
+            # towards the lower end of the coil, as its peak is in the middle
+            own = min(shapes, key=lambda shape: float(np.hypot(*(shape.mean(axis=0) - (at, up)))), default=None)
+            low = look.y[0] if own is None else float(own[:, 1].min()) * (1 - _NAME_AT) + _NAME_AT * up
+            style.write_name(ax, at, low, name, fontsize=8)
     ax.set(xlim=look.x, ylim=look.y, aspect="equal")
     return bands
-
-
-def _lower_end(outlines: Sequence[npt.ArrayLike], x: float, y: float) -> float | None:
-    """Lowest y in mm of the outline (m) about a place (mm), or None."""
-    shapes = [MM.of(outline) for outline in outlines]
-    own = min(shapes, key=lambda shape: float(np.hypot(*(shape.mean(axis=0) - (x, y)))), default=None)
-    return None if own is None else float(own[:, 1].min())
 
 
 def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:
@@ -379,7 +360,7 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     """Draw a quantity against the distance of a target.
 
     There is a curve per state, at the place where the target changes it the most. Values that no converter can read are
-    crossed.
+    crossed. Raises ValueError if the quantity is none of these.
 
     Parameters
     ----------
@@ -388,18 +369,6 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     quantity : str
         ``delta``, whose magnitude is drawn on a logarithmic axis beside the noise, or ``effective_inductance``,
         ``quality_factor`` or ``frequency``, with a dotted line for each value without the target.
-
-    Raises
-    ------
-    ValueError
-        If the quantity is none of these.
-
-    Examples
-    --------
-    >>> from coilarray import load_design, target_map
-    >>> ax = plot_target(target_map(load_design("proximity"), distances=[4e-3, 8e-3]))
-    >>> ax.get_xlabel(), ax.get_ylabel()
-    ('distance (mm)', '|δ|')
     """
     if quantity not in _SHOWN:
         raise ValueError(f"quantity must be one of {', '.join(_SHOWN)}; got {quantity!r}.")
@@ -410,21 +379,15 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     shown = style.axis_unit(response[quantity])
     ax = ax or style.new_axes(6.5, 3.6)
     distance, colours = MM.of(response.distance), style.state_colours(response, names)
-    crossed, marked = False, "readable" in response
     for k, name in enumerate(names):
         look = curve_look(k) | {"color": colours[name]}
         drawn = np.abs(values[:, k]) if quantity == "delta" else shown.of(values[:, k])
         ax.plot(distance, drawn, label=name, marker="o", markersize=3.0, **look)
-        unread = np.array(
-            [not one for one in _along(response, "readable", states[k])] if marked else [], dtype=np.bool_
-        )
-        if marked and unread.any():
-            ax.plot(distance[unread], drawn[unread], "x", color=GREY, markersize=9.0, zorder=5)
-            crossed = True
+        if "readable" in response and (unread := ~_along(response, "readable", states[k]).astype(bool)).any():
+            label = "not readable" if "not readable" not in [one.get_label() for one in ax.lines] else None
+            ax.plot(distance[unread], drawn[unread], "x", color=GREY, markersize=9.0, zorder=5, label=label)
         if base is not None:
             ax.axhline(float(shown.of(base[k])), color=colours[name], linewidth=0.8, linestyle=":", zorder=0)
-    if crossed:
-        ax.plot([], [], "x", color=GREY, markersize=9.0, label="not readable")
     if base is not None:
         ax.plot([], [], color=GREY, linewidth=0.8, linestyle=":", label="without the target")
     if quantity == "delta":
@@ -436,10 +399,8 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     if distance[-1] > _LOGARITHMIC * distance[0]:
         ax.set_xscale("log")
         style.logarithmic_ticks(ax.xaxis, math.log10(distance[-1] / distance[0]))
-    style.faint_grid(ax)
     label = _SHOWN[quantity] if quantity == "delta" else shown.label(_SHOWN[quantity])
-    ax.set(xlabel=MM.label("distance"), ylabel=label)
-    style.legend_beside(ax)
+    style.finish_curves(ax, MM.label("distance"), label)
     return ax
 
 

@@ -173,19 +173,34 @@ def legend_above(
     ax.legend(bbox_to_anchor=anchor, ncols=columns, **look)
 
 
-def mark_undetermined(ax: Axes, x: npt.ArrayLike, y: npt.ArrayLike, undetermined: npt.ArrayLike, colour: str) -> None:
-    """Cross out points whose values are only a guess."""
-    hidden = np.asarray(undetermined, dtype=bool) & np.isfinite(y)
-    if hidden.any():
-        known = [line.get_label() for line in ax.lines]
-        label = "_undetermined" if "undetermined" in known else "undetermined"
-        ax.plot(np.asarray(x)[hidden], np.asarray(y)[hidden], "x", color=colour, markersize=4.5, label=label)
+def draw_curve(
+    ax: Axes,
+    x: npt.ArrayLike,
+    y: FloatArray,
+    line: str,
+    colour: str,
+    *,
+    half: npt.ArrayLike | None = None,
+    undetermined: npt.ArrayLike | None = None,
+    **look: Any,
+) -> None:
+    """Draw a curve with a band of half a width on both sides.
+
+    Points that are `undetermined`, whose values are only a guess, are crossed out.
+    """
+    ax.plot(x, y, line, color=colour, **look)
+    if half is not None:
+        ax.fill_between(x, y - np.asarray(half), y + np.asarray(half), color=colour, alpha=0.2, linewidth=0)
+    if undetermined is not None and (hidden := np.asarray(undetermined, dtype=bool) & np.isfinite(y)).any():
+        label = "undetermined" if "undetermined" not in [one.get_label() for one in ax.lines] else None
+        ax.plot(np.asarray(x)[hidden], y[hidden], "x", color=colour, markersize=4.5, label=label)
 
 
-def draw_band(ax: Axes, x: npt.ArrayLike, middle: FloatArray, half: npt.ArrayLike, colour: str) -> None:
-    """Fill half a width on both sides of a curve."""
-    width = np.asarray(half, dtype=np.float64)
-    ax.fill_between(x, middle - width, middle + width, color=colour, alpha=0.2, linewidth=0)
+def finish_curves(ax: Axes, x: str, y: str, title: str = "") -> None:
+    """Label the axes of curves, with a grid behind and a legend beside them."""
+    faint_grid(ax)
+    ax.set(xlabel=x, ylabel=y, title=title)
+    legend_beside(ax)
 
 
 def zero_line(ax: Axes) -> None:

@@ -40,25 +40,13 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the coupling coefficients of pairs over an entry.
 
     Circles, and values in the legend, mark the `zero_crossings`, for example of the pitch at which a pair does not
-    couple. A dashed line is the design's own value.
+    couple. A dashed line is the design's own value. Raises ValueError if the sweep is not over one entry with numbers,
+    or has no k.
 
     Parameters
     ----------
     sweep : xarray.Dataset
         Result of `coilarray.sweep` over one entry with numbers. All its ``k[coil,coil]`` are drawn.
-
-    Raises
-    ------
-    ValueError
-        If the sweep is not over one entry with numbers, or has no k.
-
-    Examples
-    --------
-    >>> pitch = ("array.pitch_mm", [12.0, 14.0, 16.0, 18.0], {"units": "mm"})
-    >>> k = ("array.pitch_mm", [0.04, 0.01, -0.01, -0.02])
-    >>> ax = plot_coupling_sweep(xr.Dataset({"k[coil1,coil2]": k}, {"array.pitch_mm": pitch}))
-    >>> [text.get_text() for text in ax.get_legend().get_texts()]
-    ['k[coil1,coil2] = 0 at 14.9 mm']
     """
     entries, pairs = _entries(sweep), _names(sweep, "k[")
     if not _over_numbers(sweep, entries) or not pairs:
@@ -134,7 +122,7 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
 def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
     """Draw a quantity of a sweep as lines.
 
-    A dashed line is the design's own value.
+    A dashed line is the design's own value. Raises ValueError if the sweep is over other entries.
 
     Parameters
     ----------
@@ -143,11 +131,6 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
         line. A point without a value is a gap.
     quantity : str
         Name of a variable.
-
-    Raises
-    ------
-    ValueError
-        If the sweep is over other entries.
     """
     entries = _entries(sweep)
     along, apart = _line_entries(sweep, entries)
@@ -170,7 +153,8 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
 def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
     """Draw a quantity over two entries as colours.
 
-    Places without a result are grey. A diamond marks the design's own values.
+    Places without a result are grey. A diamond marks the design's own values. Raises ValueError if the sweep is over
+    fewer or more entries.
 
     Parameters
     ----------
@@ -178,11 +162,6 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
         Result of `coilarray.sweep` of a grid over two entries.
     quantity : str
         Name of a variable.
-
-    Raises
-    ------
-    ValueError
-        If the sweep is over fewer or more entries.
     """
     entries = _entries(sweep)
     if "sample" in sweep.dims or len(entries) != 2:
@@ -213,17 +192,13 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     each quantity and entry. Over one entry with numbers, the coupling coefficients share a panel of
     `plot_coupling_sweep`, and the resonances with the tank and the self-resonances share a panel too. A dashed line or
     a diamond marks the design's own value. Points without a result are left out, or grey on a map. Crosses mark points
-    that break fabrication rules or that no converter reads.
+    that break fabrication rules or that no converter reads. Raises ValueError if there is no quantity, or more than
+    `MOST_PANELS` panels.
 
     Parameters
     ----------
     result : xarray.Dataset
         Result of `coilarray.sweep`.
-
-    Raises
-    ------
-    ValueError
-        If there is no quantity, or more than `MOST_PANELS` panels.
     """
     entries = _entries(result)
     dotted = "sample" in result.dims or len(entries) > 2

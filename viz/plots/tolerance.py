@@ -23,7 +23,8 @@ _LEAST_SHARE = 0.02
 def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -> Figure:
     """Draw the shares of the contributors.
 
-    With samples the histograms of the first outputs are drawn too.
+    With samples the histograms of the first outputs are drawn too. Raises ValueError if the analysis has no such
+    output, or none is asked for.
 
     Parameters
     ----------
@@ -31,11 +32,6 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
         Result of `coilarray.studies.tolerance.analyse`.
     outputs : sequence of str, optional
         Names of the outputs, all by default. The first six have a histogram.
-
-    Raises
-    ------
-    ValueError
-        If the analysis has no such output, or none is asked for.
     """
     names = list(outputs) if outputs is not None else result.output.values.tolist()
     for name in names:

@@ -211,7 +211,8 @@ def dent_scene(
 ) -> Scene:
     """Scene of a dent, best seen from the side "cut".
 
-    It has the board, the deformed sheets on it and the indenter. A quarter of them is cut out.
+    It has the board, the deformed sheets on it and the indenter. A quarter of them is cut out. Raises ValueError if the
+    dataset has no such depth, or the centre is not on the board.
 
     Parameters
     ----------
@@ -228,11 +229,6 @@ def dent_scene(
     -------
     Scene
         Scene to `draw`, to `show` or to save, lengths in mm.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such depth, or the centre is not on the board.
     """
     at = at_depth(indentation, depth)
     half = _WIDTH * float(at.height[-1])

@@ -36,7 +36,8 @@ _POLICY = (
 def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
     """Write a scene as a web page.
 
-    The text comes from `scene_page`.
+    The text comes from `scene_page`. Raises MissingDependencyError if trame-vtk is not installed. Raises OutputError if
+    the file cannot be written.
 
     Parameters
     ----------
@@ -46,13 +47,6 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
         File to write, which appears only when it is complete, and title of the page.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen first.
-
-    Raises
-    ------
-    MissingDependencyError
-        If trame-vtk is not installed.
-    OutputError
-        If the file cannot be written.
     """
     write_text(path, scene_page(scene, title=title, side=side))
 

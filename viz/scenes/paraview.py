@@ -19,6 +19,8 @@ _UNSAFE = re.compile(r"[^0-9A-Za-z._-]+")
 def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
     """Write a scene for ParaView, lengths in mm.
 
+    Raises OutputError if the files cannot be written. Earlier files are kept.
+
     Parameters
     ----------
     scene : Scene
@@ -31,11 +33,6 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
     -------
     tuple of Path
         Written files, which are the .vtm, or the files of the parts.
-
-    Raises
-    ------
-    OutputError
-        If the files cannot be written. Earlier files are kept.
     """
     if path.suffix.lower() == ".vtm":
         files = [f"{path.stem}/{path.stem}_{k}{_suffix(part)}" for k, part in enumerate(scene.parts)]

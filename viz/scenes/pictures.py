@@ -31,6 +31,9 @@ _LONGEST = 6000
 def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE) -> None:
     """Render a scene off-screen into an image file.
 
+    Raises MissingDependencyError if this machine cannot render. The text names the system packages. Raises OutputError
+    if the size is not allowed, or the file cannot be written.
+
     Parameters
     ----------
     scene : Scene
@@ -41,13 +44,6 @@ def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tupl
         Side from which it is seen.
     size : tuple of int
         Width and height of the picture in pixels.
-
-    Raises
-    ------
-    MissingDependencyError
-        If this machine cannot render. The text names the system packages.
-    OutputError
-        If the size is not allowed, or the file cannot be written.
     """
     with off_screen(size) as plotter:
         draw(scene, plotter, side=side)
@@ -98,6 +94,9 @@ def save_movie(
 ) -> None:
     """Render scenes off-screen into a film.
 
+    Raises MissingDependencyError if this machine cannot render, or PyAV is not installed for .mp4. Raises OutputError
+    if the suffix, size or rate is not allowed, there is no picture, or the file cannot be written.
+
     Parameters
     ----------
     still : Scene
@@ -111,13 +110,6 @@ def save_movie(
         As in `save_picture`. For .mp4 both sides of a picture must be even.
     rate : float
         Pictures per second.
-
-    Raises
-    ------
-    MissingDependencyError
-        If this machine cannot render, or PyAV is not installed for .mp4.
-    OutputError
-        If the suffix, size or rate is not allowed, there is no picture, or the file cannot be written.
     """
     check_movie(path, size, rate)
     with off_screen(size) as plotter:
@@ -201,7 +193,8 @@ _LETTER = 8.5  # width of a letter beside a switch in pixels
 def show(scene: Scene, *, side: Side = "oblique") -> None:
     """Open a window with a scene.
 
-    The function returns when the user closes it.
+    The function returns when the user closes it. Raises MissingDependencyError if no window can be opened or this
+    machine cannot render.
 
     Parameters
     ----------
@@ -209,11 +202,6 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
         Scene that is shown. Every group has a switch.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen.
-
-    Raises
-    ------
-    MissingDependencyError
-        If no window can be opened or this machine cannot render.
     """
     check_window()
     from coilarray.viz.extra_3d import pyvista
