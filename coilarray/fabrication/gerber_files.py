@@ -114,9 +114,13 @@ def _hidden(name: Path | PurePosixPath) -> bool:
 
 def _recognized(label: str, data: bytes) -> DataFile | None:
     """Recognize a Gerber, Excellon or job file. None for other files."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
     if label.lower().endswith(".gbrjob"):
-        return DataFile(label, _text(data), "job", ())
-    text = "" if b"\0" in data else _text(data)
+        return DataFile(label, text, "job", ())
+    text = "" if b"\0" in data else text
     kind: Literal["gerber", "excellon"]
     if _GERBER.search(text):
         kind = "gerber"
@@ -128,13 +132,6 @@ def _recognized(label: str, data: bytes) -> DataFile | None:
         return None
     found = _FILE_FUNCTION.search(text)
     return DataFile(label, text, kind, tuple(found[1].strip().split(",")) if found else ())
-
-
-def _text(data: bytes) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
 
 
 def _named(files: Sequence[DataFile]) -> list[DataFile]:
@@ -204,32 +201,27 @@ def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[
     slabs: list[Slab] = [
         united(
             [
-                (_length(layer, "Thickness"), _positive(layer, "DielectricConstant"))
+                (_positive(layer, "Thickness", _MM), _positive(layer, "DielectricConstant"))
                 for layer in layers[first:last]
                 if layer.get("Type") == "Dielectric"
             ]
         )
         for first, last in pairwise(at)
     ]
-    copper = [_length(layers[k], "Thickness") for k in at] or [None] * copper_layers
+    copper = [_positive(layers[k], "Thickness", _MM) for k in at] or [None] * copper_layers
     slabs = slabs or [(None, None)] * (copper_layers - 1)
-    board = _length(document.get("GeneralSpecs"), "BoardThickness")
+    board = _positive(document.get("GeneralSpecs"), "BoardThickness", _MM)
     try:
         return completed_stackup(names, copper, slabs, board, "the files do", assumed), assumed
     except GeometryError as error:
         raise BoardError(f"{where}: {error}") from None
 
 
-def _positive(node: Any, key: str) -> float | None:
+def _positive(node: Any, key: str, unit: float = 1.0) -> float | None:
     value = node.get(key) if isinstance(node, dict) else None
     if not isinstance(value, (int, float)) or isinstance(value, bool) or value <= 0:
         return None
-    return float(value)
-
-
-def _length(node: Any, key: str) -> float | None:
-    value = _positive(node, key)
-    return None if value is None else value * _MM
+    return float(value) * unit
 
 
 # Warnings of gerbonara 1.5 for things that it then skips or gets wrong, or words in its own way, and our wording.

@@ -52,7 +52,13 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """
     files = find_files(path)
     copper = _copper_files(files, path)
-    board, assumed = _stackup(files, len(copper), stackup, path)
+    if stackup is None:
+        job = next((file for file in files if file.kind == "job"), None)
+        board, assumed = job_stackup(job, len(copper), str(path))
+    elif len(stackup.names) == len(copper):
+        board, assumed = stackup, {}
+    else:
+        raise BoardError(f"{path}: has {len(copper)} copper layers and the given stack-up {len(stackup.names)}.")
     drawn = {layer: parse_gerber(file) for layer, file in zip(board.names, copper, strict=True)}
     for objects in drawn.values():
         _refuse_cut_tracks(objects)
@@ -66,7 +72,8 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     areas = tuple(area for layer, objects in drawn.items() for area in _areas(layer, objects))
     lands = [(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
     bores = _bores(files, board, lands)
-    openings = [(flash.x, flash.y) for flash in _mask_openings(files)]
+    masks = [item for file in files if file.function[:1] == ("Soldermask",) for item in parse_gerber(file)]
+    openings = [(item.x, item.y) for item in masks if isinstance(item, Flash)]
     holes = [_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
     if len(copper) > 1 and not holes:
         raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole to connect them.")
@@ -125,17 +132,6 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
     return [numbered[number] for number in sorted(numbered)]
 
 
-def _stackup(
-    files: Sequence[DataFile], copper_layers: int, given: Stackup | None, path: Path
-) -> tuple[Stackup, dict[str, str]]:
-    """Stack-up from the caller or the job file, with assumptions."""
-    if given is None:
-        return job_stackup(next((file for file in files if file.kind == "job"), None), copper_layers, str(path))
-    if len(given.names) != copper_layers:
-        raise BoardError(f"{path}: has {copper_layers} copper layers and the given stack-up {len(given.names)}.")
-    return given, {}
-
-
 def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> None:
     """Raise BoardError if a clear shape cuts tracks or pads.
 
@@ -159,12 +155,6 @@ def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> It
             shape = item.shape - shapely.union_all(cuts) if cuts else item.shape
             if not shape.is_empty:
                 yield CopperArea(layer, shape, item.net, "a region", item.where)
-
-
-def _mask_openings(files: Iterable[DataFile]) -> list[Flash]:
-    """Flashes in all files of solder masks."""
-    chosen = [file for file in files if file.function[:1] == ("Soldermask",)]
-    return [item for file in chosen for item in parse_gerber(file) if isinstance(item, Flash)]
 
 
 def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) -> list[_Bore]:

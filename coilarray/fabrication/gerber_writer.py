@@ -76,8 +76,7 @@ def write_gerbers(
     if not name.strip():
         raise OutputError(f"cannot write {path}: the project must have a name; got {name!r}.")
     project = _Project(name, revision)
-    files = [*_copper_files(array, project), *_mask_files(array, project)]
-    files += [_silk_file(array, project), _profile_file(array, project), *_drill_files(array, project)]
+    files = [*_gerbers(array, project), *_drill_files(array, project)]
     content = {file.name: file.text for file in files}
     content[f"{project.stem}-job.gbrjob"] = _job(array, project, files)
 
@@ -109,15 +108,10 @@ class _Project:
     def guid(self) -> str:
         return str(uuid.uuid5(uuid.NAMESPACE_URL, f"coilarray:{self.name}"))
 
-    @property
-    def software(self) -> tuple[str, str, str]:
-        """Vendor, application and version."""
-        return "coilarray", "coilarray", metadata.version("coilarray")
-
     def attributes(self, function: Sequence[str], polarity: str = "") -> dict[str, tuple[str, ...]]:
         """File attributes of one layer."""
         attributes = {
-            ".GenerationSoftware": self.software,
+            ".GenerationSoftware": ("coilarray", "coilarray", metadata.version("coilarray")),
             ".ProjectId": (_field(self.name), self.guid, _field(self.revision)),
             ".Part": ("Single",),
             ".SameCoordinates": ("Original",),
@@ -197,12 +191,31 @@ class _File:
     polarity: str = ""
 
 
-def _copper_files(array: Array, project: _Project) -> Iterator[_File]:
+def _gerbers(array: Array, project: _Project) -> Iterator[_File]:
+    """Yield the Gerber layers: copper from top to bottom, solder masks, names of the coils, and the board's edge."""
     names = array.stackup.names
-    for k, layer in enumerate(names):
+
+    def file(name: str, layer: _Layer, function: tuple[str, ...], polarity: str = "") -> _File:
+        text = layer.text(project.attributes(function, polarity))
+        return _File(f"{project.stem}-{name}.gbr", text, function, polarity)
+
+    for k, name in enumerate(names):
         side = "Top" if k == 0 else "Bot" if k == len(names) - 1 else "Inr"
-        file = {"Top": "F_Cu", "Bot": "B_Cu", "Inr": f"In{k}_Cu"}[side]
-        yield _gerber(project, file, _copper(array, layer), ("Copper", f"L{k + 1}", side), "Positive")
+        kicad = {"Top": "F_Cu", "Bot": "B_Cu", "Inr": f"In{k}_Cu"}[side]
+        yield file(kicad, _copper(array, name), ("Copper", f"L{k + 1}", side), "Positive")
+    for side, kicad, name in (("Top", "F_Mask", names[0]), ("Bot", "B_Mask", names[-1])):
+        openings = _Layer()
+        for hole in drills(array):
+            if hole.kind == "terminal" and name in hole.layers:
+                openings.flash(hole.x, hole.y, float(_mm(hole.pad)))
+        yield file(kicad, openings, ("Soldermask", side), "Negative")
+    yield file("F_Silkscreen", _silk(array), ("Legend", "Top"), "Positive")
+    x_min, y_min, x_max, y_max = _mm(array.bounds).tolist()
+    corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)])
+    edge = _Layer()
+    for start, end in pairwise(corners):
+        edge.stroke(start, end, _PROFILE_LINE, "Profile")
+    yield file("Edge_Cuts", edge, ("Profile", "NP"))
 
 
 def _copper(array: Array, name: str) -> _Layer:
@@ -228,17 +241,7 @@ def _copper(array: Array, name: str) -> _Layer:
     return layer
 
 
-def _mask_files(array: Array, project: _Project) -> Iterator[_File]:
-    """Yield the solder masks, open at the pads of terminals."""
-    for side, file, name in (("Top", "F_Mask", array.stackup.names[0]), ("Bot", "B_Mask", array.stackup.names[-1])):
-        openings = _Layer()
-        for hole in drills(array):
-            if hole.kind == "terminal" and name in hole.layers:
-                openings.flash(hole.x, hole.y, float(_mm(hole.pad)))
-        yield _gerber(project, file, openings, ("Soldermask", side), "Negative")
-
-
-def _silk_file(array: Array, project: _Project) -> _File:
+def _silk(array: Array) -> _Layer:
     """Make the silk screen with the names of the coils."""
     font = gerbonara("newstroke").Newstroke.load()
     layer = _Layer()
@@ -253,26 +256,11 @@ def _silk_file(array: Array, project: _Project) -> _File:
         for stroke in strokes:
             for start, end in pairwise(np.round(stroke + shift, _DIGITS)):
                 layer.stroke(start, end, _SILK_LINE * size)
-    return _gerber(project, "F_Silkscreen", layer, ("Legend", "Top"), "Positive")
-
-
-def _profile_file(array: Array, project: _Project) -> _File:
-    """Make the file of the board's edge."""
-    x_min, y_min, x_max, y_max = _mm(array.bounds).tolist()
-    corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)])
-    layer = _Layer()
-    for start, end in pairwise(corners):
-        layer.stroke(start, end, _PROFILE_LINE, "Profile")
-    return _gerber(project, "Edge_Cuts", layer, ("Profile", "NP"))
-
-
-def _gerber(project: _Project, name: str, layer: _Layer, function: tuple[str, ...], polarity: str = "") -> _File:
-    text = layer.text(project.attributes(function, polarity))
-    return _File(f"{project.stem}-{name}.gbr", text, function, polarity)
+    return layer
 
 
 def _drill_files(array: Array, project: _Project) -> Iterator[_File]:
-    """Yield a drill file for each span of layers."""
+    """Yield an Excellon file of plated holes for each span of layers."""
     names = array.stackup.names
     spans: dict[tuple[int, int], list[Drill]] = {}
     for hole in drills(array):
@@ -283,27 +271,23 @@ def _drill_files(array: Array, project: _Project) -> Iterator[_File]:
         outer = (first == 1) + (last == len(names))
         kind = ("Buried", "Blind", "PTH")[outer]
         file = f"{project.stem}-PTH.drl" if outer == 2 else f"{project.stem}-PTH-L{first}-L{last}.drl"
-        yield _excellon(project, file, holes, ("Plated", str(first), str(last), kind))
-
-
-def _excellon(project: _Project, name: str, holes: Sequence[Drill], function: tuple[str, ...]) -> _File:
-    """Make an Excellon file of plated holes."""
-    places: dict[float, list[str]] = {}
-    for hole in holes:
-        x, y = _mm((hole.x, hole.y)).tolist()
-        places.setdefault(float(_mm(hole.diameter)), []).append(f"X{x:.{_DIGITS}f}Y{y:.{_DIGITS}f}")
-    # Excellon has no attributes: they stand in comments of the header
-    lines = ["M48", *(f"; #@! TF{key},{','.join(value)}" for key, value in project.attributes(function).items())]
-    lines += ["METRIC", *(f"T{k:02d}C{diameter:.{_DIGITS}f}" for k, diameter in enumerate(places, start=1)), "%", "G05"]
-    for k, at in enumerate(places.values(), start=1):
-        lines += [f"T{k:02d}", *at]
-    return _File(name, "\n".join([*lines, "M30"]) + "\n", function)
+        function = ("Plated", str(first), str(last), kind)
+        places: dict[float, list[str]] = {}
+        for hole in holes:
+            x, y = _mm((hole.x, hole.y)).tolist()
+            places.setdefault(float(_mm(hole.diameter)), []).append(f"X{x:.{_DIGITS}f}Y{y:.{_DIGITS}f}")
+        # Excellon has no attributes: they stand in comments of the header
+        lines = ["M48", *(f"; #@! TF{key},{','.join(text)}" for key, text in project.attributes(function).items())]
+        lines += ["METRIC", *(f"T{k:02d}C{size:.{_DIGITS}f}" for k, size in enumerate(places, start=1)), "%", "G05"]
+        for k, at in enumerate(places.values(), start=1):
+            lines += [f"T{k:02d}", *at]
+        yield _File(file, "\n".join([*lines, "M30"]) + "\n", function)
 
 
 def _job(array: Array, project: _Project, files: Sequence[_File]) -> str:
     """Make the text of the Gerber job file."""
     stackup = array.stackup
-    vendor, application, version = project.software
+    software = {"Vendor": "coilarray", "Application": "coilarray", "Version": metadata.version("coilarray")}
     x_min, y_min, x_max, y_max = array.bounds
     layers: list[dict[str, Any]] = []
     for k, (name, copper) in enumerate(zip(stackup.names, stackup.copper_thickness, strict=True)):
@@ -318,7 +302,7 @@ def _job(array: Array, project: _Project, files: Sequence[_File]) -> str:
                 }
             )
     job = {
-        "Header": {"GenerationSoftware": {"Vendor": vendor, "Application": application, "Version": version}},
+        "Header": {"GenerationSoftware": software},
         "GeneralSpecs": {
             "ProjectId": {"Name": project.name, "GUID": project.guid, "Revision": project.revision},
             "Size": {"X": float(_mm(x_max - x_min)), "Y": float(_mm(y_max - y_min))},

@@ -58,7 +58,18 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         raise BoardError(
             f"{root.where}: a KiCad board begins with (kicad_pcb; this file begins with ({root.name[:40]}."
         )
-    notes = [*_version_note(root)]
+    notes = []
+    version = root.need("version")
+    number = version.number()
+    if number < OLDEST_VERSION:
+        raise BoardError(
+            f"{version.where}: the board has KiCad's format {number:.0f}, older than KiCad 6 ({OLDEST_VERSION}); "
+            "open it in a newer KiCad and save it."
+        )
+    if number > NEWEST_VERSION:
+        notes.append(
+            f"The board has KiCad's format {number:.0f}; formats newer than KiCad 9 ({NEWEST_VERSION}) are untested."
+        )
     nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none from KiCad 10 on
     origin = root.child("setup", "aux_axis_origin")
     board = _Board(read_layers(root, stackup), nets, (0.0, 0.0) if origin is None else pair(origin))
@@ -95,19 +106,6 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     edge = shapely.MultiPoint(outline).bounds if outline else None
     copper = (tuple(tracks), tuple(holes), tuple(pads), board.layers.assumed, tuple(areas))
     return BoardCopper(str(path), board.layers.stackup, *copper, edge, tuple(notes))
-
-
-def _version_note(root: Node) -> Iterator[str]:
-    """Yield a note on a newer format. Older formats are refused."""
-    version = root.need("version")
-    number = version.number()
-    if number < OLDEST_VERSION:
-        raise BoardError(
-            f"{version.where}: the board has KiCad's format {number:.0f}, older than KiCad 6 ({OLDEST_VERSION}); "
-            "open it in a newer KiCad and save it."
-        )
-    if number > NEWEST_VERSION:
-        yield f"The board has KiCad's format {number:.0f}; formats newer than KiCad 9 ({NEWEST_VERSION}) are untested."
 
 
 @dataclass(frozen=True)

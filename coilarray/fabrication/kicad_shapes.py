@@ -168,12 +168,10 @@ def drawn_copper(node: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator
 
     The shape is in m. There is an item for every copper layer on which it lies.
     """
-    names = layers.all(node)
-    if not names:
-        return
-    shape = drawn_shape(node, to_board)
-    for name in names:
-        yield name, shape, _DRAWN[node.name.split("_")[1]]
+    if names := layers.all(node):
+        shape = drawn_shape(node, to_board)
+        for name in names:
+            yield name, shape, _DRAWN[node.name.split("_")[1]]
 
 
 def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
@@ -190,9 +188,16 @@ def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
 def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
     """Return the line that a drawn shape follows, in m. Closed shapes end at their beginning."""
     kind = node.name.split("_")[1]
-    if kind in ("poly", "curve"):
+    if kind == "poly":
         points = list(_points(node, to_board))
-        return _bezier(node, points) if kind == "curve" else [*points, points[0]]
+        return [*points, points[0]]
+    if kind == "curve":
+        points = list(_points(node, to_board))
+        if len(points) != 4:
+            raise BoardError(f"{node.where}: a curve must have 4 points; got {len(points)}.")
+        p0, p1, p2, p3 = np.array(points)
+        t = np.linspace(0, 1, _CURVE_PIECES + 1)[:, None]
+        return _as_list(p0 * (1 - t) ** 3 + 3 * p1 * t * (1 - t) ** 2 + 3 * p2 * t**2 * (1 - t) + p3 * t**3)
     if kind == "circle":
         centre, rim = to_board(*pair(node.need("center"))), to_board(*pair(node.need("end")))
         opposite = (2 * centre[0] - rim[0], 2 * centre[1] - rim[1])
@@ -247,14 +252,6 @@ def _points(node: Node, to_board: ToBoard) -> Iterator[Point]:
             yield from _as_list(arc_points(start, middle, end))
     if not points.items:
         raise BoardError(f"{points.where}: (pts …) must have points; got none.")
-
-
-def _bezier(node: Node, points: list[Point]) -> list[Point]:
-    if len(points) != 4:
-        raise BoardError(f"{node.where}: a curve must have 4 points; got {len(points)}.")
-    p0, p1, p2, p3 = np.array(points)
-    t = np.linspace(0, 1, _CURVE_PIECES + 1)[:, None]
-    return _as_list(p0 * (1 - t) ** 3 + 3 * p1 * t * (1 - t) ** 2 + 3 * p2 * t**2 * (1 - t) + p3 * t**3)
 
 
 def _as_list(points: FloatArray) -> list[Point]:
@@ -328,7 +325,11 @@ def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, 
     They are in m, with the kind of the object. The objects are texts, text boxes, dimensions and unknown nodes, unless
     they are hidden. `to_board` transforms points from the frame of the node.
     """
-    if node.name in _NO_COPPER or _is_hidden(node):
+    hidden = any(
+        "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
+        for part in (node, *node.children("effects"))
+    )
+    if node.name in _NO_COPPER or hidden:
         return
     if node.name in _TEXTS:
         yield _text_box(node, to_board), "a text"
@@ -361,13 +362,6 @@ def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
     box = shapely.box(-x / _PER_M, -y / _PER_M, x / _PER_M, y / _PER_M)
     turned = affinity.rotate(box, turn, origin=(0, 0), use_radians=True)
     return affinity.translate(turned, *to_board(*pair(place)))
-
-
-def _is_hidden(node: Node) -> bool:
-    return any(
-        "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
-        for part in (node, *node.children("effects"))
-    )
 
 
 def _places(node: Node) -> Iterator[Point]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from coilarray.compute.files import text_of_file
 from coilarray.errors import BoardError
 
-_TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+', re.DOTALL)
+_TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+|"', re.DOTALL)  # the last: quotes that are never closed
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
 
@@ -101,8 +101,14 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
     """
     open_lists: list[tuple[str, list[Node | str]]] = []
     root: Node | None = None
-    for token, line in _tokens(text, name):
+    line, done = 1, 0
+    for match in _TOKEN.finditer(text):
+        token = match[0]
+        line += text.count("\n", done, match.start())
+        done = match.start()
         where = f"{name}:{line}"
+        if token == '"':
+            raise BoardError(f"{where}: the file ends inside the text that begins here.")
         if root is not None:
             raise BoardError(f"{where}: nothing may follow the last parenthesis; got {token[:40]!r}.")
         if token == "(":
@@ -115,8 +121,11 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
                 open_lists[-1][1].append(node)
             else:
                 root = node
+        elif token.startswith('"'):
+            word = _ESCAPE.sub(lambda match: _ESCAPED.get(match[1], match[1]), token[1:-1])
+            open_lists[-1][1].append(Quoted(word))
         else:
-            open_lists[-1][1].append(_word(token))
+            open_lists[-1][1].append(token)
     if open_lists:
         innermost = _node(*open_lists[-1])
         last = text.count("\n", 0, len(text.rstrip())) + 1
@@ -127,32 +136,7 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
     return root
 
 
-def _tokens(text: str, name: str) -> Iterator[tuple[str, int]]:
-    """Yield every parenthesis and word with its line, from 1."""
-    line, done = 1, 0
-    for match in _TOKEN.finditer(text):
-        start, end = match.span()
-        if '"' in (between := text[done:start]):
-            raise _open_string(name, line + between.count("\n", 0, between.index('"')))
-        line += between.count("\n")
-        yield match[0], line
-        line += match[0].count("\n")
-        done = end
-    if '"' in (rest := text[done:]):
-        raise _open_string(name, line + rest.count("\n", 0, rest.index('"')))
-
-
-def _open_string(name: str, line: int) -> BoardError:
-    return BoardError(f"{name}:{line}: the file ends inside the text that begins here.")
-
-
 def _node(where: str, items: list[Node | str]) -> Node:
     if items and isinstance(items[0], str):
         return Node(str(items[0]), tuple(items[1:]), where)
     return Node("", tuple(items), where)
-
-
-def _word(token: str) -> str:
-    if not token.startswith('"'):
-        return token
-    return Quoted(_ESCAPE.sub(lambda match: _ESCAPED.get(match[1], match[1]), token[1:-1]))

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from shapely.geometry.base import BaseGeometry
 
-from coilarray.compute.arrays import FloatArray
-from coilarray.geometry.array import Array, Placement
+from coilarray.geometry.array import Array
 from coilarray.geometry.copper import board_outline, disc, drills
 
 # Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
@@ -46,40 +44,24 @@ def silk_labels(array: Array) -> tuple[Label | None, ...]:
     labels: list[Label | None] = []
     taken = np.zeros((0, 4))
     for placement in array.placements:
-        label, box = _fit(placement, free, taken)
+        # a grid over the coil's winding, the places nearest to its centre first
+        outline = placement.to_board(placement.coil.outline)
+        count = np.ceil(0.5 * np.ptp(outline, axis=0) / _STEP).astype(int)
+        x, y = np.meshgrid(*(_STEP * np.arange(-n, n + 1) for n in count))
+        grid = np.column_stack((x.ravel(), y.ravel()))
+        middle = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
+        places = middle + grid[np.argsort(np.hypot(*grid.T), kind="stable")]
+        label = None
+        for size in _SIZES:
+            half = 0.5 * np.array([_LETTER_WIDTH * len(placement.name), _LETTER_HEIGHT]) * size
+            boxes = np.hstack((places - half, places + half))
+            beyond = boxes[:, None, :2] >= taken[:, 2:] + _CLEARANCE
+            before = boxes[:, None, 2:] <= taken[:, :2] - _CLEARANCE
+            clear = np.all(np.any(beyond | before, axis=2), axis=1)
+            fits = np.flatnonzero(shapely.contains(free, shapely.box(*boxes.T)) & clear)
+            if len(fits):
+                label = Label(*places[fits[0]].tolist(), size)
+                taken = np.vstack((taken, boxes[fits[0]]))
+                break
         labels.append(label)
-        taken = np.vstack((taken, box))
     return tuple(labels)
-
-
-def _fit(placement: Placement, free: BaseGeometry, taken: FloatArray) -> tuple[Label | None, FloatArray]:
-    """Find the first free place for a name.
-
-    The box of the name is returned too. The box (x_min, y_min, x_max, y_max) is in m, shape (0 or 1, 4).
-    """
-    places = _places(placement)
-    for size in _SIZES:
-        half = 0.5 * np.array([_LETTER_WIDTH * len(placement.name), _LETTER_HEIGHT]) * size
-        boxes = np.hstack((places - half, places + half))
-        beyond = boxes[:, None, :2] >= taken[:, 2:] + _CLEARANCE
-        before = boxes[:, None, 2:] <= taken[:, :2] - _CLEARANCE
-        clear = np.any(beyond | before, axis=2)
-        fits = shapely.contains(free, shapely.box(*boxes.T)) & np.all(clear, axis=1)
-        if fits.any():
-            first = int(np.argmax(fits))
-            x, y = places[first].tolist()
-            return Label(x, y, size), boxes[first : first + 1]
-    return None, np.zeros((0, 4))
-
-
-def _places(placement: Placement) -> FloatArray:
-    """Points of a grid over the coil's winding, in m.
-
-    They have the shape (n, 2), with the nearest to the coil's centre first.
-    """
-    points = placement.to_board(placement.coil.outline)
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    count = np.ceil(0.5 * np.ptp(points, axis=0) / _STEP).astype(int)
-    x, y = np.meshgrid(*(_STEP * np.arange(-n, n + 1) for n in count))
-    grid = np.column_stack((x.ravel(), y.ravel()))
-    return np.asarray(middle + grid[np.argsort(np.hypot(*grid.T), kind="stable")])

@@ -1,4 +1,4 @@
-"""Solids as files: STL and PLY for slicers, GLB for viewers, STEP for mechanical design.
+"""Solids as files: STL for slicers, GLB for viewers, STEP for mechanical design.
 
 GLB is in m, the others are in mm. STEP is written through Open CASCADE.
 """
@@ -49,40 +49,28 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
 
     The suffix determines the format.
 
-    `solids`: solids in m, as made by `coilarray.geometry.solids`. `path`: file name; ``.stl`` and ``.ply`` hold all
-    solids in one mesh, in mm, as slicers expect; ``.glb`` holds a scene of named and coloured nodes, in m and with y
-    up, as glTF demands. Raises OutputError if the suffix is different, there are no solids, or the file cannot be
-    written.
+    `solids`: solids in m, as made by `coilarray.geometry.solids`. `path`: file name; ``.stl`` holds all solids in one
+    mesh, in mm, as slicers expect; ``.glb`` holds a scene of named and coloured nodes, in m and with y up, as glTF
+    demands. Raises OutputError if the suffix is different, there are no solids, or the file cannot be written.
     """
     import trimesh  # slow to import
 
-    suffix = path.suffix.lower()
-    require_suffix(path, ".stl", ".ply", ".glb")
+    require_suffix(path, ".stl", ".glb")
     if not solids:
         raise OutputError(f"cannot write {path}: there are no solids.")
-    if suffix == ".glb":
-        data = _scene(solids).export(file_type="glb")
-    else:
-        merged: Any = trimesh.util.concatenate(
-            [mesh.copy() for mesh in solids.values()]
-        )  # trimesh is typed in part only
+    if path.suffix.lower() == ".stl":
+        merged: Any = trimesh.util.concatenate([mesh.copy() for mesh in solids.values()])
         merged.vertices *= _MM
-        data = merged.export(file_type=suffix[1:])
-    write_bytes(path, data)
-
-
-def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
-    """Make a scene of coloured solids. The solids are named, and y is up."""
-    import trimesh
-
-    scene: Any = trimesh.Scene()
+        write_bytes(path, merged.export(file_type="stl"))
+        return
+    scene: Any = trimesh.Scene()  # trimesh is typed in part only
     for name, solid in solids.items():
         mesh = solid.copy()
         colour = np.array(COLOURS.get(name.split("/")[0], _OTHER), dtype=np.uint8)
         mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.tile(colour, (len(mesh.vertices), 1)))
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     scene.apply_transform(_Y_UP)
-    return scene
+    write_bytes(path, scene.export(file_type="glb"))
 
 
 # Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by accident.
@@ -115,7 +103,15 @@ def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] =
     require_suffix(path, ".step", ".stp")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
     prisms = sheet_prisms(array, sheets) | faceted_prisms(array)
-    circles = _circles(array)
+    circles = np.array(  # centres and radii in m of pads, holes and the inside of barrels
+        sorted(
+            {
+                (hole.x, hole.y, diameter / 2)
+                for hole in drills(array)
+                for diameter in (hole.pad, *((hole.diameter, hole.diameter - 2 * hole.plating) if hole.drilled else ()))
+            }
+        )
+    ).reshape(-1, 3)
     parts = {key: _part(prism, circles) for key, prism in prisms.items()}
     document = _document(name, parts)
     write_atomically(path, lambda temporary: _write(document, temporary, name))
@@ -140,19 +136,6 @@ def faceted_prisms(array: Array) -> dict[str, Prism]:
 
 
 # ---- outlines: which of their edges are arcs
-
-
-def _circles(array: Array) -> FloatArray:
-    """Centres and radii in m of all circles.
-
-    The circles are pads, holes and the inside of barrels. The array has the shape (n, 3).
-    """
-    rows = {
-        (hole.x, hole.y, diameter / 2)
-        for hole in drills(array)
-        for diameter in (hole.pad, *((hole.diameter, hole.diameter - 2 * hole.plating) if hole.drilled else ()))
-    }
-    return np.array(sorted(rows)).reshape(-1, 3)
 
 
 def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
