@@ -1,6 +1,5 @@
 """DXF drawings, read back by ezdxf: units, layers, areas, paths, holes; and everything that cannot be written."""
 
-import math
 import sys
 from dataclasses import replace
 
@@ -8,8 +7,6 @@ import ezdxf
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from support.boards import VIA, WOUND, many_layers, reference_board
 from support.refusals import refused
 
@@ -136,15 +133,6 @@ def test_holes_that_are_not_through_lie_on_layers_of_their_own(tmp_path):
     assert layers == {layer.dxf.name for layer in drawing.layers if layer.dxf.name.startswith("drill")}
 
 
-@pytest.mark.slow
-@settings(max_examples=8)
-@given(rotation=st.floats(-math.pi, math.pi), x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
-def test_wherever_the_coil_lies(tmp_path_factory, rotation, x, y):
-    board = BOARDS["two widths"]
-    array = board.with_placements([replace(board.placements[0], x=x, y=y, rotation=rotation)])
-    assert_same_area(written(array, tmp_path_factory.mktemp("dxf")), array)
-
-
 def board_of_layers(*names):
     coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, VIA)
     return Array(replace(many_layers(len(names)), names=names), (Placement("A", coil, names[:1], 0, 0),))
@@ -161,15 +149,7 @@ def test_files_that_cannot_be(tmp_path, monkeypatch):
     refused(OutputError, r"the suffix must be \.dxf; got '\.dwg'", write_dxf, array, tmp_path / "board.dwg")
     message = r"cannot write .*board\.dxf: No such file or directory"
     refused(OutputError, message, write_dxf, array, tmp_path / "missing" / "board.dxf")
-
-    def full(drawing, path):
-        path.write_text("half of it", encoding="utf-8")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("ezdxf.document.Drawing.saveas", full)
-    path = tmp_path / "board.dxf"
-    refused(OutputError, r"cannot write .*board\.dxf: No space left on device", write_dxf, array, path)
     monkeypatch.setitem(sys.modules, "ezdxf", None)
     message = r'DXF files need ezdxf, .*: .*python.* -m pip install .*\[fab\]"'
-    refused(MissingDependencyError, message, write_dxf, array, path)
+    refused(MissingDependencyError, message, write_dxf, array, tmp_path / "board.dxf")
     assert list(tmp_path.iterdir()) == []

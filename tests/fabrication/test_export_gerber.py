@@ -131,20 +131,6 @@ def test_copper_read_back_is_the_design_with_round_corners(array: Array, tmp_pat
         assert np.array(read.bounds) == pytest.approx(np.array(expected.bounds), abs=2e-9)
 
 
-@pytest.mark.slow
-def test_the_difference_to_mitred_copper_is_that_of_its_corners(tmp_path: Path) -> None:
-    array = reference_board(count=1)
-    (first, *_) = copper_files(written(array, tmp_path))
-    short = shapely.union_all(list(copper_by_layer(array)["L1"].values())).area - drawn_copper(first).area
-    coil = array.placements[0].coil
-    step = np.diff(coil.lines[0], axis=0)
-    half_turn = np.abs(np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0])))) / 2
-    expected = float(((coil.trace_width / 2) ** 2 * (np.tan(half_turn) - half_turn)).sum())
-    # the corner at the via lies under its pad, and polygons stand for the round ends: 5e-4 of each half disc
-    assert short == pytest.approx(expected, rel=0.05)
-    assert short / drawn_copper(first).area == pytest.approx(1.8e-4, rel=0.1)  # of the copper, as the docstring says
-
-
 def test_every_piece_of_copper_has_its_net_and_terminals_their_number(tmp_path: Path) -> None:
     files = copper_files(written(array := small_board(), tmp_path))
     for layer, file in zip(array.stackup.names, files, strict=True):
@@ -161,19 +147,6 @@ def test_every_piece_of_copper_has_its_net_and_terminals_their_number(tmp_path: 
         for number, point in enumerate(placement.to_board(placement.coil.terminal_points), start=1)
     }
     assert pins == expected
-
-
-def test_sizes_keep_their_functions_and_six_digits(tmp_path: Path) -> None:
-    hole = PlatedHole(0.3e-3, 0.6e-3)
-    lines = [[(0, 0), (5e-3, 0)], [(5e-3, 0), (5e-3, 5e-3)]]
-    array = one_coil(path_coil(lines, 0.6e-3, 0.3e-3, hole, hole))
-    (top, _) = copper_files(written(array, tmp_path))
-    found = {(dict(item.aperture.attrs)[".AperFunction"], item.aperture.diameter) for item in top.objects}
-    assert found == {((function,), 0.6) for function in ("Conductor", "ViaPad", "ComponentPad")}
-    # widths keep six digits and may change
-    coil = path_coil([[(0, 0), (5e-3, 0), (5e-3, 5e-3)]], [[0.123456e-3, 1.000001e-3]], 0.3e-3, VIA)
-    (top,) = copper_files(written(one_coil(coil), tmp_path))
-    assert [item.aperture.diameter for item in top.objects] == [0.123456, 1.000001]
 
 
 @pytest.mark.parametrize("through_holes", [True, False])

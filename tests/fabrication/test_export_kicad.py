@@ -71,9 +71,8 @@ def single_layer() -> Array:
 
 
 BOARDS = {
-    **{name: lambda name=name: load_design(name).array for name in ("gast2020", "starter", "gast_fem")},
+    "starter": lambda: load_design("starter").array,
     "hexagonal, blind holes": lambda: hexagonal_board(4),
-    "hexagonal, bare ends": lambda: hexagonal_board(4, bare=True),
     "two widths": winding_and_return,
     "one layer": single_layer,
 }
@@ -393,16 +392,6 @@ def contents(folder: Path) -> dict[str, bytes | None]:
     return {str(path): None if path.is_dir() else path.read_bytes() for path in sorted(folder.rglob("*"))}
 
 
-def test_a_file_where_the_footprints_belong_leaves_the_old_board(tmp_path: Path) -> None:
-    written(single_layer(), tmp_path)
-    library = tmp_path / "project" / "board.pretty"
-    shutil.rmtree(library)
-    library.write_text("mine")
-    before = contents(tmp_path)
-    refused(OutputError, r"cannot make the folder .*board\.pretty: a file has that name", export, OTHER, tmp_path)
-    assert contents(tmp_path) == before
-
-
 @pytest.mark.parametrize("old", ["board", "notes", "nothing"])
 def test_a_board_that_is_refused_leaves_all_as_it_was(tmp_path: Path, old: str) -> None:
     if old == "board":
@@ -431,21 +420,6 @@ def kicad() -> Kicad:
 @pytest.mark.slow
 def test_kicad_finds_nothing(exported: Any, kicad: Kicad) -> None:
     assert kicad.findings(exported[1][0]) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("limit", "kinds"),
-    [
-        ({"min_trace": 0.2e-3}, {"track_width"}), ({"min_gap": 8e-3}, {"clearance"}),
-        ({"min_drill": 0.3e-3}, {"drill_out_of_range"}), ({"min_annular_ring": 0.2e-3}, {"annular_width"}),
-        ({"min_edge_clearance": 2.5e-3}, {"copper_edge_clearance"}),
-        ({"min_hole_spacing": 1.5e-3}, {"hole_near_hole", "hole_to_hole"}),
-    ],
-)  # fmt: skip
-def test_kicad_checks_each_limit(limit: dict[str, float], kinds: set[str], kicad: Kicad, tmp_path: Path) -> None:
-    findings = kicad.findings(export(OTHER, tmp_path, rules=FabRules(**limit))[0])
-    assert kinds & {finding.split(":")[0] for finding in findings}
 
 
 @pytest.mark.slow
@@ -485,19 +459,6 @@ def test_gerbers_of_kicad_are_the_copper(array: Array, kicad: Kicad, tmp_path: P
         assert plotted.symmetric_difference(expected).area < 1e-3 * expected.area
     edge = drawn_copper(gerbonara.GerberFile.open(files["Profile,NP"]))
     assert np.abs(np.subtract(edge.bounds, board_outline(array).bounds)).max() < 0.026e-3  # half the pen
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("array", [OTHER, single_layer()], ids=["four layers", "one layer"])
-def test_kicad_keeps_the_thicknesses(array: Array, kicad: Kicad, tmp_path: Path) -> None:
-    """In the job file for the board house; KiCad tells none where it discards the stack-up."""
-    job = json.loads(gerbers(kicad, export(array, tmp_path)[0])["Job"].read_text(encoding="utf-8"))
-    kinds = ("Copper", "Dielectric")
-    copper, slabs = ([row["Thickness"] for row in job["MaterialStackup"] if row["Type"] == kind] for kind in kinds)
-    names = len(array.stackup.names)
-    assert copper[:names] == pytest.approx([1e3 * t for t in array.stackup.copper_thickness])  # the empty back follows
-    assert slabs[: names - 1] == pytest.approx([1e3 * t for t in array.stackup.dielectric_thickness])
-    assert len(slabs) == len(copper) - 1
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ Volumes are compared with shapely's: of outlines whose circles have 4096 corners
 
 from __future__ import annotations
 
-import errno
 import importlib.util
 import math
 import os
@@ -13,19 +12,13 @@ import sys
 from collections import Counter
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
-import shapely
-from hypothesis import given
-from hypothesis import strategies as st
 from support.boards import LEADS, SHEETS, VIA, WOUND, many_layers, one_coil, reference_board, round_spiral
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
-from coilarray.fabrication import solid_files as step
 from coilarray.fabrication.solid_files import faceted_prisms, write_step
 from coilarray.geometry import Array, Placement, Sheet, drills, path_coil, solids
-from coilarray.geometry.copper import disc
 from coilarray.geometry.solids import board_prisms, sheet_prisms
 
 pytestmark = pytest.mark.slow
@@ -218,36 +211,6 @@ def test_overlapping_holes_still_make_solids(tmp_path):
         assert parts[name].volume == pytest.approx(solid.volume * 1e9, rel=2e-3), name
 
 
-CIRCLES = np.array([(0.0, 0.0, 0.25e-3), (1e-3, 0.5e-3, 0.5e-3)])
-
-
-def corners(polygon):
-    return shapely.get_coordinates(polygon.exterior)[:-1]
-
-
-@given(k=st.integers(0, 1), start=st.integers(0, 127))
-def test_which_edges_are_arcs(k, start):
-    x, y, radius = CIRCLES[k]
-    ring = np.roll(corners(disc(x, y, 2 * radius)), start, axis=0)
-    assert (step._owners(ring, CIRCLES) == k).all()
-    assert (step._owners(ring[::-1], CIRCLES) == k).all()
-    assert (step._owners(ring, CIRCLES[:0]) == -1).all()
-    assert (step._owners(ring, CIRCLES[1 - k : 2 - k]) == -1).all()
-    square = np.array([(0.25e-3, 0), (0, 0.25e-3), (-0.25e-3, 0), (0, -0.25e-3)])  # its corners lie on the circle
-    assert (step._owners(square, CIRCLES) == -1).all()
-
-
-@given(width=st.floats(0.05e-3, 0.4e-3), angle=st.floats(0, 2 * math.pi))
-def test_a_pad_with_a_trace_keeps_its_arc(width, angle):
-    way = shapely.LineString([(0, 0), (2e-3 * math.cos(angle), 2e-3 * math.sin(angle))])
-    ring = corners(shapely.union(disc(0, 0, 0.5e-3), way.buffer(width / 2, cap_style="flat")))
-    owners = step._owners(ring, CIRCLES)
-    # the trace hides the chords between its edges, and cuts two in part
-    hidden = 2 * math.asin(width / 0.5e-3) / (2 * math.pi) * 128
-    assert 128 - hidden - 4 <= (owners == 0).sum() <= 128 - hidden + 2
-    assert (owners < 0).sum() >= 3
-
-
 def test_files_that_cannot_be(tmp_path, monkeypatch):
     array = BOARDS["no holes"]
     message = r"the suffix must be \.step or \.stp; got '\.iges'"
@@ -267,19 +230,3 @@ def test_a_failed_export(tmp_path, monkeypatch):
     message = "sheet names must differ; got base, base"
     refused(GeometryError, message, write_step, array, path, name="board", sheets=twice)
     assert list(tmp_path.iterdir()) == []
-    # a broken Open CASCADE is not called missing
-    monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
-    message = r"which cannot be loaded: import of OCP\.STEPCAFControl halted"
-    refused(MissingDependencyError, message, write_step, array, path, name="board")
-
-
-@needs_occt
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
-def test_a_full_disk(tmp_path, monkeypatch):
-    def onto_full_disk(path, write):
-        write(type(path)("/dev/full"))
-
-    monkeypatch.setattr("coilarray.fabrication.solid_files.write_atomically", onto_full_disk)
-    with pytest.raises(OSError, match="No space left") as caught:
-        write_step(BOARDS["no holes"], tmp_path / "board.step", name="board")
-    assert caught.value.errno == errno.ENOSPC

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -405,32 +404,12 @@ def test_paths_that_are_no_board_or_a_damaged_one(tmp_path: Path) -> None:
     refused(BoardError, r"must be a folder or an intact zip of Gerber files; .Bad CRC-32", read_gerbers, path)
 
 
-@given(cut=st.floats(0, 0.999))
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-def test_a_truncated_zip_is_refused(cut: float, tmp_path: Path) -> None:
-    whole = zipped(tmp_path, BOARD).read_bytes()
-    path = tmp_path / "cut.zip"
-    path.write_bytes(whole[: int(cut * len(whole))])
-    refused(BoardError, r"cut\.zip: must be a folder or an intact zip", read_gerbers, path)
-
-
 @given(name=st.sampled_from(sorted(BOARD)), cut=st.floats(0, 1))
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_a_truncated_file_is_refused(name: str, cut: float, tmp_path: Path) -> None:
     text = BOARD[name].rstrip("\n")
     shorter = text[: int(cut * (len(text) - 1))]
     refused(BoardError, f"^{tmp_path}/board.zip", read, tmp_path, {**BOARD, name: shorter})
-
-
-@pytest.mark.slow
-@given(name=st.sampled_from(sorted(BOARD)), data=st.data())
-@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-def test_any_other_damage_is_read_or_named(name: str, data: st.DataObject, tmp_path: Path) -> None:
-    text = BOARD[name]
-    place, length = data.draw(st.integers(0, len(text))), data.draw(st.integers(0, 12))
-    new = data.draw(st.text("XYDGTFIJMRC%*,.-0123456789\n é", max_size=8))
-    with suppress(BoardError):  # nothing else may be raised
-        read(tmp_path, {**BOARD, name: text[:place] + new + text[place + length :]})
 
 
 TOP_NAME = r"board\.zip/top\.gbr"

@@ -15,7 +15,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.board_text import KICAD_8, array_text, board, pads, path, segment, square_spiral, via
-from support.boards import FOUR_LAYERS, many_layers, one_coil, reference_board
+from support.boards import FOUR_LAYERS, many_layers, one_coil
 from support.refusals import refused
 
 from coilarray.electromagnetics.inductance import inductance_matrix
@@ -23,8 +23,7 @@ from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import BoardError
 from coilarray.fabrication.board import BoardCopper, Hole, SurfacePad, Track
 from coilarray.fabrication.tracing import trace_coils, traced_array, turn_gap
-from coilarray.geometry import Array, Placement, PlatedHole, Spiral, Stackup, path_coil
-from coilarray.geometry.arcs import CHORD_ERROR, arc_points
+from coilarray.geometry import Array, Placement, PlatedHole, Spiral, Stackup
 
 GRID = 1e-9  # m: resolution of KiCad's files; a point is off by half of it at most
 TWO_LAYERS = Stackup(("top", "bottom"), (35e-6, 35e-6), (1e-3,), (4.5,))
@@ -97,17 +96,6 @@ def test_an_array_comes_back_with_its_inductances(read, through):
     # places are off by 0.5 nm of gaps of 0.15 mm: 3e-6 of a logarithm, averaged over many turns
     np.testing.assert_allclose(L, before, rtol=1e-6, atol=1e-6 * np.diag(before).min())
     np.testing.assert_allclose(dc_resistance(found), dc_resistance(array), rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_the_reference_board_has_one_shape(read):
-    found = as_array(read(array_text(reference_board(turns=10))))
-    assert len({id(placement.coil) for placement in found.array.placements}) == 1
-    np.testing.assert_allclose(np.diff(found.array.centres[:, 0]), 13.28e-3, atol=1e-15)
-    assert found.array.placements[0].coil.gap == pytest.approx(0.1e-3, abs=1e-6)
-    assert len(found.notes) == len(found.array.placements)
-    assert found.notes[0] == "C1: the current enters at pad 1, (−32.45, 13.44) mm on L1."
-    assert set(found.assumed) == {"coils.*.via.plating_um", "board.margin_mm"}
 
 
 @pytest.mark.slow
@@ -546,20 +534,3 @@ def test_a_board_drawn_by_hand(read):
     assert placement.coil.terminal == PlatedHole(1e-3, 1.7e-3)
     assert math.hypot(placement.x, placement.y) < 0.3e-3
     assert set(found.assumed) >= {"stackup.dielectric_thickness_mm", "stackup.copper_thickness_um"}
-
-
-@pytest.mark.slow
-def test_the_chords_of_arcs_change_the_inductance_little(read):
-    array = as_array(read(drawn_by_hand(2))).array
-    coil = array.placements[0].coil
-    front, back = (
-        np.vstack([arc_points(*(tuple(np.array(p) * 1e-3) for p in arc), error=CHORD_ERROR / 4)[:-1] for arc in half])
-        for half in half_circles(2)
-    )
-    out = np.vstack(([14e-3, 1.27e-3], front, [8e-3, 0], [3.5e-3, 0]))
-    lines = [out, np.vstack((out[-1:], back, [10e-3, 0], [14e-3, -1.27e-3]))]
-    finer = path_coil(lines, 0.25e-3, coil.gap, coil.via, coil.terminal)
-    finer = array.with_placements([Placement("A", finer, array.placements[0].layers, 0, 0)])
-    L, exact = (inductance_matrix(each.conductors())[0, 0] for each in (array, finer))
-    # both enclose the area of the circles; the zigzag makes 1.5e-5, inscribed chords would make −5e-5
-    assert L == pytest.approx(exact, rel=3e-5)

@@ -48,17 +48,6 @@ def margins(array, rule):
     return {(m.layer, m.feature): m for m in check_rules(array, FabRules()) if m.rule == rule}
 
 
-def test_a_number_and_equal_widths_are_the_same_coil():
-    line = Spiral(6, 16e-3, 5, 0.15e-3, 0.15e-3, layers=1, leads=None).coil().lines[0]
-    number = path_coil([line], 0.15e-3, 0.15e-3, VIA)
-    arrays = path_coil([line], [np.full(len(line) - 1, 0.15e-3)], 0.15e-3, VIA)
-    boards = [on_board(Placement("A", coil, ("L1",), 0, 0)) for coil in (number, arrays)]
-    np.testing.assert_array_equal(*(board.conductors()[0].areas for board in boards))
-    assert boards[0].bounds == boards[1].bounds
-    assert check_rules(boards[0], FabRules()) == check_rules(boards[1], FabRules())
-    assert shapely.equals(*(copper_by_layer(board)["L1"]["A"] for board in boards))
-
-
 def test_the_trace_width_is_that_of_most_of_the_length_and_runs_of_one_width_meet():
     assert path_coil([BENT], [[WIDE, NARROW, NARROW]], 1e-4, VIA).trace_width == NARROW  # 8 of 12 mm
     assert path_coil([BENT], [[NARROW, NARROW, WIDE]], 1e-4, VIA).trace_width == NARROW  # 7 of 12 mm
@@ -210,16 +199,6 @@ def test_a_jumper_changes_the_winding_and_the_potential_little():
     np.testing.assert_allclose(b, a, rtol=5e-3)
 
 
-def test_a_jumper_changes_the_capacitance_between_coils_little():
-    facing = Placement(
-        "B", path_coil([replace(SPIRAL, layers=1, leads=None).coil().lines[0]], 0.3e-3, 0.3e-3, VIA), ("L2",), 0, 0
-    )
-    boards = (on_board(placement, facing, through_holes=False) for placement in plain_and_jumpered())
-    a, b = (coil_capacitance(array).capacitance.values[0, 1] for array in boards)
-    # the jumper on L4 has the area of its own turn and gap, 4e-3 of the winding's, on B's other side
-    assert b == pytest.approx(a, rel=5e-3)
-
-
 def test_a_winding_of_two_widths_lies_between_those_of_one():
     def lumped(first, second):
         lines = Spiral(6, 8e-3, 4, 0.2e-3, 0.2e-3, leads=None).coil().lines
@@ -230,13 +209,6 @@ def test_a_winding_of_two_widths_lies_between_those_of_one():
     # more copper at the same place has more capacitance
     assert lumped(0.1e-3, 0.1e-3) < lumped(0.1e-3, 0.3e-3) < lumped(0.3e-3, 0.3e-3)
     assert lumped(0.1e-3, 0.3e-3) == pytest.approx(lumped(0.3e-3, 0.1e-3), rel=0.03)  # L1 has air above, as L2 below
-
-
-def test_coils_overlap_where_one_is_wide():
-    a = Placement("A", path_coil([[(0, 0), (5e-3, 0)]], NARROW, 1e-4, VIA), ("L1",), 0, 0)
-    line = [(0, 0.45e-3), (2e-3, 0.45e-3), (5e-3, 0.45e-3)]
-    b = Placement("B", path_coil([line], [[NARROW, 0.8e-3]], 1e-4, VIA), ("L1",), 0, 0)
-    refused(GeometryError, "the copper of A and B overlaps on L1", coil_capacitance, on_board(a, b))
 
 
 PATH = """

@@ -103,15 +103,6 @@ def test_the_copper_of_a_layer_is_its_features(through_holes):
             assert apart < 1e-12 * copper.area  # moved after they are united: the rounding of coordinates
 
 
-@given(rotation=st.floats(-7, 7))
-@settings(max_examples=10)
-def test_rotating_a_coil_keeps_its_copper_area(rotation):
-    coil = Spiral(6, 10e-3, 5, 0.15e-3, 0.15e-3).coil()
-    boards = (one_coil(coil, rotation=angle) for angle in (0, rotation))
-    before, after = (sum(feature.shape.area for feature in copper_features(board)) for board in boards)
-    assert after == pytest.approx(before, rel=1e-11)  # rounding
-
-
 def test_the_outline_holds_all_copper_and_circles_are_fine_enough():
     array = reference_board()
     outline = board_outline(array)

@@ -24,7 +24,6 @@ from coilarray import (
     path_coil,
     vary,
 )
-from coilarray.design.bundled import DESIGNS
 from coilarray.errors import GeometryError
 from coilarray.geometry.overlap import require_apart
 from coilarray.geometry.rules import KEPT_WITHIN
@@ -168,15 +167,6 @@ def test_lattices_that_overlap_on_other_layers_are_apart(kind):
     apart(array)
     flat = replace(array, placements=tuple(replace(one, layers=layers[0]) for one in array.placements))
     refused(GeometryError, "copper of .* overlaps on layer L1", apart, flat)
-
-
-def test_a_sharp_corner_is_one_piece_of_copper():
-    apart(board(Placement("A", path_coil([[(0, 0), (10e-3, 0), (2e-3, 7e-3)]], WIDTH, WIDTH, VIA), ("L1",), 0, 0)))
-
-
-@pytest.mark.parametrize("name", DESIGNS.names())
-def test_bundled_boards_are_apart(name):
-    apart(load_design(name).array)
 
 
 def test_all_coils_on_one_pair_of_layers_overlap():

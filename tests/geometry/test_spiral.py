@@ -39,15 +39,6 @@ def test_vertices_and_length_agree_with_the_reference_rule(row):
     assert total * 1e3 == pytest.approx(float(row["length_mm"]), rel=5e-6)  # printed with 6 digits
 
 
-@pytest.mark.parametrize("sides", [3, 4, 6, 12])
-def test_length_of_a_segment_follows_the_cosine_rule(sides):
-    spiral = Spiral(sides, 20e-3, 7, 0.15e-3, 0.2e-3, winding_rule="corner")
-    line = spiral.centre_line()
-    r = np.hypot(*line.T)
-    expected = np.sqrt(r[:-1] ** 2 + r[1:] ** 2 - 2 * r[:-1] * r[1:] * math.cos(2 * math.pi / sides))
-    np.testing.assert_allclose(np.hypot(*np.diff(line, axis=0).T), expected, rtol=1e-12)  # rounding
-
-
 ROUND = {
     "circle": RoundedSpiral(10e-3, 10e-3, 8, 0.1e-3, 0.1e-3, 5e-3),
     "racetrack": RoundedSpiral(20e-3, 10e-3, 8.5, 0.1e-3, 0.1e-3, 5e-3),
