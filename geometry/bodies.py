@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 import shapely
@@ -152,10 +152,7 @@ class Disc:
         """Corners in m of a polygon of the same area. It lies about the centre, anticlockwise."""
         return _circle(self.radius)
 
-    @property
-    def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """Empty, because a disc has no hole."""
-        return ()
+    holes: ClassVar[tuple[tuple[Point, ...], ...]] = ()
 
 
 @dataclass(frozen=True)
@@ -178,10 +175,7 @@ class Rectangle:
         x, y = self.width / 2, self.height / 2
         return (-x, -y), (x, -y), (x, y), (-x, y)
 
-    @property
-    def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """Empty, because a rectangle has no hole."""
-        return ()
+    holes: ClassVar[tuple[tuple[Point, ...], ...]] = ()
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,7 @@ def _turned(array: Array, side: Side) -> Array:
     for place in array.placements:
         x, y = (np.array([place.x, place.y]) @ _turn(quarters)).tolist()
         turned.append(replace(place, x=x, y=y, rotation=place.rotation + quarters * math.pi / 2))
-    return array.with_placements(turned)
+    return replace(array, placements=tuple(turned))
 
 
 def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
@@ -213,13 +213,14 @@ class _Grid:
             (number[:-1, :-1], number[1:, 1:]),
             (number[:-1, 1:], number[1:, :-1]),
         )
-        self._shape, self._families = i.shape, tuple(pair[0].shape for pair in pairs)
         self.start, self.stop = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
         self.length = np.hypot(*(self.nodes[self.start] - self.nodes[self.stop]).T)
+        ends = np.stack((self.nodes[self.start], self.nodes[self.stop]), axis=1)
+        self.tree = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
         self.windings = shapely.union_all(
             [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
         )
-        self.length[self._meeting(self.windings)] *= _ACROSS
+        self.length[self.tree.query(self.windings, predicate="intersects")] *= _ACROSS
         self.around = self.clearance + 1.5 * self.step  # of a lead's beginning, where it may be near its own trace
         for place in array.placements:
             wound = place.coil.wound
@@ -246,10 +247,7 @@ class _Grid:
                 self._take(hole.layers, disc(hole.x, hole.y, hole.pad), None)
 
     def with_pads(self, pads: FloatArray) -> _Grid:
-        """Return the grid with the pads of the coils.
-
-        `pads` has the shape (coils, 2, 2), in m. Unchanged parts of the grid are shared.
-        """
+        """Return the grid with the `pads` of the coils, shape (coils, 2, 2), in m. Unchanged parts are shared."""
         grid = self._copy()
         grid.pads = pads
         for k, place in enumerate(grid.array.placements):
@@ -266,28 +264,25 @@ class _Grid:
         return grid
 
     def ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
-        """Route the coils in the given order.
+        """Route the coils in the given order, then straighten all ways.
 
         For each coil the ways of both ends are given in m, from the coil to its pad.
         """
-        return self._copy()._ways(order)
-
-    def _ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
-        """Route the coils once, then straighten all ways."""
+        grid = self._copy()
         found: dict[int, list[FloatArray]] = {}
         for coil in order:
             try:
-                found[coil] = [self._way(coil, end) for end in (0, 1)]
+                found[coil] = [grid._way(coil, end) for end in (0, 1)]
             except NoWayError as error:
                 error.routed = len(found)
                 raise
         for coil, ways in found.items():
             for end in (0, 1):
-                layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
-                foreign = np.array([piece.shape for piece in self._foreign(coil, end)])
-                ways[end] = self._with_fewer_corners(ways[end], foreign, self._ahead(coil, end))
-                self.copper[layer] = [piece for piece in self.copper[layer] if piece.owner != owner]
-                self._take([layer], trace_outline(ways[end], self.width), owner)
+                layer, owner = grid.array.placements[coil].layers[-end], (coil, "lead", end)
+                foreign = np.array([piece.shape for piece in grid._foreign(coil, end)])
+                ways[end] = grid._with_fewer_corners(ways[end], foreign, grid._ahead(coil, end))
+                grid.copper[layer] = [piece for piece in grid.copper[layer] if piece.owner != owner]
+                grid._take([layer], trace_outline(ways[end], grid.width), owner)
         return found
 
     def _foreign(self, coil: int, end: int) -> list[_Taken]:
@@ -302,11 +297,7 @@ class _Grid:
         for piece in self.copper[place.layers[-end]]:
             if piece.owner == line:
                 shape = piece.shape.difference(disc(x, y, 2 * self.around))
-                shapely.prepare(shape)
-                near = np.hypot(*(self.nodes[self.start[piece.edges]] - (x, y)).T) < self.around + 2 * self.step
-                meets = np.ones(len(near), dtype=np.bool_)
-                meets[near] = shapely.intersects(shape, self._lines(piece.edges[near]))
-                pieces.append(_Taken(shape, line, piece.edges[meets]))
+                pieces.append(_Taken(shape, line, self.tree.query(shape, predicate="intersects")))
             elif piece.owner not in ((coil, "pad", end), (coil, "lead", end)):
                 pieces.append(piece)
         return pieces
@@ -400,39 +391,9 @@ class _Grid:
         They are blocked for later leads. The own leads of `owner` may touch it.
         """
         near = shape.buffer(self.clearance).simplify(1e-3 * self.clearance)
-        taken = _Taken(near, owner, self._meeting(near))
+        taken = _Taken(near, owner, self.tree.query(near, predicate="intersects"))
         for layer in layers:
             self.copper[layer].append(taken)
-
-    def _meeting(self, shape: BaseGeometry) -> IntArray:
-        """Edges of the grid that meet a shape.
-
-        They are the edges of its nodes, and the other edges near it that cross it.
-        """
-        x_min, y_min, x_max, y_max = (np.array(shape.bounds) - np.tile(self.nodes[0], 2)) / self.step
-        around, first = [], 0
-        for columns, rows in (*self._families, self._shape):  # an edge lies in the cell right of and above its number's
-            i = np.arange(max(math.floor(x_min) - 1, 0), min(math.ceil(x_max) + 2, columns))
-            j = np.arange(max(math.floor(y_min) - 1, 0), min(math.ceil(y_max) + 2, rows))
-            around.append((first + i[:, None] * rows + j).ravel())
-            first += columns * rows
-        near: IntArray = np.concatenate(around[:-1])
-        nodes = around[-1] - len(self.length)
-        inside, close = np.zeros((2, len(self.nodes)), dtype=np.bool_)
-        for marked, about in ((inside, shape), (close, shape.buffer(self.step))):
-            shapely.prepare(about)
-            marked[nodes] = shapely.intersects_xy(about, *self.nodes[nodes].T)
-        one, other = self.start[near], self.stop[near]
-        meets = inside[one] | inside[other]
-        unsure = np.flatnonzero(~meets & (close[one] | close[other]))
-        meets[unsure] = shapely.intersects(shape, self._lines(near[unsure]))
-        found: IntArray = near[meets]
-        return found
-
-    def _lines(self, edges: IntArray) -> npt.NDArray[np.object_]:
-        return np.asarray(
-            shapely.linestrings(np.stack((self.nodes[self.start[edges]], self.nodes[self.stop[edges]]), axis=1))
-        )
 
 
 _Owner = tuple[int, int] | tuple[int, str, int] | None

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 # mm. Fabricators state their limits to 10 µm. Floating-point noise is far below.
 KEPT_WITHIN = 1e-6
 
+# Rules whose limit is a largest value.
+_LARGEST = ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
 # Pieces of copper further apart than this many limits are not listed.
 _HORIZON = 10.0
 # Two places of one trace count as separate pieces if the way along the copper is at least this many times the distance
@@ -162,7 +164,7 @@ class Margin:
     @property
     def at_most(self) -> bool:
         """Whether the limit is a largest value. Otherwise it is a smallest value."""
-        return self.rule in ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
+        return self.rule in _LARGEST
 
 
 def check_rules(array: Array, rules: FabRules, *, progress: Progress | None = None) -> tuple[Margin, ...]:
@@ -234,18 +236,15 @@ def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple
                 margins.append(_margin("spacing within net", layer, placement.name, gap[0], rules.min_gap, place))
             if progress is not None:
                 progress(next(done), total)
-    return tuple(sorted(margins, key=_rank))
 
+    def rank(margin: Margin) -> tuple[int, bool, float, str, str]:
+        # the bare board last: a copper thickness as ordered has no margin at all and would hide those of the traces.
+        # Margins that are equal but for rounding stand in the order of their layers and nets
+        place = 0 if not margin.kept else 2 if margin.feature == "board" else 1
+        value = round(margin.margin, 12)
+        return place, (margin.unit == "m") != margin.kept, value, margin.layer, margin.feature
 
-def _rank(margin: Margin) -> tuple[int, bool, float, str, str]:
-    """Sort key of a margin.
-
-    A copper thickness as ordered has no margin at all and would hide the margins of the traces. Margins that are equal
-    but for rounding stand in the order of their layers and nets.
-    """
-    place = 0 if not margin.kept else 2 if margin.feature == "board" else 1
-    value = round(margin.margin, 12)
-    return place, (margin.unit == "m") != margin.kept, value, margin.layer, margin.feature
+    return tuple(sorted(margins, key=rank))
 
 
 # A command refuses broken rules first, and its report shows the same margins later.
@@ -283,9 +282,7 @@ def require_kept(margins: Iterable[Margin]) -> None:
 
 
 def broken_rules(margins: Iterable[Margin]) -> list[str]:
-    """Return a sentence for each broken rule.
-
-    It describes the worst place.
+    """Return a sentence for each broken rule. It describes the worst place.
 
     >>> board = Margin("board size", "", "board", -0.01, 0.3, 0.31, None, None)
     >>> copper = Margin("clearance", "L2", "coil7 – coil12", -0.3e-3, 0.15e-3, -0.15e-3, 0.0, 0.0)
@@ -298,60 +295,61 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
     for margin in margins:
         if not margin.kept and (margin.rule not in worst or margin.margin < worst[margin.rule].margin):
             worst[margin.rule] = margin
-    return [_broken(margin) for margin in worst.values()]
+    sentences = []
+    for margin in worst.values():
+        unit = MM if margin.unit else PLAIN
+        value, limit, deep = (true_minus(unit.text(one, ".4")) for one in (margin.value, margin.limit, -margin.value))
+        if margin.rule == "clearance" and margin.value < 0:
+            nets = margin.feature.replace(" – ", " and ")
+            sentences.append(f"The copper of {nets} overlaps on {margin.layer}, by up to {deep}.")
+            continue
+        feature = "" if margin.feature == "board" else f" at {margin.feature}"
+        layer = f" on {margin.layer}" if margin.layer else ""
+        house = f"The board house's limit of {margin.rule} is broken"
+        sentences.append(f"{house}{feature}{layer}: {value}; its limit is {limit}.")
+    return sentences
 
 
-def _broken(margin: Margin) -> str:
-    """Sentence about one broken rule."""
-    if margin.rule == "clearance" and margin.value < 0:
-        nets = margin.feature.replace(" – ", " and ")
-        return f"The copper of {nets} overlaps on {margin.layer}, by up to {MM.text(-margin.value, '.4')}."
-    unit = MM if margin.unit else PLAIN
-    value, limit = (true_minus(unit.text(number, ".4")) for number in (margin.value, margin.limit))
-    feature = "" if margin.feature == "board" else f" at {margin.feature}"
-    layer = f" on {margin.layer}" if margin.layer else ""
-    return f"The board house's limit of {margin.rule} is broken{feature}{layer}: {value}; its limit is {limit}."
-
-
-def _margin(rule: str, layer: str, feature: str, value: float, limit: float, place: npt.ArrayLike) -> Margin:
-    x, y = np.asarray(place, dtype=np.float64).tolist()
-    return Margin(rule, layer, feature, float(value) - limit, limit, float(value), x, y)
+def _margin(
+    rule: str,
+    layer: str,
+    feature: str,
+    value: float,
+    limit: float,
+    place: npt.ArrayLike | None = None,
+    unit: str = "m",
+) -> Margin:
+    x, y = (None, None) if place is None else np.asarray(place, dtype=np.float64).tolist()
+    margin = limit - value if rule in _LARGEST else value - limit
+    return Margin(rule, layer, feature, margin, limit, value, x, y, unit)
 
 
 def _board(array: Array, rules: FabRules) -> Iterator[Margin]:
     """Margins of layer count, copper thickness and board size."""
-    stackup = array.stackup
-    count = len(stackup.names)
+    stackup, count = array.stackup, len(array.stackup.names)
     if rules.max_layers is not None:
-        most = rules.max_layers
-        yield Margin("layer count", "", "board", most - count, most, count, None, None, unit="")
+        yield _margin("layer count", "", "board", count, rules.max_layers, unit="")
     for k, (layer, copper) in enumerate(zip(stackup.names, stackup.copper_thickness, strict=True)):
         limit = rules.most_copper(k, count)
         if limit is not None:
-            yield Margin("copper thickness", layer, "board", limit - copper, limit, copper, None, None)
+            yield _margin("copper thickness", layer, "board", copper, limit)
     if rules.max_board is not None:
         x_min, y_min, x_max, y_max = array.bounds
         for side, limit in zip(sorted((x_max - x_min, y_max - y_min)), sorted(rules.max_board), strict=True):
-            yield Margin("board size", "", "board", limit - side, limit, side, None, None)
+            yield _margin("board size", "", "board", side, limit)
 
 
 def _hole_depths(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Margins of the aspect ratio and of blind holes.
-
-    The aspect ratio is measured at the hole that is deepest for its diameter. Blind holes are the holes that end inside
-    the board, by their number.
-    """
+    """Margins of the aspect ratio, at the worst hole, and of the number of holes that end inside the board."""
     if holes and rules.max_aspect_ratio is not None:
-
-        def ratio(hole: Drill) -> float:
-            return (array.stackup.span(hole.layers[0])[1] - array.stackup.span(hole.layers[-1])[0]) / hole.diameter
-
-        worst, limit = max(holes, key=ratio), rules.max_aspect_ratio
-        value = ratio(worst)
-        yield Margin("aspect ratio", worst.layers[0], worst.net, limit - value, limit, value, worst.x, worst.y, unit="")
+        span = array.stackup.span
+        ratios = [(span(hole.layers[0])[1] - span(hole.layers[-1])[0]) / hole.diameter for hole in holes]
+        k = int(np.argmax(ratios))
+        worst, place = holes[k], (holes[k].x, holes[k].y)
+        yield _margin("aspect ratio", worst.layers[0], worst.net, ratios[k], rules.max_aspect_ratio, place, unit="")
     if not rules.blind_holes:
         blind = [hole for hole in holes if hole.layers != array.stackup.names]
-        yield Margin("blind holes", "", "board", -len(blind), 0, len(blind), None, None, unit="")
+        yield _margin("blind holes", "", "board", len(blind), 0, unit="")
 
 
 def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
@@ -364,7 +362,7 @@ def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
             steps = np.diff(coil.lines[line], axis=0)
             longest = int(np.argmax(np.where(coil.widths[line] == narrowest, np.hypot(*steps.T), -1.0)))
             place = placement.to_board(coil.lines[line][longest : longest + 2]).mean(axis=0)
-            yield _margin("trace width", layer, placement.name, narrowest, rules.min_trace, place)
+            yield _margin("trace width", layer, placement.name, float(narrowest), rules.min_trace, place)
 
 
 def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
@@ -393,7 +391,7 @@ def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[
             seen.add((a.net, b.net))
             feature = a.net if a.net == b.net else f"{a.net} – {b.net}"
             place = 0.5 * (centre[i[k]] + centre[j[k]])
-            yield _margin("hole spacing", shared[0], feature, wall[k], rules.min_hole_spacing, place)
+            yield _margin("hole spacing", shared[0], feature, float(wall[k]), rules.min_hole_spacing, place)
 
 
 def _edge_clearance(array: Array, layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
@@ -403,7 +401,7 @@ def _edge_clearance(array: Array, layer: str, copper: dict[str, BaseGeometry], r
         xy = shapely.get_coordinates(shape)
         inside = np.column_stack((xy - (x_min, y_min), (x_max, y_max) - xy)).min(axis=1)
         k = int(np.argmin(inside))
-        yield _margin("edge clearance", layer, net, inside[k], rules.min_edge_clearance, xy[k])
+        yield _margin("edge clearance", layer, net, float(inside[k]), rules.min_edge_clearance, xy[k])
 
 
 def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
@@ -420,7 +418,7 @@ def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> 
     i, j = shapely.STRtree(boxes).query(boxes, predicate="dwithin", distance=_HORIZON * rules.min_gap)
     for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
         bridge = shapely.shortest_line(shapes[a], shapes[b])
-        value, place = shapely.length(bridge), shapely.get_coordinates(bridge).mean(axis=0)
+        value, place = float(shapely.length(bridge)), shapely.get_coordinates(bridge).mean(axis=0)
         if value == 0:
             depth, centre = _penetration(shapes[a], shapes[b])
             value, place = -depth, place if centre is None else centre

@@ -52,13 +52,9 @@ class FlatPath:
         Each line begins at the end of the line before. `lines` (n, 2): lines between two vias in m. `widths` (n − 1,):
         widths of their pieces in m.
         """
-        numbers = [np.full(len(width), k) for k, width in enumerate(widths)]
-        via = [np.zeros(1)], [np.full(1, -1)]
-        return cls(
-            np.vstack(lines),
-            np.concatenate([part for width in widths for part in (width, *via[0])][:-1]),
-            np.concatenate([part for number in numbers for part in (number, *via[1])][:-1]),
-        )
+        numbers = [np.append(np.full(len(width), k), -1) for k, width in enumerate(widths)]
+        with_vias = [np.append(width, 0.0) for width in widths]
+        return cls(np.vstack(lines), np.concatenate(with_vias)[:-1], np.concatenate(numbers)[:-1])
 
     @property
     def steps(self) -> FloatArray:
