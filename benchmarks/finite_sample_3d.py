@@ -28,7 +28,7 @@ from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.finite_sample import SampleCorrection
 from coilarray.geometry import Seat, Unevenness
 from coilarray.response.map import inductance_changes
-from coilarray.response.setup import contact_at, dents_of, experiment, map_axes
+from coilarray.response.setup import contact_at, dents_of, experiment, indentation_of, map_axes
 
 RESULTS = Path(__file__).with_suffix(".json")
 DESIGN = first_assumed()
@@ -82,7 +82,7 @@ def compare(case: dict[str, Any]) -> dict[str, Any]:
     wide, finite = (replace(DESIGN, indentation=one) for one in (setup, uneven))
     axes = map_axes(finite, x=place[:1], y=place[1:])
     changes = [inductance_changes(design, axes)[0, 0, 0, 1:3, 1:3] for design in (wide, finite)]
-    correction = experiment(finite, axes).correction
+    correction = experiment(indentation_of(finite), finite.sheets, axes).correction
     assert correction is not None
     depths = axes.depth + np.array([0.0, correction.depth[0, 0]])
     dents = [dents_of(contact_at(setup, DESIGN.sheets, depth), DESIGN.sheets)[0] for depth in depths]

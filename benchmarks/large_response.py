@@ -32,7 +32,7 @@ from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.coil_spectrum import coil_segments, segment_centres
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import contact_at
 
 # Positions along x of two maps, whose difference is what positions cost; both are large enough that the amplitudes
@@ -139,7 +139,8 @@ def _timed(design: Design, along: int, matrix: FloatArray) -> tuple[float, xr.Da
 
 def _respond(design: Design, x: FloatArray, y: FloatArray, matrix: FloatArray) -> xr.Dataset:
     """Take the matrix of the bare board: the sheets' part of it costs the same with any method."""
-    return response_map(design, reach=1e-3, x=x, y=y, network=replace(design_circuit(design), inductance=matrix))
+    board = Imperfections(network=replace(design_circuit(design), inductance=matrix))
+    return response_map(design, accuracy=1e-3, x=x, y=y, imperfections=board)
 
 
 def _places(design: Design, along: int, across: int) -> tuple[FloatArray, FloatArray]:

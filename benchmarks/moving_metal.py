@@ -24,11 +24,12 @@ from coilarray.design.model import Design, load_design
 from coilarray.geometry.bodies import MATERIALS, FinitePlate, Rectangle
 from coilarray.metal.finite_plates import moving_plate
 from coilarray.paper.published import published_model
-from coilarray.response.map import respond, response_map
+from coilarray.response.map import Imperfections, MapAccuracy, respond, response_map
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.data import COARSE, measurement, model_values
 from coilarray.studies.calibrate.plan import load_plan
 
+IDEAL = Imperfections(network="ideal")
 HEIGHTS = np.geomspace(10e-3, 32e-3, 7)  # of its lower face over the flat sheets, in m
 LENGTH, WIDTH, THICKNESS, MATERIAL = 80e-3, 10e-3, 5e-3, "aluminium"
 FREQUENCY = 1.4e6  # at which the coils oscillate, in Hz
@@ -54,7 +55,12 @@ def show_plate(design: Design) -> None:
     for plates in ((), (plate,)):
         changed = replace(design, plates=plates)
         found = response_map(
-            changed, x=x, y=[0.0], depths=indentation_of(design).depths[:1], ideal=True, accuracy=COARSE
+            changed,
+            x=x,
+            y=[0.0],
+            depths=indentation_of(design).depths[:1],
+            imperfections=IDEAL,
+            accuracy=MapAccuracy(mesh=COARSE),
         )
         for state, delta in zip(found.state.values, found.delta.values[0, 0].T, strict=True):
             print(f"1e4 δ, {state}, plates: {len(plates)}".ljust(30), (1e4 * delta).round(2), flush=True)
@@ -68,7 +74,7 @@ def main() -> None:
     plan = tuple(state for state in design.plan if state.name in states)
     design = replace(design, circuit=replace(design.circuit, scan=plan))
     show_plate(design)
-    response = response_map(design, depths=indentation_of(design).depths[:1], ideal=True)
+    response = response_map(design, depths=indentation_of(design).depths[:1], imperfections=IDEAL)
     numbers = list(zip(measured.coords["quantity"], measured.coords["state"], strict=True))
     of_state = {name: np.array([number == ("x0", name) for number in numbers]) for name in states}
 

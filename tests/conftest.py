@@ -39,7 +39,7 @@ LONGEST = (
     "elastomer/test_finite_sample", "studies/test_create", "elastomer/test_finite_strain",
     "elastomer/test_dented_layer", "studies/test_optimize_search", "localize/test_inverse",
     "paper/test_distortion", "studies/test_quantities", "electromagnetics/test_flat_layer",
-    "elastomer/test_dielectric", "cli/test_compare", "response/test_beside_plates", "cli/test_measure_broken_off",
+    "cli/test_compare", "response/test_beside_plates", "cli/test_measure_broken_off",
     "cli/test_board", "cli/test_measure", "studies/test_tolerance_position",
     "hardware/test_emulator_world", "cli/test_calibrate_board", "response/test_near_response",
     "studies/test_comparison", "circuit/test_volumes", "cli/test_response", "cli/test_export",

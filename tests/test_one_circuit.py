@@ -6,6 +6,7 @@ the state sensitivity, and the emulated board behind the converter.
 
 import numpy as np
 import pytest
+from support.contacts import IDEAL
 
 from coilarray import couple_design, load_design, response_map
 from coilarray.circuit.coupling import design_circuit
@@ -42,7 +43,7 @@ def test_every_place_shows_the_same_coil(tmp_path):
     for inductance in (*inductances, float(base[0]), float(linear[0])):
         assert inductance == pytest.approx(L, rel=1e-9)
     # what leaves something out says so, everywhere the same too
-    ideal = response_map(design, x=[0.0], y=[0.0], ideal=True).base_inductance
+    ideal = response_map(design, x=[0.0], y=[0.0], imperfections=IDEAL).base_inductance
     assert first["ideal_effective_inductance_H"] == pytest.approx(float(ideal[0]), rel=1e-9)
     assert abs(L / float(ideal[0]) - 1) > 0.1
 

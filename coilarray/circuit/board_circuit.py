@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -18,7 +18,7 @@ import xarray as xr
 from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
-from coilarray.compute.store import kept_dataset, not_kept
+from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, Recent, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design, DesignFile, design_of
@@ -32,9 +32,6 @@ from coilarray.geometry import Array, FinitePlate, Plate, Sheet
 from coilarray.metal.finite_plates import PlateError, moving_plate, outlined_inductance, worst_attributes
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.frequencies import FrequencyBand
-
-if TYPE_CHECKING:
-    from coilarray.compute.store import Keep
 
 LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances and inductances")
 """Effects that an ideal network leaves out."""
@@ -58,7 +55,7 @@ def board_circuit(
 ) -> BoardCircuit:
     """Return the circuit of a design, the same object for the same design.
 
-    Slow results are kept in the default store. `progress` counts the work on the inductances.
+    `progress` counts the work on the inductances.
     """
     design = design_of(design)
     above = design.circuit.elastomer_permittivity if design.sheets else 1.0
@@ -79,14 +76,15 @@ def _windings(design: Design, above: float, accuracy: Accuracy, progress: Progre
         pair = ("coil", "other")
         return xr.Dataset({"inductance": (pair, L + by_sheets), "by_sheets": (pair, by_sheets)})
 
-    found = _keep_few(array, accuracy)(("inductance", digest_of(array, sheets)), compute)
+    found = _kept(array, accuracy, ("inductance", digest_of(array, sheets)), compute)
     L, by_sheets = found.inductance.values, found.by_sheets.values
     return Windings(array=array, sheets=sheets, above=above, accuracy=accuracy, inductance=L, by_sheets=by_sheets)
 
 
-def _keep_few(array: Array, accuracy: Accuracy) -> Keep:
-    """Return how results are kept: those of few coils at full accuracy only."""
-    return kept_dataset if accuracy == "full" and len(array.names) <= _MOST_TOGETHER else not_kept
+def _kept(array: Array, accuracy: Accuracy, parts: Sequence[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
+    """Compute a dataset, which is kept on disk for few coils at full accuracy only."""
+    few = accuracy == "full" and len(array.names) <= _MOST_TOGETHER
+    return kept_dataset(parts, compute) if few else compute()
 
 
 Owner = TypeVar("Owner", bound="_Locked")
@@ -150,10 +148,8 @@ class Windings(_Locked):
         """
         if len(self.array.names) > _MOST_TOGETHER:
             return _own_resistance(self.array, frequencies, resistivity)
-        return _keep_few(self.array, self.accuracy)(
-            ("resistance", digest_of(self.array, frequencies.tolist(), resistivity)),
-            lambda: resistance_matrix(self.array, frequencies, resistivity),
-        )
+        parts = ("resistance", digest_of(self.array, frequencies.tolist(), resistivity))
+        return _kept(self.array, self.accuracy, parts, lambda: resistance_matrix(self.array, frequencies, resistivity))
 
     def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> PlateEffect:
         """Effect of plates from a frequency `low` to a frequency `high` in Hz."""

@@ -41,6 +41,7 @@ from coilarray.cli.board import calibrate as calibrate_board
 from coilarray.cli.board import campaign, compare, info, live, measure, self_test
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt, was_interrupted
 from coilarray.cli.shared import drop_output
+from coilarray.compute.files import keep_results
 from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 
@@ -153,6 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for variable in _BLAS_THREADS:
         os.environ.setdefault(variable, "1")
     collect_seldom()
+    keep_results()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if len(arguments) == 1 and arguments[0] in _FAMILIES:
         arguments.append("--help")

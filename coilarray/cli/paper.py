@@ -61,7 +61,7 @@ def fit(
                 raise LocalizeError(f"--coil must be one of {', '.join(states)}; got {name}.")
         depths = indentation_of(design).depths[:1] if depth is None else [depth]
         with shared.progress_bar("response") as progress:
-            response = response_map(design, depths=depths, reach="auto", progress=progress)
+            response = response_map(design, depths=depths, accuracy="auto", progress=progress)
     fits = fit_ellipses(response, depth, states=coil)
     model = ellipse_model(fits)
     tables = (polynomial_table(model), fit_table(fits, model))

@@ -35,9 +35,6 @@ def response(
         ),
     ] = None,
     ideal: shared.Ideal = False,
-    dielectric: Annotated[
-        bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance due to the dent.")
-    ] = False,
     reach: Annotated[
         str,
         typer.Option(
@@ -55,9 +52,9 @@ def response(
 
     Computes δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the
     other coils as the scan terminates them. The table shows the peak of every map. Positions in the table, the picture
-    and a .csv are on the board. In a .nc they count from the map's origin, which it states. After an interruption the
-    same command resumes from the folder FILE.parts. On large boards only the coils near the indenter are included, and
-    a line says so.
+    and a .csv are on the board. In a .nc they count from the map's origin, which it states. After an interruption
+    the same command resumes from the folder FILE.parts. On large boards only the coils near the indenter are included,
+    and a line says so.
 
     An indenter with a material (indenter.material of the design) also changes δ by its eddy currents and its
     magnetisation. Their share is shown beside δ. L_0 is read while the indenter just touches the sheets. A negative
@@ -80,7 +77,7 @@ def response(
     if dent:
         _print_dent(design, depths, out, plot, as_json=as_json)
         return
-    imperfections, rest = _experiment(experiment or ())
+    imperfections = _experiment(experiment or ())
     counted: Reach = None if reach == "all" else "auto"
     if reach not in ("all", "auto"):
         try:
@@ -95,10 +92,12 @@ def response(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.indentation, *places)
+    if ideal:
+        imperfections = replace(imperfections, network="ideal")
     with shared.map_parts(out) as keep, shared.progress_bar("response") as progress:
         result = response_map(
-            opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-            dielectric=dielectric, rest=rest, keep=keep, progress=progress,
+            opened, depths=depths, x=x, y=y, imperfections=imperfections, accuracy=counted, keep=keep,
+            progress=progress,
         )  # fmt: skip
         shown = on_board(result)
         table = response_table(shown)
@@ -157,8 +156,8 @@ def _print_dent(
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=(out, plot))
 
 
-def _experiment(texts: Sequence[str]) -> tuple[Imperfections, float]:
-    """Return imperfections, and the distance at rest in m."""
+def _experiment(texts: Sequence[str]) -> Imperfections:
+    """Return the imperfections of an experiment."""
     from coilarray.studies.calibrate.data import imperfections_of
     from coilarray.studies.calibrate.plan import IMPERFECTIONS
 
@@ -178,5 +177,7 @@ def _experiment(texts: Sequence[str]) -> tuple[Imperfections, float]:
     if not seed.is_integer():
         raise ElastomerError(f"--experiment seed must be a whole number; got {seed:g}.")
     sheets = {key.removeprefix(_SHEET): value * 1e-3 for key, value in values.items() if key.startswith(_SHEET)}
-    found = replace(imperfections_of(values), thickness_errors=sheets, noise=values.get("noise", 0.0), seed=int(seed))
-    return found, values.get(_REST, 0.0) * 1e-3
+    return replace(
+        imperfections_of(values), thickness_errors=sheets, noise=values.get("noise", 0.0), seed=int(seed),
+        rest=values.get(_REST, 0.0) * 1e-3,
+    )  # fmt: skip

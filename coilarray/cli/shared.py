@@ -183,15 +183,16 @@ def design_record(design: Design) -> dict[str, str]:
 
 
 @contextmanager
-def map_parts(out: Path | None) -> Iterator[Keep | None]:
+def map_parts(out: Path | None) -> Iterator[Keep]:
     """Keep the parts of a map beside its file, for an interrupted command.
 
     They are discarded at the end of the block, in which the file is written.
     """
+    from coilarray.compute.store import not_kept, open_store
+
     if out is None:
-        yield None
+        yield not_kept
         return
-    from coilarray.compute.store import open_store
 
     store = open_store(out.with_name(f"{out.name}.parts"))
     kept = store.keys()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -66,9 +66,10 @@ def target(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
+    network: Literal["ideal"] | None = "ideal" if ideal else None
     with shared.map_parts(out) as keep, shared.progress_bar("target") as progress:
         result = target_map(
-            opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, accuracy=accuracy,
+            opened, distances=distances, x=x, y=y, noise=noise, network=network, accuracy=accuracy,
             keep=keep, progress=progress,
         )  # fmt: skip
         shown = on_board(result)

@@ -15,6 +15,8 @@ from pathlib import Path
 
 from coilarray.errors import CoilarrayError, OutputError
 
+FOLDER_VARIABLE = "COILARRAY_CACHE"
+"""Environment variable that names the folder of the store of results."""
 MOST_BYTES = 1_000_000_000
 """Largest size in bytes of a file that is read into memory."""
 _LEFT = re.compile(r"\..*-coilarray-(\d+)-[a-z0-9_]{8}(\..*)?", re.DOTALL)
@@ -140,6 +142,21 @@ def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
 def _open_at_once(name: str, flags: int) -> int:
     """Open a file without waiting for a program at the other end of a pipe."""
     return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def default_folder() -> Path:
+    """Return the folder of the store of results: ``COILARRAY_CACHE``, otherwise the user's cache folder."""
+    import platformdirs
+
+    return Path(os.environ.get(FOLDER_VARIABLE) or platformdirs.user_cache_dir("coilarray", appauthor=False))
+
+
+def keep_results(folder: str | Path | None = None) -> None:
+    """Keep slow results of this process and its workers on disk from now on, as the program ``coilarray`` does.
+
+    They are contacts, inductances, capacitances and resistances of copper. The folder is `default_folder` by default.
+    """
+    os.environ[FOLDER_VARIABLE] = str(folder or default_folder())
 
 
 def make_folder(path: Path) -> None:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coilarray.compute.checksum import canonical
-from coilarray.compute.files import make_folder, write_bytes, writing
+from coilarray.compute.files import FOLDER_VARIABLE, default_folder, make_folder, write_bytes, writing
 from coilarray.errors import OutputError
 
 if TYPE_CHECKING:
@@ -33,8 +33,6 @@ _COMPUTES_WITH = ("numpy", "scipy", "numba")
 _SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders without influence on results
 Keep = Callable[[Iterable[Any], Callable[[], "xr.Dataset"]], "xr.Dataset"]
 """Returns the dataset kept for some parts, as in `content_key`, or computes and keeps it."""
-FOLDER_VARIABLE = "COILARRAY_CACHE"
-"""Environment variable that names the default folder of the store."""
 _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 
@@ -128,11 +126,7 @@ def open_store(folder: str | Path | None = None) -> Store:
     The default folder is named by the environment variable ``COILARRAY_CACHE``, otherwise it is the user's cache
     folder. Raises OutputError if the folder cannot be made.
     """
-    import platformdirs
-
-    if folder is None:
-        folder = Path(os.environ.get(FOLDER_VARIABLE) or platformdirs.user_cache_dir("coilarray", appauthor=False))
-    folder = Path(folder)
+    folder = default_folder() if folder is None else Path(folder)
     make_folder(folder)
     return Store(folder)
 
@@ -143,7 +137,9 @@ def store_to_keep(keep: bool | str | Path) -> Store | None:
 
 
 def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Return a dataset from the default store, or compute it, as `Store.dataset`."""
+    """Compute a dataset, or return it from the store where `coilarray.compute.files.keep_results` was called."""
+    if not os.environ.get(FOLDER_VARIABLE):
+        return compute()
     try:
         store = open_store()
     except OutputError:

@@ -38,7 +38,7 @@ from coilarray.response.interpolation import (
     even_row,
     response_spline,
 )
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
 
@@ -440,4 +440,5 @@ def table_for(design: Design, *, network: Network | None = None, progress: Progr
     if design.indentation is None and design.target is not None:
         return target_map(design, network=network, progress=progress)
     depths, x, y = table_grid(design)
-    return response_map(design, depths=depths, x=x, y=y, reach="auto", network=network, progress=progress)
+    board = Imperfections(network=network)
+    return response_map(design, depths=depths, x=x, y=y, imperfections=board, accuracy="auto", progress=progress)

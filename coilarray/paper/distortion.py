@@ -24,7 +24,7 @@ from coilarray.errors import LocalizeError
 from coilarray.geometry import MATERIALS, Conductor, Hemisphere
 from coilarray.paper.ellipse import PARAMETERS, fit_ellipses, refined_map
 from coilarray.paper.published import published_model, undetermined_levels
-from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
+from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import indentation_of, map_axes
 
 DELTAS = np.arange(1e-4, 1.0e-3 + 1e-6, 2.5e-5)
@@ -259,9 +259,11 @@ class _Maps:
         setup = indentation_of(self._design)
         if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
             return {}
+        at, given = {"depths": base.depth, "x": base.x, "y": base.y}, self._imperfections
+        solid = {name: replace(setup, material=MATERIALS[name]) for name in _BALLS}
         return {
-            name: with_material(self._design, base, MATERIALS[name], imperfections=self._imperfections)
-            for name in _BALLS
+            name: response_map(replace(self._design, indentation=one), **at, imperfections=given)
+            for name, one in solid.items()
         }
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:

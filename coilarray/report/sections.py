@@ -63,7 +63,7 @@ class Results:
         self.bare = beside.submit(_without_plates, design)
         self.targeting = beside.submit(lambda: None if design.target is None else target_map(design))
         self.responding = beside.submit(
-            lambda: None if design.indentation is None else response_map(design, reach="auto")
+            lambda: None if design.indentation is None else response_map(design, accuracy="auto")
         )
 
     def draw(self, function: Callable[..., list[Picture]], *arguments: object) -> Future[list[Picture]]:

@@ -1,7 +1,6 @@
 """Changes of all coils by dents, by the metal of an indenter and by a target, and their way through the circuit.
 
-Every change is ΔL − jΔR/ω in H over frequency, for all depths or distances and places in a row. Dents also change the
-capacitance.
+Every change is ΔL − jΔR/ω in H over frequency, for all depths or distances and places in a row.
 """
 
 from __future__ import annotations
@@ -16,23 +15,20 @@ import xarray as xr
 
 from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
-from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress, part_of, ranges
-from coilarray.design.model import Design
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.face_shift import shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.electromagnetics.source import Source
-from coilarray.errors import ElastomerError, MetalError
-from coilarray.geometry import Ball, FinitePlate
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.metal.backing import backings_of, outlined_below
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.metal.indenter import indenter_inductance
 from coilarray.metal.target import target_inductance
-from coilarray.response.setup import Experiment, Level, MapAxes, indentation_of, target_of, together
+from coilarray.response.setup import Experiment, Level, MapAxes, together
 
 if TYPE_CHECKING:
     from coilarray.compute.store import Keep
@@ -40,7 +36,7 @@ if TYPE_CHECKING:
 Variable = tuple[tuple[str, ...], Any, dict[str, str]]
 """Variable of a dataset: dimensions, values and attributes."""
 
-_POSITIONS = 1000  # in a part of a map that is kept, which holds a single depth
+_POSITIONS = 1000  # in a part of a map, which is kept and holds a single depth
 
 
 def constant_change(values: FloatArray | ComplexArray) -> ChangeOverFrequency:
@@ -57,16 +53,15 @@ def through_circuit(
     network: Network,
     flats: Sequence[Resonance],
     change: ChangeOverFrequency,
-    capacitance_change: FloatArray | None = None,
     *,
     at_own_frequency: bool = False,
 ) -> dict[str, FloatArray]:
     """Solve every state with every change, from its resonance in the network alone.
 
-    The change is taken at the frequency of the network alone, or of each case. `capacitance_change` (cases, coils) is
-    in F. The quantities have shape (cases, states): ``delta``, and the quantities of a `Resonance` by name.
+    The change is taken at the frequency of the network alone, or of each case. The quantities have shape (cases,
+    states): ``delta``, and the quantities of a `Resonance` by name.
     """
-    L, winding = network.inductance, network.winding_capacitance
+    L = network.inductance
     cases = len(change.values)
     by_state = []
     for flat in flats:
@@ -82,12 +77,7 @@ def through_circuit(
                 there = L + change.of_each(f[1:], rows) if fixed is None else fixed[rows]
                 return np.insert(there, 0, L, axis=0)
 
-            C = (
-                None
-                if capacitance_change is None
-                else np.insert(winding + capacitance_change[rows], 0, winding, axis=0)
-            )
-            f, Z, Y = changed_resonances(network, flat, inductances, stop - start + 1, C)
+            f, Z, Y = changed_resonances(network, flat, inductances, stop - start + 1)
             parts.append(((f[0] / f[1:]) ** 2 - 1, f[1:], Z[1:], Y[1:]))
         by_state.append([np.concatenate(part) for part in zip(*parts, strict=True)])
     delta, f, Z, Y = (np.stack(part, axis=-1) for part in zip(*by_state, strict=True))
@@ -103,65 +93,80 @@ def through_circuit(
 
 
 def dent_changes(
+    source: Source,
+    plates: Sequence[Plate | FinitePlate],
     pressed: Experiment,
     band: FrequencyBand,
-    permittivity: float | None,
     mesh: LayerMesh,
     keep: Keep,
     progress: Progress | None,
-) -> tuple[ChangeOverFrequency, FloatArray]:
-    """Compute the changes of all coils by dents.
+) -> ChangeOverFrequency:
+    """Compute the changes of all paths by dents, at all depths and places in a row.
 
-    These are ΔL − jΔR/ω in H of all depths and places in a row, and ΔC (cases, coils) in F. Without plates below the
-    coils the change is real and the same at all frequencies.
+    Without plates below the paths the change is real and the same at all frequencies. `keep` keeps finished parts.
     """
-    design = pressed.design
-    backings: list[Backing | None] = [*backings_of(design.array, design.plates, band.nodes.tolist(), design.sheets)]
+    backings = backings_of(source, plates, band.nodes.tolist(), pressed.sheets)
     if not backings:
-        change, capacitance = _dent_changes(pressed, permittivity, mesh, None, keep, progress)
-        return constant_change(change), capacitance
+        return constant_change(_over_backing(source, pressed, None, mesh, keep, progress))
     cases = [
-        _dent_changes(pressed, permittivity, mesh, one, keep, part_of(progress, k, len(backings)))
-        for k, one in enumerate(backings)
+        _over_backing(source, pressed, backing, mesh, keep, part_of(progress, k, len(backings)))
+        for k, backing in enumerate(backings)
     ]
-    return ChangeOverFrequency(
-        band, np.asarray(np.stack([change for change, _ in cases], axis=1), dtype=np.complex128)
-    ), cases[0][1]
+    return ChangeOverFrequency(band, np.asarray(np.stack(cases, axis=1), dtype=np.complex128))
 
 
-def _dent_changes(
+def _over_backing(
+    source: Source,
     pressed: Experiment,
-    permittivity: float | None,
+    backing: Backing | None,
+    mesh: LayerMesh,
+    keep: Keep,
+    progress: Progress | None,
+) -> FloatArray | ComplexArray:
+    """Compute the changes (cases, n, n) in H over one backing, one depth and 1000 places at a time."""
+    blocks = [slice(*block) for block in ranges(len(pressed.points), _POSITIONS)]
+    parts = [(k, block) for k in range(len(pressed.axes.depth)) for block in blocks]
+    paths = [conductor.vertices for conductor in as_conductors(source)]
+    found = []
+    for number, (k, block) in enumerate(parts):
+        points, told = pressed.points[block], part_of(progress, number, len(parts))
+        levels = [
+            replace(level, dents=level.dents[k : k + 1], shares=level.shares[k : k + 1, block])
+            for level in pressed.levels
+        ]
+        of_levels = [(level.shares, level.dents[0], level.coarse) for level in levels]
+        inputs = ("dents", mesh, points, of_levels, paths, backing)  # all that decides the numbers of a part
+        part = keep(inputs, partial(_compute_part, source, levels, points, mesh, backing, told))
+        found.append(part.change.values - (1j * part.loss.values if "loss" in part else 0))
+        if told is not None:
+            told(1, 1)
+    change = np.concatenate(found)
+    if pressed.correction is None:
+        return change
+    shift = changes_by_bounds(pressed, source, mesh, backing)
+    return np.asarray(change + np.reshape(shift if backing is not None else shift.real, change.shape))
+
+
+def _compute_part(
+    source: Source,
+    levels: Sequence[Level],
+    points: FloatArray,
     mesh: LayerMesh,
     backing: Backing | None,
-    keep: Keep,
     progress: Progress | None,
-) -> tuple[FloatArray | ComplexArray, FloatArray]:
-    """Compute the changes (cases, coils, coils) in H over one backing, and ΔC (cases, coils) in F."""
-    design, levels, points = pressed.design, pressed.levels, pressed.points
-    paths = [conductor.vertices for conductor in design.array.conductors()]
-    depths, blocks = len(pressed.axes.depth), ranges(len(points), _POSITIONS)
-    steps = _Steps(progress, depths * len(blocks) * len(together(levels)))
-    parts = []
-    for k in range(depths):
-        for start, stop in blocks:
-            block = [
-                replace(level, dents=level.dents[k : k + 1], shares=level.shares[k : k + 1, start:stop])
-                for level in levels
-            ]
-            on_board = points[start:stop]
-            # all inputs that decide the numbers of a part
-            of_levels = [(level.shares, level.dents[0], level.coarse) for level in block]
-            inputs = ("dents", permittivity, mesh, on_board, of_levels, paths, backing)
-            parts.append(
-                keep(inputs, partial(_compute_part, design, block, on_board, permittivity, mesh, backing, steps))
-            )
-            steps.reach(len(parts) * len(together(levels)))
-    change = np.concatenate([part.change.values - (1j * part.loss.values if "loss" in part else 0) for part in parts])
-    shift = changes_by_bounds(pressed, design.array, mesh, backing)
-    if pressed.correction is not None:
-        change = change + np.reshape(shift if backing is not None else shift.real, change.shape)
-    return change, np.concatenate([part.capacitance_change.values for part in parts])
+) -> xr.Dataset:
+    """Inductance changes of one depth at some places, and beside plates ΔR/ω in H as ``loss``."""
+    groups = together(levels)
+    by_group = [
+        changes_by_levels(source, group, points, mesh, backing, part_of(progress, k, len(groups)))[0]
+        for k, group in enumerate(groups)
+    ]
+    change = np.sum(by_group, axis=0)
+    if not np.isfinite(change).all():
+        raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
+    dims = ("place", "coil", "other")
+    part = xr.Dataset({"change": (dims, change.real)})
+    return part if backing is None else part.assign(loss=(dims, -change.imag))
 
 
 def changes_by_bounds(
@@ -170,9 +175,8 @@ def changes_by_bounds(
     """Inductance changes ΔL − jΔR/ω in H by a sample's sides and seat, 0 for a wide sample."""
     if pressed.correction is None:
         return 0j
-    origin = indentation_of(pressed.design).origin_point
-    places = pressed.points - origin
-    return shift_inductance(source, pressed.design.sheets, pressed.correction, places, origin, mesh, backing)
+    places = pressed.points - pressed.origin
+    return shift_inductance(source, pressed.sheets, pressed.correction, places, pressed.origin, mesh, backing)
 
 
 def changes_by_levels(
@@ -194,57 +198,8 @@ def changes_by_levels(
     return np.asarray(np.einsum("ldp,ldpij->dpij", [level.shares for level in levels], parts))
 
 
-def _compute_part(
-    design: Design,
-    levels: Sequence[Level],
-    points: FloatArray,
-    permittivity: float | None,
-    mesh: LayerMesh,
-    backing: Backing | None,
-    steps: _Steps,
-) -> xr.Dataset:
-    """Inductance and capacitance changes of one depth at some places, and beside plates ΔR/ω in H as ``loss``."""
-    coils = len(design.array.names)
-    change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
-    loss = np.zeros_like(change)
-    for group in together(levels):
-        dented = changes_by_levels(design.array, group, points, mesh, backing, steps.within)[0]
-        change += dented.real
-        loss -= dented.imag
-        if permittivity is not None:
-            dents = [level.dents[0] for level in group]
-            parts = dent_capacitance(design.array, dents, points, permittivity, mesh)
-            capacitance_change += np.einsum("lp,lpi->pi", [level.shares[0] for level in group], parts)
-        steps.reach(steps.done + 1)
-    if not (np.isfinite(change).all() and np.isfinite(capacitance_change).all()):
-        raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
-    dims = ("place", "coil", "other")
-    part = xr.Dataset({"change": (dims, change), "capacitance_change": (dims[:2], capacitance_change)})
-    return part if backing is None else part.assign(loss=(dims, loss))
-
-
-class _Steps:
-    """Counter of map parts for a progress bar, in hundredths."""
-
-    def __init__(self, progress: Progress | None, parts: int) -> None:
-        self._progress, self._total, self.done = progress, 100 * parts, 0
-
-    def within(self, done: int, total: int) -> None:
-        """Count within a part."""
-        if self._progress is not None:
-            self._progress(100 * self.done + 99 * done // total, self._total)
-
-    def reach(self, parts: int) -> None:
-        """Count whole parts up to a number."""
-        if parts > self.done and self._progress is not None:
-            self._progress(100 * parts, self._total)
-        self.done = parts
-
-
-def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
-    """Refuse a rest below the sheets, and depths below 0 of an indenter without a material."""
-    if not rest >= 0:
-        raise MetalError(f"rest must be at least 0; got {rest} m.")
+def check_metal(axes: MapAxes, ball: Ball | None) -> None:
+    """Refuse depths below 0 of an indenter without a material."""
     if ball is None and axes.depth[0] < 0:
         raise ElastomerError(
             "depth of an indentation must be at least 0 unless the indenter has a material; got "
@@ -253,7 +208,13 @@ def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
 
 
 def metal_share(
-    pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float, mesh: LayerMesh
+    source: Source,
+    plates: Sequence[Plate | FinitePlate],
+    pressed: Experiment,
+    ball: Ball,
+    frequency: float,
+    rest: float,
+    mesh: LayerMesh,
 ) -> ComplexArray:
     """Share (cases, coils, coils) of the indenter's material in the changes in H, relative to the indenter at rest.
 
@@ -261,9 +222,8 @@ def metal_share(
     is not known.
     """
     total: ComplexArray | float = 0.0
-    plates, sheets = pressed.design.plates, pressed.design.sheets
-    outlined = outlined_below(source, plates, [frequency], sheets)
-    backing = next(iter(backings_of(source, plates, [frequency], sheets, outlined=outlined)), None)
+    outlined = outlined_below(source, plates, [frequency], pressed.sheets)
+    backing = next(iter(backings_of(source, plates, [frequency], pressed.sheets, outlined=outlined)), None)
     heights = [*pressed.above.tolist(), rest]
     for level in (level for level in pressed.levels if not level.coarse):
         first = level.dents[0]
@@ -275,26 +235,11 @@ def metal_share(
     return np.asarray(total).reshape(-1, *found.shape[-2:])
 
 
-def metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequency: float) -> dict[str, Variable]:
-    """Return the variables of the material's share."""
-    matrix = ("depth", "y", "x", "coil", "other")
-    values = share.reshape(*axes.shape, *share.shape[1:])
-    loss = -2 * np.pi * frequency * values.imag
-    return variables(
-        ("metal_delta", ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1), "1",
-         "share of the indenter's material in delta"),
-        ("metal_inductance_change", matrix, values.real, "H", "share of the indenter's material"),
-        ("metal_resistance_change", matrix, loss, "ohm", "eddy-current loss in the indenter"),
-    )  # fmt: skip
-
-
-def metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
-    """Return the attributes of a share: its frequency, the indenter's material, and the height at rest in m."""
-    return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
-
-
 def target_changes(
-    design: Design,
+    source: Source,
+    target: Target,
+    sheets: Sequence[Sheet],
+    plates: Sequence[Plate | FinitePlate],
     axes: MapAxes,
     frequencies: FloatArray,
     accuracy: Accuracy,
@@ -307,29 +252,27 @@ def target_changes(
     The shape is (3, distances, places, frequencies, coils, coils). Along the first axis are the change, its error, and
     the part of the mesh in this error. The errors are 0 for bodies other than plates.
     """
-    target = target_of(design)
     places = axes.places + target.origin_point
-    paths = [conductor.vertices for conductor in design.array.conductors()]
     # A plate with an outline between layers is solved again at every distance. Otherwise the most costly part serves
     # all distances.
-    magnetic = any(sheet.magnetic for sheet in design.sheets)
-    apart = isinstance(target.body, FinitePlate) and (magnetic or bool(design.plates))
+    apart = isinstance(target.body, FinitePlate) and (bool(plates) or any(sheet.magnetic for sheet in sheets))
     distances = axes.depth.tolist()
     blocks = [[one] for one in distances] if apart else [distances]
+    paths = [conductor.vertices for conductor in as_conductors(source)]
     found = []
     for number, block in enumerate(blocks):
 
         def compute(number: int = number, block: list[float] = block) -> xr.Dataset:
             change, error = target_inductance(
-                design.array, target, places, block, frequencies, design.sheets, design.plates,
+                source, target, places, block, frequencies, sheets, plates,
                 accuracy=accuracy, fineness=fineness, progress=part_of(progress, number, len(blocks)),
             )  # fmt: skip
-            both = [np.zeros_like(change)] * 2 if error is None else [error.absolute, error.mesh]
-            values = np.stack([change, *(part.reshape(change.shape) for part in both)])
+            errors = [np.zeros_like(change)] * 2 if error is None else [error.absolute, error.mesh]
+            values = np.stack([change, *(part.reshape(change.shape) for part in errors)])
             dims = ("value_or_error", "distance", "place", "frequency", "coil", "other")
             return xr.Dataset({"inductance": (dims, values.real), "loss": (dims, -values.imag)})
 
-        inputs = (target.body, places, frequencies, design.sheets, design.plates, paths, accuracy, fineness, block)
+        inputs = (target.body, places, frequencies, sheets, plates, paths, accuracy, fineness, block)
         part = keep(("target", *inputs), compute)
         found.append(part.inductance.values - 1j * part.loss.values)
     return np.concatenate(found, axis=1)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from functools import partial
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,15 +20,15 @@ from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitiv
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
-from coilarray.compute.store import not_kept
+from coilarray.compute.store import Keep, not_kept
 from coilarray.compute.threads import Progress
-from coilarray.design.model import Design, DesignFile, Indentation, design_of
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.face_shift import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.errors import ElastomerError, NetworkError
-from coilarray.geometry import Ball, Conductor, Material
+from coilarray.geometry import Conductor
 from coilarray.metal.backing import backings_of
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.response.changes import (
@@ -37,9 +38,7 @@ from coilarray.response.changes import (
     check_metal,
     constant_change,
     dent_changes,
-    metal_attributes,
     metal_share,
-    metal_variables,
     plus,
     through_circuit,
 )
@@ -56,24 +55,26 @@ from coilarray.response.setup import (
     wedge_inductance,
 )
 
-if TYPE_CHECKING:
-    from coilarray.compute.store import Keep
-
 __all__ = [
     "Imperfections",
+    "MapAccuracy",
     "Reach",
     "inductance_changes",
     "respond",
     "response_dataset",
     "response_map",
-    "with_material",
 ]
 
 Reach = float | Literal["auto"] | None
-"""Coils that count at a position.
+"""Coils that count at a position, see `response_map`."""
 
-None counts all coils. A number is the allowed error of δ relative to its peak. "auto" chooses by the size of the map.
-"""
+
+@dataclass(frozen=True)
+class MapAccuracy:
+    """Accuracy of a map: the coils that count at a position, and the mesh of the magnetic problem."""
+
+    reach: Reach = None
+    mesh: LayerMesh | None = None
 
 
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
@@ -94,15 +95,9 @@ def response_map(
     depths: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
     y: npt.ArrayLike | None = None,
-    reach: Reach = None,
     imperfections: Imperfections | None = None,
-    network: Network | None = None,
-    ideal: bool = False,
-    dielectric: bool = False,
-    metal: bool = True,
-    rest: float = 0.0,
-    accuracy: LayerMesh | None = None,
-    keep: Keep | None = None,
+    accuracy: MapAccuracy | Reach = None,
+    keep: Keep = not_kept,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the sensor response matrix of a design.
@@ -110,36 +105,19 @@ def response_map(
     Parameters
     ----------
     design : Design or DesignFile
-        Design with an indentation.
+        Design with an indentation. The material of its indenter and its plates count, see the notes.
     depths, x, y : array_like, shape (n,), optional
         Depths and positions of the indenter in m, positions from the map's origin. By default those in the design. A
         depth below 0 is a height above the sheets, where only the material of an indenter counts.
-    reach : float, "auto" or None
+    imperfections : Imperfections, optional
+        Deviations of the experiment from the design, its circuit included. None by default.
+    accuracy : float, "auto", MapAccuracy or None
         Coils that count at a position. None: every coil, and the resonance of the whole circuit with all inductance
         changes. A number from 1e-4 to 0.1: only the coils near the indenter, out to a distance that keeps the error of
         δ below this part of its peak. The cost of a position then does not grow with the array. "auto": None up to 5
-        million inductance changes (depths × positions × coils²), above that 1e-3, unless `dielectric` is set or the
-        indenter has a material that counts.
-    imperfections : Imperfections, optional
-        Deviations of the experiment from the design. None by default.
-    network : Network, optional
-        Coils, switches and strays under the flat sheets with their true thicknesses. By default
-        `coilarray.circuit.coupling.design_circuit`.
-    ideal : bool
-        Leave AC resistance and all strays out of the circuit, unless `network` is given.
-    dielectric : bool
-        Include the change of the coils' capacitance, which the converter takes for a change of L:
-        `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L, and
-        needs every coil.
-    metal : bool
-        Count the eddy currents and the magnetisation of an indenter with a material,
-        `coilarray.metal.indenter.indenter_inductance`, at the mean frequency of the states. It needs every coil.
-    rest : float
-        Height in m of an indenter with a material over the sheets while L_0 is read at the same position. At 0 it just
-        touches them, as in a campaign. At inf it is far away.
-    accuracy : LayerMesh, optional
-        Accuracy of the magnetic problem.
-    keep : callable, optional
+        million inductance changes (depths × positions × coils²), above that 1e-3, unless the indenter has a material
+        or there are plates. A `MapAccuracy` holds such a value and the mesh of the magnetic problem.
+    keep : callable
         Keeps the finished parts of a map of all coils, so that an interrupted run goes on from there, for example
         ``coilarray.compute.store.Store(folder).dataset``.
     progress : callable, optional
@@ -159,11 +137,10 @@ def response_map(
 
         With every coil also
 
-        - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat,
-        - ``capacitance_change`` (depth, y, x, coil): in F, zero without `dielectric`.
+        - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat.
 
-        Unless `ideal`, and for a design with a converter, ``frequency`` in Hz, ``parallel_resistance`` in Ω and
-        ``quality_factor`` (depth, y, x, state), and ``readable`` and the others of
+        Unless the circuit is ideal, and for a design with a converter, ``frequency`` in Hz, ``parallel_resistance`` in
+        Ω and ``quality_factor`` (depth, y, x, state), and ``readable`` and the others of
         `coilarray.circuit.readability.readability`. With only near coils they hold for the flat board, over state.
 
         With an indenter whose material counts, ``delta`` and ``inductance_change`` include its effect, and
@@ -181,7 +158,7 @@ def response_map(
           ``delta`` uses the values at the frequency of each state.
 
         Attributes: ``noise`` is the standard deviation of δ of a reading by the noise budget of the design, which is
-        not in ``delta``. ``error_of_peak`` is the error that `reach` allows, 0 with every coil. With only near coils
+        not in ``delta``. ``error_of_peak`` is the error that `accuracy` allows, 0 with every coil. With only near coils
         ``delta`` is 0 for states beyond ``state_cutoff_m``, and currents in coils beyond ``coil_cutoff_m`` are left
         out. ``lifted_m`` is the largest height by which a sample rises off a seat that it can leave.
 
@@ -189,22 +166,25 @@ def response_map(
     ------
     ElastomerError
         A design without an indentation, grids that are not finite and rising, a contact that is outside the sample or
-        lost on a tilted sample, a `reach` outside its limits or together with `dielectric` or a material.
+        lost on a tilted sample, an `accuracy` outside its limits or a number with plates or a material.
     MetalError
-        A `rest` below 0, or plates above the sheets.
+        Plates above the sheets.
     NetworkError
-        A state without a resonance. With `reach` also a network with stray capacitances, and states and switches that
-        `coilarray.circuit.state_sensitivity` does not treat.
+        A state without a resonance. With a number as `accuracy` also a network with stray capacitances, and states and
+        switches that `coilarray.circuit.state_sensitivity` does not treat.
 
     Notes
     -----
-    Eq. 2 of Gast & Zimmermann (2020). Without `reach` every position is solved: contact, dented sheets, and the
-    resonance of the whole circuit with the changed inductance matrix. With `reach` δ_a = Re(w_a i_aᵀ ΔL i_a) to first
-    order in ΔL, with the currents of the whole flat board, see `coilarray.response.near`.
+    Eq. 2 of Gast & Zimmermann (2020). With every coil each position is solved: contact, dented sheets, and the
+    resonance of the whole circuit with the changed inductance matrix. With near coils δ_a = Re(w_a i_aᵀ ΔL i_a) to
+    first order in ΔL, with the currents of the whole flat board, see `coilarray.response.near`.
 
-    Beside plates below the coils, every position includes the field of coils and dent that the plates send back. Their
-    losses count in the resonance. For plates with an outline, only the field of the coils is included. The field of the
-    dent is left out. It would change ΔL by up to 2 % if a dent comes within 1.4 mm of the plate.
+    The eddy currents and the magnetisation of an indenter with a material count at the mean frequency of the states,
+    `coilarray.metal.indenter.indenter_inductance`. Beside plates below the coils, every position includes the field of
+    coils and dent that the plates send back. Their losses count in the resonance. For plates with an outline, only the
+    field of the coils is included. The field of the dent is left out. It would change ΔL by up to 2 % if a dent comes
+    within 1.4 mm of the plate. The change of the coils' capacitance by the elastomer that a dent moves is left out. The
+    converter takes it for a change of L of about 1e-7, for which `coilarray.scan_design` has a bound.
 
     Examples
     --------
@@ -213,116 +193,131 @@ def response_map(
     >>> response.delta.dims, response.delta.shape
     (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
     """
-    design = design_of(design)
-    true, mesh = imperfections or Imperfections(), accuracy or LayerMesh()
-    axes, coils = map_axes(design, depths, x, y), len(design.array.names)
-    ball = indentation_of(design).ball if metal else None
-    per_value = (_BYTES_OF_METAL if ball is not None else 0.0) + (_BYTES_OF_PLATES if design.plates else 0.0)
-    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=per_value > 0)
-    _require_room(axes, coils, len(design.plan), error, per_value)
-    check_metal(axes, ball, rest)
-    pressed = experiment(design, axes, true)
-    if network is None:
-        circuit = board_circuit(pressed.design)
-        network = circuit.ideal if ideal else circuit.network
-    flat = replace(network, inductance=network.inductance + wedge_inductance(pressed.design, true.tilt))
-    states = _sensitivity(flat, design.plan, required=reach != "auto") if error else None
+    given = design_of(design)
+    setup, true = indentation_of(given), imperfections or Imperfections()
+    if not isinstance(accuracy, MapAccuracy):
+        accuracy = MapAccuracy(accuracy)
+    axes, coils, mesh = map_axes(given, depths, x, y), len(given.array.names), accuracy.mesh or LayerMesh()
+    metal = (_BYTES_OF_METAL if setup.ball is not None else 0.0) + (_BYTES_OF_PLATES if given.plates else 0.0)
+    error = _allowed_error(accuracy.reach, axes, coils, metal=metal > 0)
+    _require_room(axes, coils, len(given.plan), error, metal)
+    check_metal(axes, setup.ball)
+    pressed = experiment(setup, given.sheets, axes, true)
+    design = replace(given, sheets=pressed.sheets)
+    network, ideal = true.network, true.network == "ideal"
+    if not isinstance(network, Network):
+        network = board_circuit(design).ideal if ideal else board_circuit(design).network
+    if any(true.tilt):
+        wedge = wedge_inductance(board_circuit(design), pressed.origin, true.tilt)
+        network = replace(network, inductance=network.inductance + wedge)
+    states = _sensitivity(network, design.plan, required=accuracy.reach != "auto") if error else None
+    solve: Callable[..., _Solved]
     if states is not None:
-        solved = _near_coils(pressed, flat, states, error, mesh, ideal=ideal, progress=progress)
+        solve = partial(_near_coils, error=error, states=states)
     else:
         _require_room(axes, coils, len(design.plan), 0.0)
-        permittivity = design.circuit.elastomer_permittivity if dielectric else None
-        solved = _all_coils(
-            pressed, flat, ball, permittivity, rest, mesh, ideal=ideal, keep=keep or not_kept, progress=progress
-        )
-    if pressed.correction is not None and indentation_of(design).unevenness.lifts:
-        solved.attributes["lifted_m"] = float(pressed.correction.lifted.max())
+        solve = partial(_all_coils, rest=true.rest, keep=keep)
+    delta, base, budget, found, attributes = solve(design, pressed, network, mesh, ideal=ideal, progress=progress)
+    if pressed.correction is not None and setup.unevenness.lifts:
+        attributes["lifted_m"] = float(pressed.correction.lifted.max())
     drift = true.drift * axes.order("rows") + true.column_drift * axes.order("columns")
-    delta = solved.delta.reshape(*drift.shape, -1) + drift[..., None]
+    delta = delta.reshape(*drift.shape, -1) + drift[..., None]
     if true.noise:
-        delta = _noisy(delta, true)
-    solved.attributes["noise"] = float(solved.budget.independent.max())
-    more = solved.variables | solved.budget.variables()
+        random = np.random.default_rng(true.seed)
+        peak, at_rest = (1 + true.noise * random.standard_normal(delta.shape) for _ in range(2))
+        delta = (1 + delta) * peak / at_rest - 1
+    attributes["noise"] = float(budget.independent.max())
+    more = found | budget.variables()
     return response_dataset(
-        design, axes, pressed.contact, delta, solved.base, flat.inductance, more=more, attributes=solved.attributes
+        given, axes, pressed.contact, delta, base, network.inductance, more=more, attributes=attributes
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """δ of all depths, places and states, L_0 (states,) in H, the noise budget, and what else belongs to the map."""
-
-    delta: FloatArray
-    base: FloatArray
-    budget: NoiseBudget
-    variables: dict[str, Variable]
-    attributes: dict[str, object]
+_Solved = tuple[FloatArray, FloatArray, NoiseBudget, dict[str, Variable], dict[str, object]]
+"""δ of all depths, places and states, L_0 (states,) in H, the noise budget, and more variables and attributes."""
 
 
 def _near_coils(
+    design: Design,
     pressed: Experiment,
-    flat: Network,
-    states: StateSensitivity,
-    error: float,
+    network: Network,
     mesh: LayerMesh,
     *,
+    states: StateSensitivity,
+    error: float,
     ideal: bool,
     progress: Progress | None,
 ) -> _Solved:
     """Compute a map with the coils near the indenter only."""
-    design = pressed.design
-    budget, alone = _budget_of_states(design, flat, states)
+    # Each state has the losses of its own coil here.
+    C, resistance = network.switches.tank_capacitance, network.resistance
+    frequency = 1 / (2 * np.pi * np.sqrt(states.base_inductance * C))
+    own = np.diagonal(resistance(float(frequency.mean())))[states.measured]
+    with np.errstate(divide="ignore"):
+        quality = 2 * np.pi * frequency * states.base_inductance / (own + 2 * network.switches.on_resistance)
     delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
     if pressed.correction is not None:
-        origin, currents = indentation_of(design).origin_point, states.currents.T
+        origin, currents = pressed.origin, states.currents.T
         places = pressed.points - origin
-        energy = shift_energy(design.array, design.sheets, pressed.correction, places, origin, mesh, currents, currents)
+        energy = shift_energy(
+            design.array, pressed.sheets, pressed.correction, places, origin, mesh, currents, currents
+        )
         delta = delta + (states.weights * energy).real
     # The effect of dents on frequency and losses, some 1e-3, is left out of the readability here.
-    found = {} if ideal else _readability(design, flat, alone, alone, ())
+    alone = np.stack((frequency, 2 * np.pi * frequency * states.base_inductance * quality))
+    found = {} if ideal else _readability(design, network, alone, alone, ())
     attributes: dict[str, object] = {
         "error_of_peak": error,
         "state_cutoff_m": cutoff.states,
         "coil_cutoff_m": cutoff.coils,
     }
-    return _Solved(delta, states.base_inductance, budget, found, attributes)
+    return delta, states.base_inductance, budget_of(design, frequency, quality), found, attributes
 
 
 def _all_coils(
+    design: Design,
     pressed: Experiment,
-    flat: Network,
-    ball: Ball | None,
-    permittivity: float | None,
-    rest: float,
+    network: Network,
     mesh: LayerMesh,
     *,
-    ideal: bool,
+    rest: float,
     keep: Keep,
+    ideal: bool,
     progress: Progress | None,
 ) -> _Solved:
     """Compute a map with every coil, and the resonance of the whole circuit at every depth and place."""
-    design, axes = pressed.design, pressed.axes
-    flats = [resonate(flat, state) for state in design.plan]
+    axes, ball = pressed.axes, indentation_of(design).ball
+    flats = [resonate(network, state) for state in design.plan]
     band, mean = _band(flats), _mean_frequency(flats)
-    change, capacitance_change = dent_changes(pressed, band, permittivity, mesh, keep, progress)
+    change = dent_changes(design.array, design.plates, pressed, band, mesh, keep, progress)
     found: dict[str, Variable] = {}
     attributes: dict[str, object] = {"error_of_peak": 0.0}
     if change.band is band:
         attributes |= {"plate_frequency_Hz": mean, "plate_lowest_Hz": band.low, "plate_highest_Hz": band.high}
         found |= _plate_variables(axes, change, mean)
-    answers = through_circuit(flat, flats, change, capacitance_change)
+    answers = through_circuit(network, flats, change)
     if ball is not None:
-        share = metal_share(pressed, design.array, ball, mean, rest, mesh)
+        share = metal_share(design.array, design.plates, pressed, ball, mean, rest, mesh)
         dented, change = answers["delta"], plus(change, share)
-        answers = through_circuit(flat, flats, change, capacitance_change)
-        found |= metal_variables(axes, answers["delta"] - dented, share, mean)
-        attributes |= metal_attributes(ball, mean, rest)
+        answers = through_circuit(network, flats, change)
+        values, matrix = share.reshape(*axes.shape, *share.shape[1:]), (*_PLACES, "coil", "other")
+        found |= variables(
+            ("metal_delta", (*_PLACES, "state"), (answers["delta"] - dented).reshape(*axes.shape, -1), "1",
+             "share of the indenter's material in delta"),
+            ("metal_inductance_change", matrix, values.real, "H", "share of the indenter's material"),
+            ("metal_resistance_change", matrix, -2 * np.pi * mean * values.imag, "ohm",
+             "eddy-current loss in the indenter"),
+        )  # fmt: skip
+        attributes |= {"metal_frequency_Hz": mean, "rest_m": rest, "indenter_material": ball.material.name}
     if not ideal:
-        found |= _readability(design, flat, _sensors(answers), _sensors_of(flats), axes.shape)
-    found |= _change_variables(axes, change.at(mean).real, capacitance_change)
-    budget = budget_of(design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats])
-    base = np.array([one.effective_inductance for one in flats])
-    return _Solved(answers["delta"], base, budget, found, attributes)
+        found |= _readability(design, network, _sensors(answers), _sensors_of(flats), axes.shape)
+    n = len(network.names)
+    found |= variables(
+        ("inductance_change", (*_PLACES, "coil", "other"), change.at(mean).real.reshape(*axes.shape, n, n), "H",
+         "inductance matrix, dented minus flat"),
+    )  # fmt: skip
+    budget = budget_of(design, [one.frequency for one in flats], [loaded_quality(network, one) for one in flats])
+    return answers["delta"], np.array([one.effective_inductance for one in flats]), budget, found, attributes
 
 
 def respond(
@@ -335,12 +330,12 @@ def respond(
 ) -> xr.Dataset:
     """Put a computed map of all coils through the circuit again, with another scan plan or other changes.
 
-    `response` comes from `response_map` without `reach`. `inductance_change` (depth, y, x, coil, other) is in H. The
+    `response` comes from `response_map` with all coils. `inductance_change` (depth, y, x, coil, other) is in H. The
     result is without noise. A response without inductance changes raises an ElastomerError, a state without a resonance
     or of an unknown coil a NetworkError.
     """
     if "inductance_change" not in response:
-        raise ElastomerError("a response of only the near coils has no inductance changes; compute it with reach=None.")
+        raise ElastomerError("a response of only the near coils has no inductance changes; compute it with every coil.")
     states = design.plan if plan is None else tuple(plan)
     given = response.inductance_change.values if inductance_change is None else inductance_change
     shape, n = given.shape[:3], given.shape[-1]
@@ -354,7 +349,7 @@ def respond(
     if "plate_frequency" in response.dims:
         over = _over_frequency(response)
         change = plus(over, flat - over.at(response.attrs["plate_frequency_Hz"]).real)
-    answers = through_circuit(network, flats, change, response.capacitance_change.values.reshape(-1, n))
+    answers = through_circuit(network, flats, change)
     others = response.drop_dims("state")  # also the share of a material in δ
     others["inductance_change"] = (response.inductance_change.dims, given, response.inductance_change.attrs)
     others["delta"] = ((*_PLACES, "state"), answers["delta"].reshape(*shape, -1), response.delta.attrs)
@@ -366,44 +361,6 @@ def respond(
     if "common_noise" in response and list(response.state.values) == [state.name for state in states]:
         others["common_noise"] = response.common_noise
     return others
-
-
-def with_material(
-    design: Design,
-    response: xr.Dataset,
-    material: Material,
-    *,
-    imperfections: Imperfections | None = None,
-    rest: float = 0.0,
-    ideal: bool = False,
-    accuracy: LayerMesh | None = None,
-) -> xr.Dataset:
-    """Put an indenter with a material into a computed map of all coils without one.
-
-    The design has a hemisphere for an indenter, and the imperfections are those of the map. The result is the response
-    that the map would have had. Errors are as in `response_map` and `respond`.
-    """
-    if "metal_delta" in response:
-        raise ElastomerError("the response has an indenter with a material already; compute it with metal=False.")
-    solid = replace(design, indentation=replace(indentation_of(design), material=material))
-    axes = map_axes(design, response.depth, response.x, response.y)
-    ball = indentation_of(solid).ball
-    check_metal(axes, ball, rest)
-    assert ball is not None  # it has the material
-    capacitance = design.circuit.switches.tank_capacitance
-    frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
-    pressed = experiment(solid, axes, imperfections)
-    share = metal_share(pressed, design.array, ball, frequency, rest, accuracy or LayerMesh())
-    found = metal_variables(axes, np.zeros((len(share), response.sizes["state"])), share, frequency)
-    whole = respond(
-        design,
-        response.assign(found).assign_attrs(metal_attributes(ball, frequency, rest)),
-        inductance_change=response.inductance_change.values + found["metal_inductance_change"][1],
-        ideal=ideal,
-    )
-    of_metal = (whole.delta - respond(design, response, ideal=ideal).delta).assign_attrs(found["metal_delta"][2])
-    delta = (response.delta + of_metal).assign_attrs(response.delta.attrs)  # noise and drift stay unchanged
-    return whole.assign(delta=delta, metal_delta=of_metal)
 
 
 def inductance_changes(
@@ -422,9 +379,9 @@ def inductance_changes(
     a design, axes or a contact are as in `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    check_metal(axes, ball, 0.0)
+    check_metal(axes, ball)
     source = design.array.conductors() if paths is None else paths
-    pressed = experiment(design, axes, imperfections)
+    pressed = experiment(indentation_of(design), design.sheets, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
     backings: Sequence[Backing | None] = [None]
     shares = np.ones(1)
@@ -432,7 +389,7 @@ def inductance_changes(
         network = design_circuit(design)
         flats = [resonate(network, state) for state in design.plan]
         band = _band(flats)
-        over = backings_of(source, pressed.design.plates, band.nodes.tolist(), pressed.design.sheets)
+        over = backings_of(source, design.plates, band.nodes.tolist(), pressed.sheets)
         if over:
             backings, shares = over, band.shares(np.array([_mean_frequency(flats)]))[0]
     for share, backing in zip(shares.tolist(), backings, strict=True):
@@ -441,7 +398,8 @@ def inductance_changes(
             change += share * part.real
         change += share * changes_by_bounds(pressed, source, LayerMesh(), backing).real
     if ball is not None and frequency is not None:
-        change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real.reshape(change.shape)
+        by_metal = metal_share(source, design.plates, pressed, ball, frequency, 0.0, LayerMesh())
+        change += by_metal.real.reshape(change.shape)
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -464,6 +422,8 @@ def response_dataset(
     With `per_length` inductances are in H/m and forces in N/m. `more` are additional variables.
     """
     setup, per = indentation_of(design), "/m" if per_length else ""
+    own = (tuple(axes.x.tolist()), tuple(axes.y.tolist())) == (setup.x, setup.y)
+    window = {ELLIPSE_WINDOW: list(setup.ellipse_bounds)} if own and setup.ellipse_bounds is not None else {}
     names = list(design.array.names if coils is None else coils)
     kept = [design.array.names.index(name) for name in names]
     states = [state.name for state in design.plan] if states is None else states
@@ -487,34 +447,27 @@ def response_dataset(
             "base": str(setup.base),
             "strain": setup.strain,
             **origin_attributes(setup),
-            **_ellipse_window(setup, axes),
+            **window,
             **(attributes or {}),
         },
     )
 
 
-def _ellipse_window(setup: Indentation, axes: MapAxes) -> dict[str, list[float]]:
-    """Ellipse attribute of a design's own map, of which some positions are for ellipses."""
-    own = (tuple(axes.x.tolist()), tuple(axes.y.tolist())) == (setup.x, setup.y)
-    return {ELLIPSE_WINDOW: list(setup.ellipse_bounds)} if own and setup.ellipse_bounds is not None else {}
-
-
-def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool, metal: bool) -> float:
+def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, metal: bool) -> float:
     """Return the allowed error of δ from near coils, relative to its peak, 0 for every coil."""
     if reach == "auto":
-        return 0.0 if dielectric or metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
+        return 0.0 if metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
         return 0.0
     if not (isinstance(reach, int | float) and _ERRORS[0] <= reach <= _ERRORS[1]):
         raise ElastomerError(
-            f'reach must be None, "auto" or the error of δ, {_ERRORS[0]:g} to {_ERRORS[1]:g} of the peak; got {reach}.'
+            f'accuracy must be None, "auto" or the error of δ, {_ERRORS[0]:g} to {_ERRORS[1]:g} of the peak; '
+            f"got {reach}."
         )
-    if dielectric:
-        raise ElastomerError("the change of capacitance needs every coil: dielectric needs reach=None.")
     if metal:
         raise ElastomerError(
-            "metal in the indenter or beside the coils needs every coil: use reach=None, or metal=False to leave out "
-            "the indenter's material."
+            "metal in the indenter or beside the coils needs every coil: use accuracy=None, or an indenter without a "
+            "material."
         )
     return reach
 
@@ -530,19 +483,9 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: fl
     if values > _MOST_VALUES:
         raise ElastomerError(
             f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces "
-            "or with reach."
+            "or with near coils only."
         )
     require_memory((_BYTES_A_VALUE + more) * values, f"a map of {what}", "compute it in pieces")
-
-
-def _change_variables(axes: MapAxes, change: FloatArray, capacitance_change: FloatArray) -> dict[str, Variable]:
-    """Return the variables of the changes of inductance (cases, n, n) in H and capacitance (cases, n) in F."""
-    n = change.shape[-1]
-    L, C = change.reshape(*axes.shape, n, n), capacitance_change.reshape(*axes.shape, n)
-    return variables(
-        ("inductance_change", (*_PLACES, "coil", "other"), L, "H", "inductance matrix, dented minus flat"),
-        ("capacitance_change", (*_PLACES, "coil"), C, "F", "capacitance of each coil, dented minus flat"),
-    )
 
 
 def _band(flats: Sequence[Resonance]) -> FrequencyBand:
@@ -618,20 +561,3 @@ def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool)
         if required:
             raise
         return None
-
-
-def _budget_of_states(design: Design, network: Network, states: StateSensitivity) -> tuple[NoiseBudget, FloatArray]:
-    """Noise budget with the losses of each state's own coil, and `_sensors` with these losses."""
-    L = states.base_inductance
-    frequency = 1 / (2 * np.pi * np.sqrt(L * network.switches.tank_capacitance))
-    resistance = np.diagonal(network.resistance(float(frequency.mean())))[states.measured]
-    with np.errstate(divide="ignore"):
-        quality = 2 * np.pi * frequency * L / (resistance + 2 * network.switches.on_resistance)
-    sensors = np.stack((frequency, 2 * np.pi * frequency * L * quality))
-    return budget_of(design, frequency, quality), sensors
-
-
-def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:
-    random = np.random.default_rng(imperfections.seed)
-    peak, base = (1 + imperfections.noise * random.standard_normal(delta.shape) for _ in range(2))
-    return (1 + delta) * peak / base - 1

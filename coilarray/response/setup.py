@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.board_circuit import board_circuit
+from coilarray.circuit.board_circuit import BoardCircuit
+from coilarray.circuit.network import Network
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import kept_dataset
 from coilarray.design.bundled import names_with
@@ -64,11 +65,19 @@ class Imperfections:
         was read.
     column_drift : float
         The same for a campaign that goes column after column, y rising.
+    rest : float
+        Height in m of an indenter with a material over the sheets while L_0 is read at the same position. At 0 it just
+        touches them, as in a campaign. At inf it is far away.
+    network : Network or "ideal", optional
+        Coils, switches and strays under the flat sheets, in place of those of the design with the true thicknesses.
+        "ideal" leaves AC resistance and all strays out.
 
     Raises
     ------
     ElastomerError
         A value that is not finite, a tilt above 0.1, or noise or a seed that is negative.
+    MetalError
+        A `rest` below 0.
     """
 
     tilt: tuple[float, float] = (0.0, 0.0)
@@ -79,6 +88,8 @@ class Imperfections:
     seed: int = 0
     drift: float = 0.0
     column_drift: float = 0.0
+    rest: float = 0.0
+    network: Network | Literal["ideal"] | None = None
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -92,6 +103,8 @@ class Imperfections:
         for name in ("noise", "seed"):
             if getattr(self, name) < 0:
                 raise ElastomerError(f"{name} must not be negative; got {getattr(self, name)}.")
+        if not self.rest >= 0:
+            raise MetalError(f"rest must be at least 0; got {self.rest} m.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +161,9 @@ class Experiment:
     the sheets at depths below 0.
     """
 
-    design: Design
+    sheets: tuple[Sheet, ...]
     axes: MapAxes
+    origin: tuple[float, float]
     points: FloatArray
     contact: xr.Dataset
     levels: tuple[Level, ...]
@@ -210,37 +224,39 @@ def checked_axis(name: str, values: npt.ArrayLike, error: type[CoilarrayError] =
     return array
 
 
-def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | None = None) -> Experiment:
+def experiment(
+    setup: Indentation, sheets: Sequence[Sheet], axes: MapAxes, imperfections: Imperfections | None = None
+) -> Experiment:
     """Solve the contacts and dents of a map.
 
     There are no dents at depths below 0 of an indenter with a material. An ElastomerError is raised for sheets with
     more than one magnetic region, a contact that is outside the sample or lost on a tilted sample, and as in `indent`.
     """
-    setup, true = indentation_of(design), imperfections or Imperfections()
-    sheets = _true_sheets(design.sheets, true.thickness_errors)
+    true = imperfections or Imperfections()
+    names = [sheet.name for sheet in sheets]
+    for name in true.thickness_errors:
+        if name not in names:
+            raise ElastomerError(f"thickness_errors names the sheet {name!r}; there are {', '.join(names)}.")
+    sheets = tuple(
+        replace(sheet, thickness=sheet.thickness + true.thickness_errors.get(sheet.name, 0.0)) for sheet in sheets
+    )
     magnetic_slab(sheets)  # refuses more than one magnetic region before the work begins
     given, places = axes.depth + true.depth_error, axes.places + true.offset
     above = np.maximum(-given, 0.0) if setup.ball is not None else np.zeros_like(given)
     depths = given + above
-    sample = _sample(setup)
-    parts = (1.0,) if sample is None else _DEPTH_PARTS
+    bounded = setup.sample_bounds is not None and setup.sample_radius is None
+    parts = _DEPTH_PARTS if bounded else (1.0,)
     pressed = contact_at(setup, sheets, np.unique(np.outer(parts, depths)))
     contact = _at_depths(pressed, depths)
     levels = _levels(setup, sheets, contact, depths, places, true.tilt)
     _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
-    wide = Experiment(replace(design, sheets=sheets), axes, places + setup.origin_point, contact, levels, above)
-    return wide if sample is None else _finite(wide, sample, pressed, places, depths)
-
-
-def _sample(setup: Indentation) -> Sample | None:
-    """Rectangular sample of a map, None for a wide sample or a disc about the indenter."""
-    if setup.sample_bounds is None or setup.sample_radius is not None:
-        return None
-    return Sample(setup.sample_bounds, setup.unevenness)
+    origin = setup.origin_point
+    wide = Experiment(sheets, axes, origin, places + origin, contact, levels, above)
+    return _finite(setup, wide, pressed, places, depths) if bounded else wide
 
 
 def _finite(
-    wide: Experiment, sample: Sample, pressed: xr.Dataset, places: FloatArray, depths: FloatArray
+    setup: Indentation, wide: Experiment, pressed: xr.Dataset, places: FloatArray, depths: FloatArray
 ) -> Experiment:
     """Turn a wide sample's experiment into a finite sample's.
 
@@ -251,14 +267,15 @@ def _finite(
     centre. Other tips are taken for pivots themselves. The rest, `SampleCorrection.moved`, is to first order in
     `coilarray.elastomer.face_shift`. A tilted sample has the correction of the level sample.
     """
-    setup, sheets = indentation_of(wide.design), wide.design.sheets
+    assert setup.sample_bounds is not None
+    sample, sheets, contact = Sample(setup.sample_bounds, setup.unevenness), wide.sheets, wide.contact
     parts = np.array([*_DEPTH_PARTS, 0.0])
-    contact = wide.contact
     contacts = [contact, *(_at_depths(pressed, depths * part) for part in _DEPTH_PARTS[1:])]
     slope = np.zeros(len(depths))  # F'/F
     loaded = contact.force.values > 0
     force = np.array([one.force.values[loaded] for one in contacts])
-    slope[loaded] = _lagrange_slope(parts)[:-1] @ force / force[0] / depths[loaded]
+    slopes_of_lagrange = np.linalg.inv(np.vander(parts - parts[0], increasing=True))[1]  # at the first part
+    slope[loaded] = slopes_of_lagrange[:-1] @ force / force[0] / depths[loaded]
     given = places, contact.r.values, contact.pressure.values, slope
     correction = _kept_correction(_elastic(sheets), setup.base, sample, *(values.tobytes() for values in given))
     relative = 1 + correction.depth / np.where(depths > 0, depths, 1.0)[:, None]
@@ -292,7 +309,8 @@ def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
 def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLike) -> xr.Dataset:
     """Return the contact of the indentation at depths in m, from `coilarray.elastomer.contact.indent`.
 
-    The last contacts are kept in memory, as often only coils vary. Contacts of finite strain go through `kept_dataset`.
+    The last contacts are kept in memory, as often only coils vary. Contacts of finite strain are kept on disk too where
+    a program keeps results (`coilarray.compute.files.keep_results`).
     """
     at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
     return _kept_contact(
@@ -362,14 +380,6 @@ def _require_inside(setup: Indentation, places: FloatArray, contact_radius: floa
         )
 
 
-def _true_sheets(sheets: Sequence[Sheet], errors: Mapping[str, float]) -> tuple[Sheet, ...]:
-    names = [sheet.name for sheet in sheets]
-    for name in errors:
-        if name not in names:
-            raise ElastomerError(f"thickness_errors names the sheet {name!r}; there are {', '.join(names)}.")
-    return tuple(replace(sheet, thickness=sheet.thickness + errors.get(sheet.name, 0.0)) for sheet in sheets)
-
-
 def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
     """Sheets whose lowest sheet is thicker by a height in m."""
     return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
@@ -406,17 +416,18 @@ def _levels(
     return tuple(levels)
 
 
-def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
+def wedge_inductance(circuit: BoardCircuit, origin: tuple[float, float], tilt: tuple[float, float]) -> FloatArray:
     """Change (coils, coils) of the inductance matrix in H by a flat tilted sample.
 
-    Each pair of coils takes the thickness of the sample in the middle between them.
+    Each pair of coils takes the thickness of the sample in the middle between them. The tilt is about `origin`.
     """
-    centres = design.array.centres - indentation_of(design).origin_point
+    design = circuit.design
+    centres = design.array.centres - origin
     middle = (centres[:, None] + centres) / 2 @ np.array(tilt)
     if not middle.any():
         return np.zeros_like(middle)
     heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
-    plates = board_circuit(design).plates
+    plates = circuit.plates
     beside = [plate for plate in design.plates if isinstance(plate, Plate)]
 
     def level(height: float) -> FloatArray:
@@ -439,12 +450,6 @@ def _nodes(low: float, high: float) -> FloatArray:
     """Chebyshev points of an interval."""
     angle = np.pi * (np.arange(_WEDGE_NODES) + 0.5) / _WEDGE_NODES
     return (low + high) / 2 + (high - low) / 2 * np.cos(angle)
-
-
-def _lagrange_slope(nodes: FloatArray) -> FloatArray:
-    """Slopes (nodes,) of the Lagrange polynomials at the first node."""
-    powers = np.vander(nodes - nodes[0], increasing=True)
-    return np.asarray(np.linalg.inv(powers)[1])
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from coilarray.circuit.readability import readability, readable_of
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
-from coilarray.compute.store import not_kept
+from coilarray.compute.store import Keep, not_kept
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
@@ -32,9 +32,6 @@ from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.response.changes import target_changes, through_circuit
 from coilarray.response.dataset import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis, target_of
-
-if TYPE_CHECKING:
-    from coilarray.compute.store import Keep
 
 _MARGIN = (0.02, 0.2)  # margin of the band of log f: a minimum, and a part of its width
 _MOST_NODES = 16  # of bands up to a factor of fifty
@@ -78,10 +75,9 @@ def target_map(
     x: npt.ArrayLike | None = None,
     y: npt.ArrayLike | None = None,
     noise: float | None = None,
-    network: Network | None = None,
-    ideal: bool = False,
+    network: Network | Literal["ideal"] | None = None,
     accuracy: Accuracy | float = "full",
-    keep: Keep | None = None,
+    keep: Keep = not_kept,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compute the response of the coils to a target.
@@ -99,16 +95,14 @@ def target_map(
         Standard deviation of δ in a reading, for range and resolution. By default from the noise budget of the design,
         `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute ``sigma`` holds it. The attribute ``noise``
         holds the part that is independent from state to state, and ``common_noise`` the rest.
-    network : Network, optional
+    network : Network or "ideal", optional
         Coils, switches and strays of this design without the target. By default
-        `coilarray.circuit.coupling.design_circuit`.
-    ideal : bool
-        Leave AC resistance of the copper and all strays out of the circuit, unless `network` is given.
+        `coilarray.circuit.coupling.design_circuit`. "ideal" leaves AC resistance of the copper and all strays out.
     accuracy : {"full", "screen"} or float
         Accuracy of the target's changes and of the network, see `coilarray.inductance_matrix`. A given network keeps
         its own. A number is the fineness of the mesh of a plate with an outline: 2 halves the lengths of 1 and takes
         eight times as long.
-    keep : callable, optional
+    keep : callable
         Keeps finished distances, so that an interrupted map goes on from there, for example
         ``coilarray.compute.store.Store(folder).dataset``. They are kept individually for a plate with an outline over
         magnetic sheets or beside plates, else all at once.
@@ -132,7 +126,7 @@ def target_map(
         - ``inductance_change`` in H and ``resistance_change`` in Ω of the matrix of the coils,
         - ``coupling``, the coupling coefficients with the target.
 
-        Unless `ideal`, and for a design with a converter, ``readable`` and the others of
+        Unless `network` is "ideal", and for a design with a converter, ``readable`` and the others of
         `coilarray.circuit.readability.readability` give the states that it can read, and the drive current.
 
         ``inductance`` (coil, other) is the matrix in H without the target. The ranges and resolutions are from
@@ -176,21 +170,22 @@ def target_map(
     coils, cases = len(design.array.names), int(np.prod(axes.shape))
     what = f"{len(axes.depth)} distances at {len(axes.x) * len(axes.y)} places with {coils} coils"
     require_memory(_BYTES_A_VALUE * cases * _MOST_NODES * coils**2, f"a target map of {what}", "compute it in pieces")
-    circuit, keep = board_circuit(design, accuracy=rule), keep or not_kept
-    if network is None:
+    circuit, ideal = board_circuit(design, accuracy=rule), network == "ideal"
+    if not isinstance(network, Network):
         network = circuit.ideal if ideal else circuit.network
+    bodies = design.array, target, design.sheets, design.plates
     alone = [resonate(network, state) for state in design.plan]
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     resonances = base["frequency"]
     nearest, middle = replace(axes, depth=axes.depth[:1]), float(np.exp(np.log(resonances).mean()))
     at_middle = FrequencyBand(middle, middle)
-    first = target_changes(design, nearest, at_middle.nodes, "screen", _COARSE * fineness, keep)[0]
+    first = target_changes(*bodies, nearest, at_middle.nodes, "screen", _COARSE * fineness, keep)[0]
     _require_passive(network, first, nearest)
     guess = through_circuit(network, alone, _in_a_row(at_middle, first), at_own_frequency=True)
     moved = guess["frequency"]
     for _ in range(2):  # the guess holds for a single frequency
         band = _around(np.append(moved, resonances))
-        changes, *errors = target_changes(design, axes, band.nodes, rule, fineness, keep, progress)
+        changes, *errors = target_changes(*bodies, axes, band.nodes, rule, fineness, keep, progress)
         _require_passive(network, changes, axes)
         change, network = _in_a_row(band, changes), circuit.widened(network, band.low, band.high)
         answers = through_circuit(network, alone, change, at_own_frequency=True)

@@ -25,7 +25,7 @@ from coilarray.errors import DamagedError, HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
 from coilarray.hardware.record.recorded_response import at_rest, recorded_response, recorded_series
 from coilarray.hardware.record.recording import Recording
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 
 CAPACITANCES = (1e-12, 1e-6)
 """Least and greatest plausible capacitance of a tank in F."""
@@ -205,7 +205,8 @@ def simulated_inductances(recording: Recording) -> dict[str, float]:
             "give known inductances."
         )
     depths, x, y = (axis[len(axis) // 2 : len(axis) // 2 + 1] for axis in (setup.depths, setup.x, setup.y))
-    base = response_map(design, depths=depths, x=x, y=y, ideal=True).base_inductance
+    ideal = Imperfections(network="ideal")
+    base = response_map(design, depths=depths, x=x, y=y, imperfections=ideal).base_inductance
     return {state: float(base.sel(state=state)) for state in recording.states}
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from support.command_line import mistakes, runner, successes
+from support.contacts import IDEAL as CIRCUIT
 
 import coilarray.response.changes
 from coilarray import load_design
@@ -44,7 +45,7 @@ def expected(starter):
 @pytest.fixture(scope="module")
 def ideal(starter):
     """δ (position, state) that the library says without strays."""
-    return library(starter, ideal=True).delta.values[0, 0]
+    return library(starter, imperfections=CIRCUIT).delta.values[0, 0]
 
 
 def written():
@@ -91,7 +92,7 @@ def test_json_tells_the_peaks_and_the_file_is_the_dataset_of_the_library(capsys,
             np.testing.assert_allclose(saved[name], expected[name], rtol=1e-9, atol=1e-18)
         assert (saved.attrs, saved.delta.attrs["units"]) == (expected.attrs, "1")
     assert Path("r.svg").read_text(encoding="utf-8").startswith("<?xml")
-    assert written() == ["r.nc", "r.svg"]  # no parts are left
+    assert written() == ["r.nc", "r.svg"]
 
 
 def test_the_table_and_every_value_as_csv(capsys, expected):
@@ -123,25 +124,21 @@ def test_imperfections_of_the_experiment(capsys, monkeypatch):
     good(capsys, *IDEAL, *options, "--out", "r.csv")
     lengths = {"offset": (-0.3 * 1e-3, 0.4 * 1e-3), "depth_error": 0.05 * 1e-3}
     thicknesses = {"base": -0.2 * 1e-3, "magnetic": 0.1 * 1e-3}
-    assert seen == [Imperfections((0.01, -0.02), **lengths, thickness_errors=thicknesses, noise=1e-6, seed=7)]
+    assert seen == [
+        Imperfections((0.01, -0.02), **lengths, thickness_errors=thicknesses, noise=1e-6, seed=7, network="ideal")
+    ]
 
 
-def test_strays_and_permittivity_enter_the_circuit(capsys, starter, ideal):
-    good(capsys, *SMALL, "--dielectric", "--out", "r.nc")
-    wanted = library(starter, dielectric=True)
+def test_strays_enter_the_circuit(capsys, expected, ideal):
     good(capsys, *IDEAL, "--out", "ideal.csv")
     np.testing.assert_allclose(delta_of("ideal.csv"), ideal, rtol=1e-9)
-    with xr.open_dataset("r.nc", engine="h5netcdf") as saved:
-        np.testing.assert_allclose(saved.delta, wanted.delta, rtol=1e-9)
-        np.testing.assert_allclose(saved.capacitance_change, wanted.capacitance_change, rtol=1e-9)
-        assert (saved.capacitance_change != 0).all()
-        # strays of some pF beside a tank of 330 pF
-        change = np.abs(saved.delta.values[0, 0] - ideal).max() / np.abs(ideal).max()
-        assert 1e-5 < float(change) < 0.02
+    # strays of some pF beside a tank of 330 pF
+    change = np.abs(expected.delta.values[0, 0] - ideal).max() / np.abs(ideal).max()
+    assert 1e-5 < float(change) < 0.02
 
 
 def test_large_boards_count_the_coils_near_the_indenter(capsys, monkeypatch, starter, ideal):
-    wanted = library(starter, reach=1e-3, ideal=True).delta.values[0, 0]
+    wanted = library(starter, accuracy=1e-3, imperfections=CIRCUIT).delta.values[0, 0]
     assert 0 < np.abs(wanted - ideal).max() < 1e-3 * np.abs(wanted).max()
     monkeypatch.setattr(coilarray.response.map, "_AUTO_VALUES", 10)  # the map has 18
     out = good(capsys, *IDEAL, "--out", "r.csv")
@@ -189,12 +186,6 @@ test_mistakes_are_one_line_and_leave_nothing = mistakes(
 )
 
 
-def test_a_file_in_the_way_of_the_parts(capsys):
-    Path("s.nc.parts").touch()
-    assert "cannot make the folder s.nc.parts: a file has that name" in refused(capsys, *SMALL, "--out", "s.nc")
-    assert [path.name for path in Path().iterdir()] == ["s.nc.parts"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -206,6 +197,12 @@ def test_designs_without_a_response(capsys, old, new, message):
     Path("d.toml").write_text(read("starter").replace(old, new, 1), encoding="utf-8")
     assert message in refused(capsys, "d.toml", *GRID)
     assert written() == ["d.toml"]
+
+
+def test_a_file_in_the_way_of_the_parts(capsys):
+    Path("s.nc.parts").touch()
+    assert "cannot make the folder s.nc.parts: a file has that name" in refused(capsys, *SMALL, "--out", "s.nc")
+    assert [path.name for path in Path().iterdir()] == ["s.nc.parts"]
 
 
 def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
@@ -233,7 +230,7 @@ def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
     assert [path.name for path in Path().glob("r.*")] == ["r.nc"]
     np.testing.assert_allclose(np.array(asked)[2:, 0, 0], [5e-3], rtol=0, atol=1e-12)  # from the origin, coil 2
     monkeypatch.setattr(coilarray.response.changes, "dent_inductance", solve)
-    whole = library(starter, ideal=True)  # in the same blocks
+    whole = library(starter, imperfections=CIRCUIT)  # in the same blocks
     with xr.open_dataset("r.nc", engine="h5netcdf") as saved:
         # every block is the same computation, apart from the order of sums in parallel kernels
         np.testing.assert_allclose(saved.inductance_change, whole.inductance_change, rtol=1e-9, atol=1e-18)

@@ -41,7 +41,7 @@ def ball(tmp_path, monkeypatch):
 
 def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     data = answer(capsys, "target", "ball.toml", "--ideal", "--out", "t.csv")
-    expected = target_map(load_design("ball.toml"), ideal=True)
+    expected = target_map(load_design("ball.toml"), network="ideal")
     assert (data["body"], data["material"], data["noise"]) == ("sphere", "aluminium", expected.attrs["sigma"])
     delta = expected.delta.values.ravel()
     assert [row["delta"] for row in data["target"]] == pytest.approx(delta)

@@ -28,7 +28,7 @@ from coilarray.elastomer.contact_grid import Stack, stack_of
 from coilarray.elastomer.finite_sample import DEFAULT_BOX_MESH, BoxMesh, Sample, SampleCorrection, sample_correction
 from coilarray.errors import ElastomerError, GeometryError, MemoryLimitError
 from coilarray.geometry import EVEN, Hemisphere, Seat, Sheet, Unevenness
-from coilarray.response.map import inductance_changes, response_map
+from coilarray.response.map import Imperfections, inductance_changes, response_map
 from coilarray.response.setup import map_axes
 
 SHEETS = (
@@ -350,7 +350,8 @@ def test_far_sides_leave_the_response_and_near_ones_raise_it() -> None:
     def response(bounds: tuple[float, float, float, float] | None, reach: float | None = None) -> np.ndarray:
         sample = replace(design, indentation=replace(setup, sample_bounds=bounds))
         known = 50e-6 * (np.eye(3) - 0.05 * (np.eye(3, k=1) + np.eye(3, k=-1)))
-        found = response_map(sample, x=[0.0], y=[0.0], reach=reach, network=replace(ideal, inductance=known))
+        circuit = Imperfections(network=replace(ideal, inductance=known))
+        found = response_map(sample, x=[0.0], y=[0.0], accuracy=reach, imperfections=circuit)
         return np.asarray(found.delta.values[0, 0, 0])
 
     close = (-40e-3, -9e-3, 40e-3, 9e-3)

@@ -34,7 +34,7 @@ from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, NoAnswer
 from coilarray.localize.forward import forward_model
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 
 DESIGN = two_coils()
 SMALL = Campaign(x=(-2e-3, 0.0, 3e-3), y=(0.0, 2e-3), depths=(0.5e-3, 1e-3))
@@ -223,7 +223,9 @@ def test_simulated_response_of_the_design(path):
     board.reader.configure(settings)
     measured = response_of(run(path, campaign, board, settings=settings))
     network = board_network(DESIGN)
-    computed = response_map(DESIGN, depths=campaign.depths, x=campaign.x, y=campaign.y, network=network)
+    computed = response_map(
+        DESIGN, depths=campaign.depths, x=campaign.x, y=campaign.y, imperfections=Imperfections(network=network)
+    )
     for name in ("depth", "y", "x", "state", "coil"):
         assert measured[name].values.tolist() == computed[name].values.tolist()
     np.testing.assert_allclose(measured.coil_x, computed.coil_x)

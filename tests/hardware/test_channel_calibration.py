@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from support.contacts import IDEAL
 from support.quick_coils import series_tank
 from support.quick_recordings import DESIGN, campaign_file, quick_map, stream_file
 from support.recorded_boards import QuickWorld, board_calibration
@@ -86,7 +87,7 @@ def test_a_known_frequency_gives_the_clock(rest):
 def test_simulated_inductances_are_those_of_the_response(rest):
     found = calibrated(rest, from_design=True)
     assert found.capacitances_from == "design"
-    base = response_map(DESIGN, depths=[1e-3], x=[0.0], y=[0.0], ideal=True).base_inductance
+    base = response_map(DESIGN, depths=[1e-3], x=[0.0], y=[0.0], imperfections=IDEAL).base_inductance
     assert [one.state for one in found.channels] == base.state.values.tolist()
     assert [one.inductance for one in found.channels] == pytest.approx(base.values.tolist(), rel=1e-9)
 

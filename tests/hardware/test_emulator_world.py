@@ -26,7 +26,7 @@ from coilarray.hardware.emulator.conditions import LIFTED, Indenter, Place
 from coilarray.hardware.emulator.sensor_world import ResponseTable, SensorWorld, response_table, table_axes
 from coilarray.hardware.scan.design_settings import board_network
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 
 pytestmark = pytest.mark.slow
 
@@ -157,7 +157,7 @@ def mapped(network):
     """The response map at positions between those of the table, in depths of 0.3 and 1 mm."""
     random = np.random.default_rng(2)
     x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 8), (Y, 5)))
-    return response_map(PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, network=network)
+    return response_map(PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, imperfections=Imperfections(network=network))
 
 
 def test_a_pressed_board_reads_what_the_response_map_says(make, network, mapped):

@@ -4,11 +4,12 @@ Who checks whom: the effects of single neighbours add up to that of all; opened 
 the published ellipses come back from a map made of them.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from support.contacts import MESH, coarse_maps, first_coils_design
+from support.contacts import coarse_maps, first_coils_design
 
 import coilarray.paper.distortion as distortion_module
 from coilarray import load_design
@@ -16,7 +17,7 @@ from coilarray.errors import LocalizeError
 from coilarray.paper.distortion import EllipseCurves, distortion, ellipse_curves
 from coilarray.paper.published import published_map, published_model
 from coilarray.report.position import indenter_table
-from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
+from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import map_axes
 
 pytestmark = pytest.mark.slow
@@ -25,13 +26,16 @@ PAPER = load_design("gast2020")
 LEVELS = np.array([1e-4, 3e-4, 5e-4])
 
 
+def ideal_map(design, *, imperfections, **given):
+    return response_map(design, imperfections=replace(imperfections, network="ideal"), **given)
+
+
 @pytest.fixture(scope="module")
 def split():
     """On a coarse mesh in the ideal circuit, with a margin that is a few steps of the grid."""
     with coarse_maps(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(distortion_module, "response_map", partial(response_map, ideal=True))
+        patch.setattr(distortion_module, "response_map", ideal_map)
         patch.setattr(distortion_module, "respond", partial(respond, ideal=True))
-        patch.setattr(distortion_module, "with_material", partial(with_material, ideal=True, accuracy=MESH))
         patch.setattr(distortion_module, "_WIDE", (6e-3, 4e-3))
         patch.setattr(distortion_module, "_SEEDS", 3)
         design = first_coils_design(3)
@@ -119,7 +123,7 @@ def test_other_paths_meet_the_same_tilted_sample():
     given = Imperfections(tilt=(0.001, 0.0), depth_error=0.05e-3, offset=(0.2e-3, 0.0))
     pair = first_coils_design(2)
     with coarse_maps():
-        response = response_map(pair, x=[-5e-3, 3e-3], y=[0.0], imperfections=given, ideal=True)
+        response = response_map(pair, x=[-5e-3, 3e-3], y=[0.0], imperfections=replace(given, network="ideal"))
         change = inductance_changes(pair, map_axes(pair, None, response.x, response.y), imperfections=given)
     assert change == pytest.approx(response.inductance_change.values, rel=1e-12)
 

@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from support.contacts import IDEAL
 from support.ellipses import readings_at, x_errors
 
 import coilarray.paper.ellipse as ellipse_module
@@ -94,7 +95,7 @@ def wide():
 @pytest.fixture(scope="module")
 def board():
     """The simulated sensor response matrix of the paper's board, in the paper's window, neighbours grounded."""
-    return in_ellipse_window(response_map(load_design("gast2020"), ideal=True))
+    return in_ellipse_window(response_map(load_design("gast2020"), imperfections=IDEAL))
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,7 @@ def off_grid():
     """The same board at 240 places that are not on the grid, between the centres of coils 1 and 3."""
     random = np.random.default_rng(20)
     x, y = (np.sort(random.uniform(-reach, reach, n)) for reach, n in ((13.28e-3, 20), (6e-3, 12)))
-    return response_map(load_design("gast2020"), x=x, y=y, ideal=True)
+    return response_map(load_design("gast2020"), x=x, y=y, imperfections=IDEAL)
 
 
 @given(

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from support.contacts import MESH, first_coils_design
+from support.contacts import IDEAL, MESH, QUICK, first_coils_design
 from support.refusals import refused
 
 from coilarray import Design
+from coilarray.circuit.board_circuit import board_circuit
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import changed_resonances, resonate
-from coilarray.compute.store import Store
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
@@ -39,7 +39,7 @@ def beside(*plates: Plate | FinitePlate, design: Design = PAIR) -> Design:
 
 
 def mapped(design: Design, **changes: Any) -> xr.Dataset:
-    return response_map(design, **{"x": X, "y": [0.0], "ideal": True, "accuracy": MESH, **changes})
+    return response_map(design, **{"x": X, "y": [0.0], "imperfections": IDEAL, "accuracy": QUICK, **changes})
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def alone() -> xr.Dataset:
 def test_one_coil_answers_with_its_change_of_inductance_and_loss() -> None:
     design = beside(BACK, design=first_coils_design(1))
     found = mapped(design, x=[0.0])
-    pressed = experiment(design, map_axes(design, x=[0.0], y=[0.0]))
+    pressed = experiment(design.indentation, design.sheets, map_axes(design, x=[0.0], y=[0.0]))
     backing = Backing(-3e-3, (Layer(1e-3, BACK.material.relative_permeability, BACK.material.conductivity),),
                       found.attrs["plate_frequency_Hz"])  # fmt: skip
     (level,) = pressed.levels
@@ -119,17 +119,13 @@ def test_changes_alone_are_those_of_the_map() -> None:
     np.testing.assert_allclose(inductance_changes(beside(BACK), axes), found.inductance_change, rtol=1e-9)
 
 
-def test_parts_of_a_map_keep_its_losses(tmp_path: Any, over_steel: xr.Dataset) -> None:
-    first, again = (mapped(beside(BACK), keep=Store(tmp_path).dataset).resistance_change for _ in range(2))
-    xr.testing.assert_identical(again, first)
-    xr.testing.assert_allclose(first, over_steel.resistance_change, rtol=1e-12)  # digits of another computation
-
-
 @pytest.mark.slow
 def test_a_tilted_sample_changes_what_plates_see_of_it() -> None:
     tilt = (0.01, 0.0)
-    with_plate, without = (wedge_inductance(one, tilt) for one in (beside(BACK), PAIR))
-    far = wedge_inductance(beside(replace(BACK, z=-1.0)), tilt)
+    with_plate, without, far = (
+        wedge_inductance(board_circuit(one), one.indentation.origin_point, tilt)
+        for one in (beside(BACK), PAIR, beside(replace(BACK, z=-1.0)))
+    )
     np.testing.assert_allclose(far, without, rtol=1e-3)
     assert np.abs(with_plate - without).max() > 0.1 * np.abs(without).max()
 
@@ -178,7 +174,7 @@ def test_every_state_has_the_change_at_its_own_frequency(over_steel: xr.Dataset)
     design = beside(BACK)
     network = design_circuit(design, ideal=True)
     states = [resonate(network, state) for state in design.plan]
-    pressed = experiment(design, map_axes(design, x=X, y=[0.0]))
+    pressed = experiment(design.indentation, design.sheets, map_axes(design, x=X, y=[0.0]))
     (level,) = pressed.levels
     layers = (Layer(1e-3, BACK.material.relative_permeability, BACK.material.conductivity),)
     deltas = np.empty((2, 2, len(X)))
@@ -218,5 +214,5 @@ def test_refusals() -> None:
     refused(MetalError, "must not have holes; 'coin' has", mapped, beside(steel))
     lid = Plate("lid", 20e-3, 1e-3, MATERIALS["copper"])
     refused(MetalError, "plate.1 'lid' lies above them", mapped, beside(BACK, lid))
-    refused(ElastomerError, "needs every coil: use reach=None", mapped, beside(BACK), reach=1e-3)
+    refused(ElastomerError, "needs every coil: use accuracy=None", mapped, beside(BACK), accuracy=1e-3)
     refused(MetalError, "the two-dimensional model does not include plates", line_response, beside(BACK))

@@ -1,21 +1,20 @@
 """The share of an indenter of metal or ferrite in a response.
 
-Who checks whom: the parts of a map against maps of one part alone; a ball above the sheets against the ball itself; a
-material put into a computed map against the map of a design with it.
+Who checks whom: the parts of a map against maps of one part alone; a ball above the sheets against the ball itself.
 """
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.contacts import MESH, first_coils_design
+from support.contacts import IDEAL, QUICK, first_coils_design
 from support.refusals import refused
 
 from coilarray.design.model import Indentation
 from coilarray.errors import DesignError, ElastomerError, MetalError
 from coilarray.geometry import MATERIALS, Ball, FlatPunch, Material, Plate
 from coilarray.metal.ball import ball_inductance
-from coilarray.response.map import response_map, with_material
+from coilarray.response.map import Imperfections, response_map
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +27,9 @@ def of(material, design=PLAIN):
 
 
 def nominal(design, **changes):
-    return response_map(design, **{"depths": DEPTHS, "x": X, "y": [0.0], "ideal": True, "accuracy": MESH, **changes})
+    return response_map(
+        design, **{"depths": DEPTHS, "x": X, "y": [0.0], "imperfections": IDEAL, "accuracy": QUICK, **changes}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +37,8 @@ def steel():
     return nominal(of("steel"))
 
 
-@pytest.fixture(scope="module")
-def plain():
-    return nominal(PLAIN, depths=DEPTHS[1:])
-
-
 def test_both_parts_make_the_response(steel):
-    dent = nominal(of("steel"), depths=[0.0, 1e-3], metal=False)
+    dent = nominal(PLAIN, depths=[0.0, 1e-3])
     pressed = steel.isel(depth=[1, 2])
     for whole, share, plain in (
         (pressed.delta, pressed.metal_delta, dent.delta),
@@ -56,7 +52,7 @@ def test_both_parts_make_the_response(steel):
 
 
 def test_above_the_sheets_it_is_the_ball(steel):
-    far = nominal(of("steel"), depths=[-3e-3, 0.0], rest=np.inf)
+    far = nominal(of("steel"), depths=[-3e-3, 0.0], imperfections=Imperfections(rest=np.inf, network="ideal"))
     ball, f = Ball(PLAIN.indentation.indenter.radius, MATERIALS["steel"]), far.attrs["metal_frequency_Hz"]
     origin, top = PLAIN.indentation.origin_point, sum(sheet.thickness for sheet in PLAIN.sheets)
     places = [[x + origin[0], origin[1], top + up + ball.radius] for up in (3e-3, 0.0) for x in X]
@@ -67,36 +63,19 @@ def test_above_the_sheets_it_is_the_ball(steel):
     assert steel.metal_inductance_change.isel(depth=0).values == pytest.approx(moved.values, rel=1e-6)
 
 
-def test_a_material_put_into_a_map_is_that_of_the_design(steel, plain):
-    put = with_material(PLAIN, plain, MATERIALS["steel"], ideal=True, accuracy=MESH)
-    for name in ("delta", "metal_delta", "inductance_change", "metal_resistance_change"):
-        expected = steel[name].isel(depth=[1, 2]).values
-        assert put[name].values == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
-    refused(ElastomerError, "has an indenter with a material already", with_material, PLAIN, put, MATERIALS["steel"])
-
-
-def test_aluminium_lowers_and_ferrite_raises_the_response(plain):
+def test_aluminium_lowers_and_ferrite_raises_the_response():
     for name, sign in (("aluminium", -1), ("ferrite", 1)):
-        share = with_material(PLAIN, plain, MATERIALS[name], ideal=True, accuracy=MESH).metal_delta
-        assert (share.values[1, 0, 0] * sign > 0).all()  # both states, with the other coil shorted
+        share = nominal(of(name), depths=[1e-3]).metal_delta
+        assert (share.values[0, 0, 0] * sign > 0).all()  # both states, with the other coil shorted
 
 
-def test_plates_weaken_what_an_indenter_of_metal_does(plain, steel):
-    """And a material put into a map beside plates is that of the design with both."""
+def test_plates_weaken_what_an_indenter_of_ferrite_does(steel):
     back = Plate("back", -4e-3, 1e-3, MATERIALS["aluminium"])
-    design = replace(PLAIN, plates=(back,))
-    whole = nominal(of("steel", design), depths=DEPTHS[1:])
-    beside = nominal(design, depths=DEPTHS[1:])
-    put = with_material(design, beside, MATERIALS["steel"], ideal=True, accuracy=MESH)
-    for name in ("delta", "metal_delta", "inductance_change", "metal_resistance_change"):
-        assert put[name].values == pytest.approx(
-            whole[name].values, rel=1e-6, abs=1e-9 * np.abs(whole[name].values).max()
-        )
     share, alone = (
-        with_material(one, response, MATERIALS["ferrite"], ideal=True, accuracy=MESH).metal_inductance_change
-        for one, response in ((design, beside), (PLAIN, plain))
+        nominal(of("ferrite", design), depths=[1e-3]).metal_inductance_change
+        for design in (replace(PLAIN, plates=(back,)), PLAIN)
     )
-    assert 0 < share.values[1, 0, 0, 0, 0] < 0.7 * alone.values[1, 0, 0, 0, 0]
+    assert 0 < share.values[0, 0, 0, 0, 0] < 0.7 * alone.values[0, 0, 0, 0, 0]
     nothing = replace(PLAIN, plates=(replace(back, material=Material("nothing", 1e-6)),))
     found = nominal(of("steel", nothing), depths=DEPTHS[1:])
     expected = steel.metal_inductance_change.isel(depth=[1, 2]).values
@@ -105,8 +84,8 @@ def test_plates_weaken_what_an_indenter_of_metal_does(plain, steel):
 
 def test_refusals():
     refused(ElastomerError, "depth of an indentation must be at least 0 .* got -3 mm", nominal, PLAIN)
-    refused(ElastomerError, "needs every coil: use reach=None", nominal, of("steel"), reach=1e-3)
-    refused(MetalError, "rest must be at least 0; got -0.001 m", nominal, of("steel"), rest=-1e-3)
+    refused(ElastomerError, "needs every coil: use accuracy=None", nominal, of("steel"), accuracy=1e-3)
+    refused(MetalError, "rest must be at least 0; got -0.001 m", Imperfections, rest=-1e-3)
     refused(
         DesignError, "is computed as a sphere of its radius; got a flat punch of steel",
         Indentation, FlatPunch(1e-3), (1e-3,), material=MATERIALS["steel"],

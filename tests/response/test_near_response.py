@@ -1,6 +1,6 @@
 """Response maps of the coils near the indenter alone.
 
-Who checks whom: δ with `reach` against δ without it, which solves every coil at every position and the whole circuit;
+Who checks whom: δ of near coils against δ of all, which solves every coil at every position and the whole circuit;
 a board of 64 coils against the changes of all of them at some positions; a map from tables against one without.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from support.active_coil import active_coil
-from support.contacts import MESH
+from support.contacts import IDEAL, MESH, QUICK
 from support.lattices import hexagonal
 
 import coilarray.response.map as map_module
@@ -26,7 +26,7 @@ from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import ElastomerError, MemoryLimitError, NetworkError
-from coilarray.response.map import Imperfections, respond, response_map
+from coilarray.response.map import Imperfections, MapAccuracy, respond, response_map
 from coilarray.response.setup import contact_at
 
 pytestmark = pytest.mark.slow
@@ -37,12 +37,12 @@ LATTICE = {"x": np.linspace(-7e-3, 7e-3, 5), "y": np.linspace(-7e-3, 7e-3, 5)}
 FIELD = hexagonal(4, 4)
 
 
-def quick(matrix):
-    """Known inductances and the ideal circuit, so that only what depends on the dent is computed, on a coarse mesh."""
+def quick(matrix, reach=None):
+    """Known inductances in the ideal circuit, so that only what depends on the dent is computed, on a coarse mesh."""
     R = dc_resistance(PAPER.array.conductors(), PAPER.circuit.resistivity)
     names = matrix.coil.values.tolist()
     network = bare_network(names, matrix.inductance.values, np.resize(R, len(names)), PAPER.circuit.switches)
-    return {"network": network, "accuracy": MESH, "ideal": True}
+    return {"imperfections": Imperfections(network=network), "accuracy": MapAccuracy(reach, MESH)}
 
 
 def largest(a, b):
@@ -52,19 +52,19 @@ def largest(a, b):
 
 @pytest.fixture(scope="module")
 def row():
-    return response_map(PAPER, depths=[0.0, 0.5e-3, 1e-3], accuracy=MESH, ideal=True, **ROW)
+    return response_map(PAPER, depths=[0.0, 0.5e-3, 1e-3], accuracy=QUICK, imperfections=IDEAL, **ROW)
 
 
 @pytest.fixture(scope="module")
 def field():
-    return response_map(FIELD, accuracy=MESH, ideal=True, **LATTICE)
+    return response_map(FIELD, accuracy=QUICK, imperfections=IDEAL, **LATTICE)
 
 
 @pytest.mark.parametrize("error", [1e-2, 1e-3])
 def test_a_row_answers_as_when_all_is_solved(row, error):
     seen = []
-    given = {"depths": [0.0, 0.5e-3, 1e-3], **ROW, **quick(row)}
-    near = response_map(PAPER, reach=error, progress=lambda *counted: seen.append(counted), **given)
+    given = {"depths": [0.0, 0.5e-3, 1e-3], **ROW, **quick(row, error)}
+    near = response_map(PAPER, progress=lambda *counted: seen.append(counted), **given)
     assert seen[-1] == (2, 2)  # one step for each depth above 0
     assert largest(near, row) < error
     for depth in (1, 2):  # each depth by its own peak, for the cut-off is that of the deepest
@@ -73,8 +73,8 @@ def test_a_row_answers_as_when_all_is_solved(row, error):
     # both resonances are found to 1e-12
     assert near.base_inductance.values == pytest.approx(row.base_inductance.values, rel=1e-11)
     # one dataset type: all but the changes of every coil, and what was left out
-    assert set(near.variables) == set(row.variables) - {"inductance_change", "capacitance_change"}
-    for name in near.variables:
+    assert set(row.variables) - set(near.variables) == {"inductance_change"}
+    for name in set(row.variables) & set(near.variables):
         assert (near[name].dims, near[name].attrs) == (row[name].dims, row[name].attrs)
         if name == "common_noise":  # Q is that of each coil's own resistance where only near coils count: 4 % here
             np.testing.assert_allclose(near[name], row[name], rtol=0.05)
@@ -88,7 +88,7 @@ def test_a_row_answers_as_when_all_is_solved(row, error):
 
 @pytest.mark.parametrize("error", [1e-2, 1e-3])
 def test_a_lattice_answers_as_when_all_is_solved(field, error):
-    near = response_map(FIELD, reach=error, **LATTICE, **quick(field))
+    near = response_map(FIELD, **LATTICE, **quick(field, error))
     assert largest(near, field) < error
     assert (near.delta.values != 0).all(axis=-1).any() == (error == 1e-3)  # somewhere every state is near
 
@@ -99,22 +99,22 @@ def test_imperfections_count_with_near_coils_too():
         noise=1e-5, seed=3,
     )  # fmt: skip
     places = {"depths": [0.2e-3], "x": [-11e-3, 2e-3], "y": [0.0], "imperfections": given}
-    near, full = (response_map(load_design("starter"), reach=reach, accuracy=MESH, **places) for reach in (1e-3, None))
+    near, full = (
+        response_map(load_design("starter"), accuracy=MapAccuracy(reach, MESH), **places) for reach in (1e-3, None)
+    )
     # the same noise in both
     assert largest(near, full) < 1e-3
     assert near.inductance.values == pytest.approx(full.inductance.values, rel=1e-12)
 
 
 def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
-    def error(**given):
-        return response_map(PAPER, x=[0.0], y=[0.0], **quick(row), **given).attrs["error_of_peak"]
+    def error(reach):
+        return response_map(PAPER, x=[0.0], y=[0.0], **quick(row, reach)).attrs["error_of_peak"]
 
-    assert error(reach="auto") == 0
+    assert error("auto") == 0
     monkeypatch.setattr(map_module, "_AUTO_VALUES", 35)  # below the 36 pairs of coils
-    assert error(reach="auto") == 1e-3
-    assert error(reach=None) == error(reach="auto", dielectric=True) == 0
-    with pytest.raises(ElastomerError, match="dielectric needs reach=None"):
-        error(reach=1e-3, dielectric=True)
+    assert error("auto") == 1e-3
+    assert error(None) == 0
 
 
 def test_to_be_linear_leaves_out_little(row):
@@ -127,7 +127,7 @@ def test_to_be_linear_leaves_out_little(row):
 
 
 def test_states_beyond_the_cut_off_are_zero(field):
-    near = response_map(FIELD, reach=0.05, **LATTICE, **quick(field))
+    near = response_map(FIELD, **LATTICE, **quick(field, 0.05))
     x, y = np.meshgrid(near.x, near.y)
     distance = np.hypot(x[..., None] - near.coil_x.values, y[..., None] - near.coil_y.values)
     cutoff, delta = near.attrs["state_cutoff_m"], near.delta.values[0]
@@ -148,14 +148,9 @@ def test_large_boards_answer_as_all_their_coils_together():
     change = dent_inductance(design.array, [dent], np.column_stack((x, [y, y])), MESH)[0]
     states = state_sensitivity(design_circuit(design, ideal=True), design.plan)
     full = states.delta(change)
+    network = replace(design_circuit(design, ideal=True), inductance=L)
     local = response_map(
-        design,
-        reach=1e-3,
-        x=x,
-        y=[y],
-        network=replace(design_circuit(design, ideal=True), inductance=L),
-        accuracy=MESH,
-        ideal=True,
+        design, x=x, y=[y], imperfections=Imperfections(network=network), accuracy=MapAccuracy(1e-3, MESH)
     )
     assert np.abs(local.delta.values[0, 0] - full).max() < 1e-3 * np.abs(full).max()
     # the same currents as of another solution, with the effective inductance in place of the resonance: losses are 2e-3
@@ -167,11 +162,11 @@ def test_large_boards_answer_as_all_their_coils_together():
 
 
 def test_tables_give_what_single_offsets_give(row, monkeypatch):
-    few = response_map(PAPER, reach=0.02, x=[-26e-3, 0.0, 26e-3], y=[-6e-3, 0.0], **quick(row))
+    few = response_map(PAPER, x=[-26e-3, 0.0, 26e-3], y=[-6e-3, 0.0], **quick(row, 0.02))
     tables, whole = [], near_module.amplitude_table
     monkeypatch.setattr(near_module, "amplitude_table", lambda *a: tables.append(a) or whole(*a))
     x, y = np.linspace(-26e-3, 26e-3, 105), np.linspace(-6e-3, 6e-3, 13)
-    many = response_map(PAPER, reach=0.02, x=x, y=y, **quick(row))
+    many = response_map(PAPER, x=x, y=y, **quick(row, 0.02))
     assert tables
     # amplitudes are left out to 0.3 of the error, of other ones in each
     assert largest(many.sel(x=few.x, y=few.y, method="nearest"), few) < 0.02 * 0.3
@@ -180,30 +175,30 @@ def test_tables_give_what_single_offsets_give(row, monkeypatch):
 def test_open_neighbours_carry_nothing(row):
     opened = parse_design(read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" '))
     places = {"x": [-13.28e-3, -6e-3, 2e-3], "y": [0.0]}
-    local = response_map(opened, reach=1e-3, **places, **quick(row))
-    assert largest(local, response_map(opened, accuracy=MESH, ideal=True, **places)) < 1e-3
+    local = response_map(opened, **places, **quick(row, 1e-3))
+    assert largest(local, response_map(opened, accuracy=QUICK, imperfections=IDEAL, **places)) < 1e-3
 
 
 @pytest.mark.parametrize("reach", [1e-5, np.nan, 0.5, "all"])
 def test_bad_errors(reach):
-    with pytest.raises(ElastomerError, match='reach must be None, "auto" or the error of δ, '):
-        response_map(PAPER, reach=reach)
+    with pytest.raises(ElastomerError, match='accuracy must be None, "auto" or the error of δ, '):
+        response_map(PAPER, accuracy=reach)
 
 
 def test_designs_that_cannot_be_treated(row, monkeypatch):
     both = replace(PAPER, circuit=replace(PAPER.circuit, scan=(ScanState("pair", (("coil1", 1), ("coil2", 1))),)))
-    few = {"x": [0.0], "y": [0.0], **quick(row)}
+    few = {"x": [0.0], "y": [0.0]}
     with pytest.raises(NetworkError, match="state pair must measure one coil"):
-        response_map(both, reach=1e-3, **few)
+        response_map(both, **few, **quick(row, 1e-3))
     monkeypatch.setattr(map_module, "_AUTO_VALUES", 0)
-    assert response_map(both, reach="auto", **few).attrs["error_of_peak"] == 0.0  # every coil in its place
+    assert response_map(both, **few, **quick(row, "auto")).attrs["error_of_peak"] == 0.0  # every coil in its place
 
 
 def test_memory_is_checked_before_it_is_taken(row, monkeypatch):
     monkeypatch.setenv("COILARRAY_MEMORY_GB", "0.05")
     across = {"x": np.linspace(-26e-3, 26e-3, 10000), "y": np.linspace(-6e-3, 6e-3, 110)}
     with pytest.raises(MemoryLimitError, match=r"a map of 1 depths at 1100000 positions with 6 coils needs about"):
-        response_map(PAPER, reach=1e-3, **across, **quick(row))
+        response_map(PAPER, **across, **quick(row, 1e-3))
     across["y"] = across["y"][:100]
     with pytest.raises(MemoryLimitError, match=r"the response at 1000000 positions needs about .* GB"):
-        response_map(PAPER, reach=1e-3, **across, **quick(row))
+        response_map(PAPER, **across, **quick(row, 1e-3))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from support.contacts import MESH
+from support.contacts import IDEAL, QUICK
 
 import coilarray.response.setup as pressing
 from coilarray import load_design
@@ -34,7 +34,9 @@ def on(base, strain="linear"):
 
 
 def delta(design):
-    return response_map(design, depths=[1e-3], x=[0.0, 6e-3], y=[0.0], ideal=True, accuracy=MESH).delta.values.ravel()
+    return response_map(
+        design, depths=[1e-3], x=[0.0, 6e-3], y=[0.0], network="ideal", accuracy=QUICK
+    ).delta.values.ravel()
 
 
 @pytest.fixture
@@ -106,7 +108,7 @@ def test_a_soft_seat_widens_the_response_and_is_named(tmp_path):
     soft, hard = delta(on(SOFT)), delta(on("frictionless"))
     assert (soft > hard).all()
     assert soft[1] / soft[0] > hard[1] / hard[0]
-    response = response_map(on(SOFT), depths=[1e-3], x=[0.0], y=[0.0], ideal=True, accuracy=MESH)
+    response = response_map(on(SOFT), depths=[1e-3], x=[0.0], y=[0.0], imperfections=IDEAL, accuracy=QUICK)
     save_dataset(response, tmp_path / "r.nc")
     stored = load_part(tmp_path / "r.nc").attrs
     assert (stored["base"], stored["strain"]) == ("seat of 4.3 kPa/mm", "linear")

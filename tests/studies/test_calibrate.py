@@ -311,7 +311,7 @@ def test_drift_is_added_in_the_order_of_a_campaign():
     axes = {"depths": [0.5e-3, 1e-3], "x": [-2e-3, 0.0, 2e-3], "y": [0.0, 2e-3]}
 
     def mapped(**imperfections):
-        return response_map(design, **axes, ideal=True, imperfections=Imperfections(**imperfections)).delta
+        return response_map(design, **axes, imperfections=Imperfections(**imperfections, network="ideal")).delta
 
     with coarse_maps():
         plain, drifting, by_columns = mapped(), mapped(drift=1e-5), mapped(column_drift=1e-5)

@@ -20,7 +20,7 @@ from coilarray.geometry import MATERIALS, Ball, Target, check_rules
 from coilarray.geometry.rules import _HORIZON
 from coilarray.localize.forward import forward_model, table_grid
 from coilarray.localize.identifiability import identifiability
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import DEFAULT_MESH
 from coilarray.response.target import ranges_of, target_map
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, evaluate, evaluation, request
@@ -418,7 +418,8 @@ def test_the_window_stays_inside_the_sample():
 @pytest.mark.slow
 def test_peak_is_the_response_at_the_place(true):
     x = [-11e-3, 0.0, 11e-3]
-    at = response_map(STARTER, depths=[0.3e-3], x=x, y=[0.0], network=design_circuit(STARTER, accuracy=true.accuracy))
+    screened = Imperfections(network=design_circuit(STARTER, accuracy=true.accuracy))
+    at = response_map(STARTER, depths=[0.3e-3], x=x, y=[0.0], imperfections=screened)
     for k, name in enumerate(("coil1", "coil2", "coil3")):  # the spline along x at eight steps in a thickness
         found = request(f"peak_delta[{name}]").value(true)
         assert found == pytest.approx(float(at.delta[0, 0, k, k]), rel=1e-4)
@@ -434,8 +435,9 @@ def test_position_error_against_a_finer_table():
     depths, _, _ = table_grid(STARTER, deepest=0.75e-3)
     x, y = np.linspace(-5e-3, 5e-3, 21), np.linspace(-4e-3, 4e-3, 17)
     asked = ("position_error_mm", "depth_error_mm")
+    screened = Imperfections(network=design_circuit(STARTER, accuracy=true.accuracy))
     with coarse_maps(DEFAULT_MESH):
-        table = response_map(STARTER, depths=depths, x=x, y=y, network=design_circuit(STARTER, accuracy=true.accuracy))
+        table = response_map(STARTER, depths=depths, x=x, y=y, imperfections=screened)
         found = [request(f"{name}[region_mm=-5:5:-4:4,depth_mm=0.3]").value(true) for name in asked]
     places = [low + (high - low) * (np.arange(n) + 0.5) / n for low, high, n in ((*region[:2], 40), (*region[2:], 20))]
     two = identifiability(forward_model(table), 0.3e-3, x=places[0], y=places[1])

@@ -17,6 +17,10 @@ COARSE = ContactMesh(8, 1.8)
 """Good to 1 %."""
 MESH = LayerMesh(harmonics=6, width=0.5, rows=3)
 """Good to 1 % of δ."""
+QUICK = response_map.MapAccuracy(mesh=MESH)
+"""The same for a map."""
+IDEAL = setup.Imperfections(network="ideal")
+"""A circuit that takes no seconds to make."""
 
 
 @contextmanager

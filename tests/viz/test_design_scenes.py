@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.contacts import IDEAL
 
 from coilarray import load_design
 from coilarray.circuit.coupling import couple_design, design_circuit, operating_field
@@ -38,7 +39,7 @@ def coupling(design):
 def table(design):
     """Response at few places: enough for a position."""
     x, y = np.linspace(-14e-3, 14e-3, 11), np.linspace(-5e-3, 5e-3, 5)
-    return response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y, ideal=True)
+    return response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y, imperfections=IDEAL)
 
 
 def parts_of(scene):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import pyvista
 from PIL import Image, ImageSequence
+from support.contacts import IDEAL
 
 from coilarray import load_design
 from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
@@ -33,7 +34,7 @@ def parts_of(scene):
 
 @pytest.mark.slow
 def test_a_touch_has_the_response_along_its_way(design, monkeypatch):
-    ideal_map = functools.partial(response_map, ideal=True)  # the true circuit takes seconds
+    ideal_map = functools.partial(response_map, imperfections=IDEAL)  # the true circuit takes seconds
     monkeypatch.setattr("coilarray.viz.scenes.touch.response_map", ideal_map)
     touch = touch_along(design, count=5, depth=0.6e-3)
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])

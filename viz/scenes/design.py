@@ -282,7 +282,7 @@ class _Making:
             if len(positions) < 2:
                 raise LocalizeError(f"a draped map needs at least 2 positions along {name}; got 1.")
         depths = [self._depth]
-        response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
+        response = response_map(self.design, depths=depths, accuracy="auto", progress=self.track("response"))
         state = first_states(self.design).get(self._coil)
         if state is None:
             names = ", ".join(first_states(self.design))

@@ -89,7 +89,7 @@ def touch_along(
     x = np.linspace(along[0], along[-1], max(math.ceil(float(np.ptp(along)) / step - 1e-9) + 1, 4))
     y = line + step * np.linspace(-1.5, 1.5, 4)
     x, y = x - setup.origin_point[0], y - setup.origin_point[1]
-    response = response_map(design, depths=[deep], x=x, y=y, reach="auto", progress=progress)
+    response = response_map(design, depths=[deep], x=x, y=y, accuracy="auto", progress=progress)
     model = forward_model(on_board(response))
     by_state = dict(zip(model.states, model.delta(np.column_stack((places, np.full(count, deep)))).T, strict=True))
     first, nothing = first_states(design), np.full(count, np.nan)

@@ -358,4 +358,4 @@ def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
     from coilarray.response.dataset import on_board
     from coilarray.response.map import response_map
 
-    return on_board(response_map(build_design(document, name), reach="auto", progress=progress))
+    return on_board(response_map(build_design(document, name), accuracy="auto", progress=progress))

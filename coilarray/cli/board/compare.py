@@ -140,17 +140,18 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     from coilarray.errors import ElastomerError
     from coilarray.hardware.scan.design_settings import board_network
     from coilarray.report.figures import map_outlines
-    from coilarray.response.map import respond, response_map
+    from coilarray.response.map import Imperfections, respond, response_map
     from coilarray.response.setup import indentation_of
 
     indentation_of(design)  # refused before the network is computed
     # beside a recording of coils at the channels of a converter there are no switches
-    network = board_network(design, wired=beside is not None and bool(beside.attrs.get("wired", False)))
+    wired = beside is not None and bool(beside.attrs.get("wired", False))
+    board = Imperfections(network=board_network(design, wired=wired))
     with shared.progress_bar(f"response of {design.name}") as progress:
 
         def at(*axes: FloatArray | None) -> xr.Dataset:
             depths, x, y = axes
-            return response_map(design, depths=depths, x=x, y=y, network=network, progress=progress)
+            return response_map(design, depths=depths, x=x, y=y, imperfections=board, progress=progress)
 
         if beside is None:
             response = at(None, None, None)

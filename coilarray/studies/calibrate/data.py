@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -19,7 +19,7 @@ import xarray as xr
 from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.network import Network
 from coilarray.compute.arrays import BoolArray, FloatArray
-from coilarray.compute.store import Store
+from coilarray.compute.store import Store, not_kept
 from coilarray.design.model import Design, build_design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import GoalError
@@ -29,7 +29,7 @@ from coilarray.paper.ellipse import PARAMETERS
 from coilarray.paper.ellipse_model import DEGREE, EllipseModel
 from coilarray.paper.published import undetermined_levels
 from coilarray.response.dataset import RESPONSE, map_origin
-from coilarray.response.map import response_map
+from coilarray.response.map import MapAccuracy, response_map
 from coilarray.response.setup import Imperfections, indentation_of
 from coilarray.studies.calibrate.plan import IMPERFECTIONS, DataTable
 from coilarray.studies.comparison import own_noise
@@ -211,18 +211,16 @@ def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
     wanted = set(request["states"])
     plan = tuple(state for state in whole.plan if state.name in wanted)
     design = replace(whole, circuit=replace(whole.circuit, scan=plan))
-    ideal = item["circuit"] == "ideal"
     ellipses, setup = request["kind"] == "ellipses", indentation_of(design).in_ellipse_window()
+    network: Network | Literal["ideal"] = "ideal" if item["circuit"] == "ideal" else _network(design, item["start"])
     response = response_map(
         design,
         depths=setup.depths[:1] if ellipses else request["depth"],
         x=setup.x if ellipses else request["x"],
         y=setup.y if ellipses else request["y"],
-        imperfections=imperfections_of(item["imperfections"]),
-        network=None if ideal else _network(design, item["start"]),
-        ideal=ideal,
-        accuracy=COARSE if item["mesh"] == "coarse" else None,
-        keep=Store(Path(item["parts"])).dataset if item["parts"] else None,
+        imperfections=replace(imperfections_of(item["imperfections"]), network=network),
+        accuracy=MapAccuracy(mesh=COARSE) if item["mesh"] == "coarse" else None,
+        keep=Store(Path(item["parts"])).dataset if item["parts"] else not_kept,
     )
     return {str(k): value for k, value in enumerate(model_values(response, request).tolist())}
 

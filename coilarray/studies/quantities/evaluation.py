@@ -17,7 +17,7 @@ from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError, MetalError
 from coilarray.geometry import Margin, Target, check_rules
 from coilarray.response.interpolation import coil_extent
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import no_indentation, target_of
 from coilarray.response.target import target_map
 
@@ -94,8 +94,8 @@ class Evaluation:
         """Return the response at depths and places in m from the map's origin, computed once."""
         key: tuple[tuple[float | str, ...], ...] = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
-            network = design_circuit(self.design, accuracy=self.accuracy)
-            found = response_map(self.design, depths=depths, x=x, y=y, reach="auto", network=network)
+            circuit = Imperfections(network=design_circuit(self.design, accuracy=self.accuracy))
+            found = response_map(self.design, depths=depths, x=x, y=y, imperfections=circuit, accuracy="auto")
             self._maps[key] = self.taken(found)
         return self._maps[key]
 
