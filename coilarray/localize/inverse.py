@@ -186,12 +186,12 @@ def location_lines(location: Location) -> list[str]:
     first = f"{location.verdict}: {location.reason}" if location.reason else location.verdict
     return [
         first,
-        *(f"{'located' if k == 0 else 'may also be'}: {_mode_words(m)}" for k, m in enumerate(location.modes)),
+        *(f"{'located' if k == 0 else 'may also be'}: {mode_text(m)}" for k, m in enumerate(location.modes)),
     ]
 
 
-def _mode_words(mode: Mode) -> str:
-    """Describe a mode in a line."""
+def mode_text(mode: Mode) -> str:
+    """Return position and uncertainty of a mode in words."""
     parts = []
     for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
         parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")

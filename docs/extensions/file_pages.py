@@ -48,7 +48,7 @@ FILES = (
         "Grid, sequence and stage, for the option `--plan` of `coilarray board campaign`.",
     ),
     (
-        "board_calibration", "coilarray.hardware.record.calibration", "_File", "Calibration of a board",
+        "board_calibration", "coilarray.hardware.record.calibration", "BoardCalibration", "Calibration of a board",
         "Constants of one board, which `coilarray board calibrate` finds in a recording.",
     ),
 )  # fmt: skip

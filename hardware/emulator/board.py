@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -33,7 +33,7 @@ from coilarray.hardware.wire.buses import Clock
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
-    from coilarray.hardware.emulator.sensor_world import ResponseTable
+    from coilarray.response.interpolation import ResponseSpline
 
 _FALLING_EDGE_MODES = (1, 2)  # SPI modes in which data are stable at the falling edge, where the chip samples them
 
@@ -220,7 +220,7 @@ class EmulatedBoard:
 
     def internal_clock(self, time: float) -> float:
         """Return the frequency of the converter's own oscillator in Hz."""
-        return self.conditions.oscillator.at(time, self.conditions.drift.at(time))
+        return self.conditions.oscillator.at(self.conditions.drift.at(time))
 
     def external_clock(self, time: float) -> float | None:
         """Return the frequency at the pin CLKIN in Hz."""
@@ -263,8 +263,6 @@ def emulated_board(
     wiring: Wiring,
     *,
     conditions: Conditions | None = None,
-    path: Sequence[tuple[float, float, float, float]] | None = None,
-    count_parts: bool = False,
     clock: Clock | None = None,
     seed: int = 0,
     strict: bool = False,
@@ -281,11 +279,6 @@ def emulated_board(
         Wiring of the switches, or of coils to channels, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
     conditions : Conditions, optional
         Oscillator, temperature and noise of the converter. By default the noise follows from the design's `Readout`.
-    path : sequence of (float, float, float, float), optional
-        Path of the indenter: time in s, x, y and depth in m. Lifted by default.
-    count_parts : bool
-        Whether the switches have the capacitances of the wiring's parts, which are typical and not verified, in place
-        of the capacitances of the design.
     clock : Clock, optional
         Clock of the board. A new `VirtualClock` by default.
     seed : int
@@ -309,27 +302,27 @@ def emulated_board(
         )
     store = open_store(folder)
 
-    def table() -> ResponseTable:
+    def table() -> ResponseSpline:
         """Compute the response table at the mean scan frequency."""
         from coilarray.circuit.network import resonate
         from coilarray.hardware.emulator.sensor_world import response_table
 
-        setup = design.indentation
         frequency = None
         if setup is not None and setup.ball is not None:
             frequency = float(np.mean([resonate(network, state).frequency for state in design.plan]))
         return response_table(design, store, frequency=frequency, progress=progress)
 
+    setup = design.indentation
+    origin = (0.0, 0.0) if setup is None else setup.origin_point
     network = board_network(design, wired=bool(wiring.channels))
-    if count_parts:
-        network = replace(network, switches=wiring.capacitances(network.switches))
     conditions = conditions or Conditions()
     if conditions.noise is None:
         conditions = replace(conditions, noise=replace(design.readout, rcount=LARGEST_RCOUNT).frequency_noise)
-    board = EmulatedBoard(
-        wiring, SensorWorld(network, table), clock=clock or VirtualClock(), conditions=conditions, strict=strict,
+    return EmulatedBoard(
+        wiring,
+        SensorWorld(network, table, origin),
+        clock=clock or VirtualClock(),
+        conditions=conditions,
+        strict=strict,
         seed=seed,
-    )  # fmt: skip
-    if path is not None:
-        board.indenter.follow(path)
-    return board
+    )

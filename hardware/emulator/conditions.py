@@ -73,19 +73,14 @@ class Oscillator:
         Frequency at room temperature in Hz.
     temperature_coefficient : float
         Relative change of the frequency with temperature in 1/K.
-    ageing : float
-        Relative change of the frequency with time in 1/s.
     """
 
     frequency: float = INTERNAL_CLOCK
     temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN
-    ageing: float = 0.0
 
-    def at(self, time: float, temperature: float) -> float:
-        """Return the frequency in Hz."""
-        return self.frequency * (
-            1 + self.temperature_coefficient * (temperature - ROOM_TEMPERATURE) + self.ageing * time
-        )
+    def at(self, temperature: float) -> float:
+        """Return the frequency in Hz at a temperature in °C."""
+        return self.frequency * (1 + self.temperature_coefficient * (temperature - ROOM_TEMPERATURE))
 
 
 @dataclass(frozen=True)
@@ -93,13 +88,11 @@ class Drift:
     """Temperature of the board over time."""
 
     rate: float = 0.0  # rate of warming in K/s
-    sway: float = 0.0  # amplitude of a sinusoidal oscillation of the temperature in K
-    period: float = 600.0  # of that oscillation in s
     start: float = ROOM_TEMPERATURE  # temperature in °C at the time 0
 
     def at(self, time: float) -> float:
         """Return the temperature in °C at a time in s."""
-        return self.start + self.rate * time + self.sway * math.sin(2 * math.pi * time / self.period)
+        return self.start + self.rate * time
 
 
 @dataclass

@@ -137,11 +137,6 @@ class Ldc1614:
         """Return a configuration register without side effects."""
         return self._registers[address]
 
-    def poke(self, address: int, value: int) -> None:
-        """Change a configuration register like a flipped bit."""
-        self.excuse()
-        self._registers[address] = value
-
     # -------------------------------------------------------------------- inside
 
     def _look(self) -> None:
@@ -267,7 +262,6 @@ class EmulatedBus:
         self.chip = chip
         self.clock = clock
         self.speed = speed
-        self.transactions = 0
         self.log: list[tuple[str, int, int]] | None = None
         """Log of every transaction: "read" or "write", register, value. None for no log."""
         self._refused = 0
@@ -312,7 +306,6 @@ class EmulatedBus:
 
     def _pass(self, bits: int, register: int) -> None:
         """Spend the time of a transaction or raise its fault."""
-        self.transactions += 1
         if not SLOWEST_BUS_RATE <= self.speed <= BUS_RATE:
             self.chip.misuse.note(f"the bus runs at {self.speed:.4g} Hz; 10 to 400 kHz are allowed.")
         if self._held:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import cached_property
 
@@ -14,7 +14,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.constants import COPPER_PER_KELVIN
-from coilarray.design.model import Design, Indentation
+from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.emulator.conditions import LIFTED, ROOM_TEMPERATURE, Place
@@ -37,43 +37,6 @@ _PLANES = 6
 _DEEPEST = 1.7  # relative to the deepest indentation of the design
 
 
-class ResponseTable:
-    """Changes of the inductance matrix over position and depth.
-
-    They are known at coordinates x, y and depth in m from the map's origin, each of shape (n,). `change`, shape (depth,
-    y, x, coil, coil), is the inductance in H, dented minus flat. `origin` is the map's origin on the board in m.
-    """
-
-    def __init__(
-        self,
-        x: FloatArray,
-        y: FloatArray,
-        depth: FloatArray,
-        change: FloatArray,
-        origin: tuple[float, float] = (0.0, 0.0),
-    ) -> None:
-        self._origin = (*origin, 0.0)
-        values = change.transpose(2, 1, 0, 3, 4)
-        self.spline: ResponseSpline = response_spline(x, y, depth, values, zero_plane=True, in_root=True)
-
-    def check(self, place: Place) -> None:
-        """Refuse a place outside the table."""
-        outside = self.spline.outside(np.array(place))
-        if outside is not None:
-            axis, value = outside
-            edges = (self.spline.lower[axis], self.spline.upper[axis], value)
-            low, high, got = ((self._origin[axis] + edge) * 1e3 for edge in edges)
-            where = " on the board" if axis < 2 else ""
-            raise HardwareError(
-                f"{PARAMETERS[axis]} of the emulated indenter must be {low:.4g} to {high:.4g} mm{where}; "
-                f"got {got:.4g} mm."
-            )
-
-    def at(self, place: Place) -> FloatArray:
-        """Return the change of the inductance matrix in H."""
-        return self.spline.values_at(np.array(place))
-
-
 def table_axes(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Choose the axes of the table in m.
 
@@ -81,7 +44,9 @@ def table_axes(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
     all positions of the design's own map, down to 1.7 times its depth. For a sample with edges they are only the map's
     positions and depth.
     """
-    setup = _setup(design)
+    setup = design.indentation
+    if setup is None:
+        raise HardwareError(f"the design {design.name} has no [indenter] and [indentation]; nothing can press on it.")
     edges = np.array([[min(setup.x), min(setup.y)], [max(setup.x), max(setup.y)]])
     deepest = max(setup.depths)
     if setup.sample_bounds is None:
@@ -99,14 +64,13 @@ def response_table(
     *,
     frequency: float | None = None,
     progress: Progress | None = None,
-) -> ResponseTable:
-    """Return the response table of a design.
+) -> ResponseSpline:
+    """Return the change of the inductance matrix in H, dented minus flat, over x, y and depth.
 
-    It is computed if the store does not have it, which takes 12 s for gast2020. `axes` are depth, y and x in m, at
-    least 3 of the first and 4 of the others. The default is `table_axes`. The material of an indenter counts at a
-    `frequency` in Hz. Its losses do not count.
+    It is computed if the store does not have it, which takes 12 s for gast2020. `axes` are depth, y and x in m from the
+    map's origin, at least 3 of the first and 4 of the others. The default is `table_axes`. The material of an indenter
+    counts at a `frequency` in Hz. Its losses do not count.
     """
-    origin = _setup(design).origin_point
     depth, y, x = table_axes(design) if axes is None else axes
     if min(len(y), len(x)) < LEAST_POSITIONS or len(depth) < LEAST_POSITIONS - 1:
         raise HardwareError("a table of the response needs 4 positions along x and y and 3 depths.")
@@ -117,13 +81,12 @@ def response_table(
         return xr.Dataset({"inductance_change": (dims, change, {"units": "H"})})
 
     table = store.dataset(("response table", design.digest, depth, y, x, frequency), compute)
-    return ResponseTable(x, y, depth, table.inductance_change.values, origin)
+    return spline_of_changes(x, y, depth, table.inductance_change.values)
 
 
-def _setup(design: Design) -> Indentation:
-    if design.indentation is None:
-        raise HardwareError(f"the design {design.name} has no [indenter] and [indentation]; nothing can press on it.")
-    return design.indentation
+def spline_of_changes(x: FloatArray, y: FloatArray, depth: FloatArray, change: FloatArray) -> ResponseSpline:
+    """Interpolate changes (depth, y, x, coil, coil) that vanish at the depth 0."""
+    return response_spline(x, y, depth, change.transpose(2, 1, 0, 3, 4), zero_plane=True, in_root=True)
 
 
 _TEMPERATURE_STEP = 0.01  # K: it changes a frequency by 2e-8, half a step of the converter's code
@@ -133,8 +96,8 @@ _MOST_KEPT = 20_000  # resonators
 class SensorWorld:
     """Coils, switches, tank and elastomer of a design.
 
-    `strays` are capacitances in F across single coils, `copper` and `capacitor` the relative changes in 1/K of all
-    resistances and of the tank capacitance, for a class-1 ceramic at most ±30e-6.
+    `table` returns the change of the inductance matrix over x, y and depth from the map's `origin`, in m on the board.
+    `copper` is the relative change of all resistances in 1/K.
 
     Notes
     -----
@@ -146,38 +109,43 @@ class SensorWorld:
     def __init__(
         self,
         network: Network,
-        table: Callable[[], ResponseTable],
+        table: Callable[[], ResponseSpline],
+        origin: tuple[float, float] = (0.0, 0.0),
         *,
-        strays: Mapping[str, float] | None = None,
         copper: float = COPPER_PER_KELVIN,
-        capacitor: float = 0.0,
     ) -> None:
-        given = strays or {}
-        for name in given:
-            if name not in network.names:
-                raise HardwareError(f"strays names the coil {name!r}; there are {', '.join(network.names)}.")
-        added = np.array([given.get(name, 0.0) for name in network.names])
-        self._network = replace(network, winding_capacitance=network.winding_capacitance + added)
-        self._make_table = table
-        self._copper, self._capacitor = copper, capacitor
+        self._network, self._make_table, self._origin = network, table, (*origin, 0.0)
+        self._copper = copper
         self._untouched: dict[Hashable, tuple[StateResult, float] | None] = {}
         self._found: dict[Hashable, Resonator] = {}
 
     @cached_property
-    def table(self) -> ResponseTable:
+    def table(self) -> ResponseSpline:
         """Change of the inductance matrix over position and depth."""
         return self._make_table()
 
     def check(self, place: Place) -> None:
         """Refuse a place of the indenter outside the table."""
-        if place.depth > 0:
-            self.table.check(place)
+        outside = self.table.outside(np.array(place)) if place.depth > 0 else None
+        if outside is not None:
+            axis, value = outside
+            edges = (self.table.lower[axis], self.table.upper[axis], value)
+            low, high, got = ((self._origin[axis] + edge) * 1e3 for edge in edges)
+            where = " on the board" if axis < 2 else ""
+            raise HardwareError(
+                f"{PARAMETERS[axis]} of the emulated indenter must be {low:.4g} to {high:.4g} mm{where}; "
+                f"got {got:.4g} mm."
+            )
 
     def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
         """Return the tank that the converter drives."""
         seen = (state.measured, state.connection, state.others, *state.exceptions.items())
         if seen not in self._untouched:
-            self._untouched[seen] = self._resonance(state)
+            try:
+                found = resonate(self._network, state)  # at rest and at room temperature
+                self._untouched[seen] = found, loaded_quality(self._network, found)
+            except NetworkError:
+                self._untouched[seen] = None
         untouched = self._untouched[seen]
         if untouched is None:
             return None
@@ -189,33 +157,15 @@ class SensorWorld:
             self._found[key] = self._changed(*untouched, place, steps * _TEMPERATURE_STEP)
         return self._found[key]
 
-    def _resonance(self, state: ScanState) -> tuple[StateResult, float] | None:
-        """Solve a state at rest and at room temperature."""
-        try:
-            found = resonate(self._network, state)
-        except NetworkError:
-            return None
-        return found, loaded_quality(self._network, found)
-
     def _changed(self, untouched: StateResult, quality: float, place: Place, warmer: float) -> Resonator:
         """Solve a state with indenter and temperature."""
         if place.depth <= 0 and warmer == 0:
             return Resonator(untouched.frequency, untouched.parallel_resistance, quality)
-        network = self._warmed(warmer)
-        inductance = network.inductance + (self.table.at(place) if place.depth > 0 else 0.0)
+        network, more = self._network, 1 + self._copper * warmer
+        if warmer != 0:
+            network = replace(network, resistance=lambda frequency: self._network.resistance(frequency) * more)
+        inductance = network.inductance + (self.table.values_at(np.array(place)) if place.depth > 0 else 0.0)
         frequency = float(changed_resonances(network, untouched, inductance[None])[0][0])
         pressed = solve_state(replace(network, inductance=inductance), untouched.state, frequency)
         lossier = pressed.parallel_resistance / untouched.parallel_resistance
         return Resonator(frequency, pressed.parallel_resistance, quality * lossier)
-
-    def _warmed(self, difference: float) -> Network:
-        """Network at a temperature difference from room temperature in K."""
-        if difference == 0:
-            return self._network
-        network, more = self._network, 1 + self._copper * difference
-        capacitance = network.switches.tank_capacitance * (1 + self._capacitor * difference)
-        return replace(
-            network,
-            resistance=lambda frequency: network.resistance(frequency) * more,
-            switches=replace(network.switches, tank_capacitance=capacitance),
-        )

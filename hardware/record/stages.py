@@ -17,11 +17,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-from coilarray.compute.files import make_folder, write_text
-from coilarray.errors import HardwareError, OutputError, shown
+from coilarray.errors import HardwareError, shown
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.wire.serial_ports import OpenSerialPort
 
@@ -178,9 +176,8 @@ class GcodeStage:
         limits: StageLimits,
         dialect: Dialect = "grbl",
         *,
-        confirm: Callable[[str], None] | None,
+        confirm: Callable[[str], None],
         home: bool = False,
-        identity: str = "",
         origin: tuple[float, float] = (0.0, 0.0),
         greeting: float = 3.0,
         patience: float = 5.0,
@@ -193,18 +190,16 @@ class GcodeStage:
         self._due = 0  # lines that were sent but not answered: several after an interrupt
         self._ready = False
         self._moved = False  # the first, slow move is over, and confirmed
-        self._identity, self._confirm = f"{dialect} {identity or port.name}", confirm
+        self._confirm = confirm
         try:
             if dialect not in get_args(Dialect):
                 raise HardwareError(f"the stage must speak {' or '.join(get_args(Dialect))}; got {dialect!r}.")
-            if confirm is None and self._identity not in _confirmed_machines():
-                raise HardwareError(
-                    f"a person must confirm the first move at the first use of the stage at {port.name}; "
-                    "leave out --yes this once."
-                )
-            greeted = self._is_greeted(greeting)
+            # most machines announce their start when the port is opened; the whole announcement is read
+            greeted = any(_GREETING.search(answer) for answer in self._answers(now() + greeting))
+            for _ in self._answers(now() + _QUIET):
+                pass
             if home:
-                self._ask(f"The stage at {port.name} will now home itself with {_HOME[dialect]}.")
+                confirm(f"The stage at {port.name} will now home itself with {_HOME[dialect]}.")
                 self._send(_HOME[dialect], longest)
             elif greeted:
                 raise self._restarted("when its port was opened")
@@ -219,9 +214,9 @@ class GcodeStage:
         """Refuse places outside the limits of the machine."""
         (x_min, x_max), (y_min, y_max), deepest = self._limits.x, self._limits.y, self._limits.depth
         for place in places:
-            x, y = self._on_board(place.x, place.y)
-            within = _within(x_min, x, x_max) and _within(y_min, y, y_max)
-            if not (within and place.depth <= deepest):
+            x, y = self._origin[0] + place.x, self._origin[1] + place.y
+            axes = ((x_min, x, x_max), (y_min, y, y_max), (0.0, place.depth, deepest))
+            if not all(low - _ROUNDING <= value <= high + _ROUNDING for low, value, high in axes):
                 raise HardwareError(
                     f"the stage at {self._port.name} reaches x {_mm(x_min)} to {_mm(x_max)}, y {_mm(y_min)} to "
                     f"{_mm(y_max)} mm on the board and {_mm(deepest)} mm deep; the campaign goes to x = {_mm(x)}, "
@@ -231,20 +226,19 @@ class GcodeStage:
     def move(self, x: float, y: float) -> None:
         """Lift off and go to a position in m."""
         self.check([GridPlace(0, 0, 0.0, y, x)])
-        at_x, at_y = self._on_board(x, y)
+        at_x, at_y = self._origin[0] + x, self._origin[1] + y
         up, across = f"Z{_word(self._limits.clearance)}", f"X{_word(at_x)} Y{_word(at_y)}"
         if self._moved:
             self._go(f"G0 {up}", self._longest)
             self._go(f"G0 {across}", self._longest)
             return
         place = f"{_mm(self._limits.clearance)} mm over the contact at x = {_mm(at_x)}, y = {_mm(at_y)} mm on the board"
-        self._ask(f"The stage at {self._port.name} will now go slowly to {place}. Keep a hand at its emergency stop.")
+        slowly = f"will now go slowly to {place}. Keep a hand at its emergency stop."
+        self._confirm(f"The stage at {self._port.name} {slowly}")
         for way in (up, across):
             self._go(f"G1 {way} F{_feed(_SLOW)}", 2 * _FARTHEST / _SLOW)
-        self._ask(f"The indenter must now be {place}: is it there?")
+        self._confirm(f"The indenter must now be {place}: is it there?")
         self._moved = True
-        if self._confirm is not None:
-            _remember_machine(self._identity)
 
     def indent(self, depth: float, speed: float) -> None:
         """Indent to a depth in m."""
@@ -271,10 +265,6 @@ class GcodeStage:
         """Release the port. Never raises."""
         self._port.close()
 
-    def _on_board(self, x: float, y: float) -> tuple[float, float]:
-        """Return the board position of a map position in m."""
-        return self._origin[0] + x, self._origin[1] + y
-
     def _go(self, line: str, seconds: float) -> None:
         """Move and wait until the movement is over."""
         self._send(line, seconds)
@@ -296,11 +286,6 @@ class GcodeStage:
             if _GREETING.search(answer):
                 raise self._restarted(f"at {line!r}")
         raise self._failed(f"did not answer {line!r} within {seconds + self._patience:.3g} s")
-
-    def _ask(self, text: str) -> None:
-        """Let a person confirm, unless nobody is asked."""
-        if self._confirm is not None:
-            self._confirm(text)
 
     def _restarted(self, when: str) -> HardwareError:
         return self._failed(
@@ -327,44 +312,6 @@ class GcodeStage:
             self._rest = (self._rest + data)[-_LONGEST_LINE - _MOST_AT_ONCE :]
             if taken > _MOST_BYTES:
                 raise self._failed("sends without end; is it really a stage")
-
-    def _is_greeted(self, seconds: float) -> bool:
-        """Check whether the machine announces its start.
-
-        Most machines do so when their port is opened. The whole announcement is read.
-        """
-        found = any(_GREETING.search(answer) for answer in self._answers(self._now() + seconds))
-        for _ in self._answers(self._now() + _QUIET):
-            pass
-        return found
-
-
-def _machines_file() -> Path:
-    import platformdirs
-
-    return platformdirs.user_state_path("coilarray", appauthor=False) / "stages.txt"
-
-
-def _confirmed_machines() -> set[str]:
-    """Machines whose first move was confirmed at this computer."""
-    try:
-        return set(_machines_file().read_text(encoding="utf-8").splitlines())
-    except (OSError, UnicodeDecodeError):  # no file yet
-        return set()
-
-
-def _remember_machine(identity: str) -> None:
-    """Store that a machine's first move was confirmed."""
-    path, known = _machines_file(), _confirmed_machines()
-    if identity not in known:
-        with suppress(OutputError):
-            make_folder(path.parent)
-            write_text(path, "".join(f"{one}\n" for one in sorted({*known, identity})))
-
-
-def _within(low: float, value: float, high: float) -> bool:
-    """Check whether a length in m is within limits."""
-    return low - _ROUNDING <= value <= high + _ROUNDING
 
 
 def _mm(value: float) -> str:

@@ -6,9 +6,6 @@ import sys
 import pytest
 from support.command_line import mistakes, runner, successes
 
-from coilarray.cli.board import self_test as command
-from coilarray.cli.board.options import BoardOptions
-from coilarray.errors import HardwareError
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
 from coilarray.hardware.wire.serial_ports import PortInfo
@@ -53,7 +50,7 @@ def test_it_says_who_answers_and_what_ports_there_are(capsys):
         "[emulator] adapters: none",
     ]
     assert lines[3].startswith("[emulator] emulator: emulator; LDC1614 (5449/3055); wiring six_coils; session ")
-    assert len(lines) == 5  # and the capacitance that it leaves out
+    assert len(lines) == 4
 
 
 def test_the_same_as_json(capsys):
@@ -70,16 +67,6 @@ def test_the_emulator_has_the_coils_of_any_design(capsys):
     assert (reported["wiring"], reported["chain"]) == ("one_device_a_coil", None)
     line = refused(capsys, "starter", "--wiring", "six_coils")
     assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in line
-
-
-def test_capacitances_that_the_design_leaves_out_are_told(capsys):
-    said = "[emulator] switch capacitance across a coil: 120 pF, from the design; with ADG739 it would be 217.5 pF"
-    assert said in good(capsys, "--list")
-    for others in (
-        ("--emulate", "switches=counted"),
-        ("starter",),
-    ):
-        assert "capacitance across a coil" not in good(capsys, "--list", *others)
 
 
 def test_a_good_board_passes_its_self_test(capsys):
@@ -132,15 +119,3 @@ test_wrong_arguments_are_one_line = mistakes(
 def test_a_missing_library_is_one_line_that_names_the_extra(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
     assert "microcontroller boards need pyserial, which" in refused(capsys, "--port", "COM5")
-
-
-def test_nothing_of_a_long_list_is_lost():
-    lines = command._listed("title", tuple(f"line {k}" for k in range(9)))
-    assert (lines[0], lines[-1]) == ("title", "  … and 3 more (--json)")
-    assert len(lines) == 8
-
-
-def test_the_emulator_counts_the_parts_where_it_is_asked_to():
-    assert BoardOptions(emulate=["switches=counted"]).emulation == {"switches": "counted"}
-    with pytest.raises(HardwareError, match="--emulate switches must be counted; got 'measured'"):
-        BoardOptions(emulate=["switches=measured"])

@@ -123,7 +123,7 @@ def test_the_board_is_tested_and_what_is_not_verified_is_told(design, tmp_path, 
     out = look(capsys, design, "--port", GROVE, "--find-drives")
     assert "self-test passed" in out
     assert "sensed by" not in out  # of coils at channels f alone is measured: no columns without any value
-    assert "[emulator] coil   f in MHz\n" in out
+    assert "[emulator] coil    f (MHz)\n" in out
     assert "LDC1614 (5449/3055), channels 0, 1, 40 MHz at CLKIN" in out
     third = toml_file(tmp_path / "third.toml", coils=["coil3"])
     assert look_record(capsys, "--list", "--port", "emulator?channels=1", "--settings", third)["wiring"] == "channels"

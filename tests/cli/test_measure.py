@@ -206,10 +206,9 @@ def test_a_switch_that_sticks_during_a_campaign_is_reported(board, grid, tmp_pat
 
 
 def test_series_for_locate(board, tmp_path, capsys):
-    path = tmp_path / "path.csv"
-    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,-6.64,0,0\n4,-6.64,0,0\n4.5,-4.64,1,0.8\n100,-4.64,1,0.8\n")
     run = tmp_path / "run.sqlite"
-    measure(capsys, *board, "--scans", 60, "--out", run, "--emulate", f"path={path}")
+    measure(capsys, *board, "--scans", 40, "--out", run)
+    measure(capsys, *board, "--scans", 42, "--out", run, "--resume", "--emulate", "press=-4.64,1,0.8")
     for ending in ("csv", "nc"):
         scan_info(capsys, run, "--out", tmp_path / f"run.{ending}", "--baseline", 20)
     series = load_part(tmp_path / "run.nc")
@@ -315,7 +314,7 @@ def test_never_overwritten(board, grid, campaign, tmp_path, capsys):
         (["--emulate", "seed=1", "--port", "COM5"], "--emulate is for the emulator"),
         (
             ["--emulate", "colour=1"],
-            "--emulate must be KEY=VALUE with a key of switches, seed, noise, drift, clock_MHz, press, path",
+            "--emulate must be KEY=VALUE with a key of seed, noise, drift, clock_MHz, press",
         ),
         (["--emulate", "seed"], "--emulate must be KEY=VALUE"),
         *((["--emulate", f"seed={seed}"], "--emulate seed must be a whole number") for seed in ("-1", "9" * 30)),
@@ -324,7 +323,6 @@ def test_never_overwritten(board, grid, campaign, tmp_path, capsys):
         (["--emulate", "drift=fast"], "--emulate drift must be a finite number"),
         (["--emulate", "press=1,2"], "--emulate press must be 3 finite numbers"),
         (["--emulate", "press=1,2,-3"], "--emulate press must be 3 finite numbers, the last of at least 0"),
-        (["--emulate", "press=0,0,1", "--emulate", "path=x.csv"], "press or path but not both"),
         (["--emulate", "press=0,0,1", "--emulate", "press=0,0,1"], "--emulate must give press once"),
         (["--out", "no/folder/run.sqlite"], "cannot write no/folder/run.sqlite: there is no folder no/folder"),
         (["--single", "--out", "no/run.sqlite"], "cannot write no/run.sqlite: there is no folder no"),
@@ -395,23 +393,6 @@ def test_a_move_of_the_stage_is_confirmed_by_a_yes_only(capsys, monkeypatch, typ
     assert capsys.readouterr().err == "It will move. [y/N] "
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        *((text, "must have the columns time_s, x_mm, y_mm, depth_mm") for text in ("", "t,x,y,d\n1,2,3,4\n")),
-        ("time_s,x_mm,y_mm,depth_mm\n1,2,3\n", "must have the columns"),
-        ("time_s,x_mm,y_mm,depth_mm\n1,2,3,deep\n", "cannot read"),
-        ("time_s,x_mm,y_mm,depth_mm\n", "at least one point"),
-        ("time_s,x_mm,y_mm,depth_mm\n1,0,0,0\n0,0,0,0\n", "must rise"),
-        ("time_s,x_mm,y_mm,depth_mm\n1,0,0,nan\n", "finite"),
-    ],
-)
-def test_bad_paths(board, tmp_path, capsys, text, message):
-    path = tmp_path / "path.csv"
-    path.write_text(text)
-    assert message in measure_refused(capsys, *board, "--single", "--emulate", f"path={path}")
-
-
 def test_a_design_of_other_coils(board, tmp_path, capsys):
     line = measure_refused(capsys, "gast2020", *board[1:], "--out", tmp_path / "run.sqlite")
     assert "has no coil 'coil3' of the design gast2020" in line
@@ -458,22 +439,12 @@ def test_series_of_a_campaign(campaign, tmp_path, capsys):
     assert np.unique(series.depth).tolist() == [0.0, 0.5e-3, 1e-3]
 
 
-def test_marks():
-    assert board_options.marked("a\n\nb", emulated=True) == "[emulator] a\n[emulator]\n[emulator] b"
-    assert board_options.marked("a\nb", emulated=False) == "a\nb"
-
-
-def test_real_time(board, tmp_path):
-    """The path of an emulated indenter counts from the opening of the board, by the computer's clock."""
-    path = tmp_path / "path.csv"
-    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,-5.64,2,0\n0.1,-5.64,2,1\n")
+def test_real_time(board):
     design, _, wiring = board
-    options = board_options.BoardOptions(wiring=str(wiring), rate=50, emulate=[f"path={path}"])
+    options = board_options.BoardOptions(wiring=str(wiring), rate=50)
     with board_options.opened_board(options, load_design(design), real_time=True) as (opened, settings):
         before = time.monotonic()
         for _ in range(10):
             opened.reader.scan()
         # a paced clock makes up for the time since the opening, by a few scans on a busy machine
-        assert time.monotonic() - before > 5 * len(settings.states) * settings.state_time.measuring
-        time.sleep(0.1)
-        assert opened.emulator.place() == pytest.approx((1e-3, 2e-3, 1e-3))
+        assert time.monotonic() - before > 5 * settings.period

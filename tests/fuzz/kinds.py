@@ -41,7 +41,6 @@ from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, board_calibration, two_coils_document
 
 from coilarray import load_design
-from coilarray.cli.board.options import BoardOptions
 from coilarray.cli.locate import read_readings
 from coilarray.cli.maps import read_ellipses, read_response
 from coilarray.compute.netcdf import read_checked, save_dataset
@@ -54,7 +53,6 @@ from coilarray.fabrication.gerber_writer import write_gerbers
 from coilarray.fabrication.kicad_reader import read_kicad
 from coilarray.fabrication.tracing import trace_coils, traced_array
 from coilarray.geometry import check_rules, require_rules
-from coilarray.hardware.emulator.conditions import Indenter
 from coilarray.hardware.record.calibration import calibration_to_toml, load_calibration, save_calibration
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
@@ -374,17 +372,6 @@ def _streams(folder: Path) -> list[Path]:
         return _written(folder, ".csv", {"stream": series_csv(recorded_series(recording))})
 
 
-def _paths(folder: Path) -> list[Path]:
-    return _written(folder, ".csv", {"path": "time_s,x_mm,y_mm,depth_mm\n0,0,0,0\n1,1.5,-2,0.5\n2,3,0,1\n"})
-
-
-def _path_of_finger(path: Path) -> Any:
-    points = BoardOptions(emulate=[f"path={path}"]).emulation["path"]
-    indenter = Indenter()
-    indenter.follow(points)
-    return points, indenter.at(0.5)
-
-
 def _temperatures(folder: Path) -> list[Path]:
     slave = "91 01 4b 46 7f ff 0c 10 25 : crc=25 YES\n91 01 4b 46 7f ff 0c 10 25 t=25062\n"
     return _written(folder, ".txt", {"kernel": "42375\n", "degrees": "21.5\n", "slave": slave})
@@ -595,7 +582,6 @@ KINDS = (
     Kind("scan settings", ".json", _settings_files, _JSON, _settings, keyed=True),
     Kind("campaign plan", ".json", _campaigns, _JSON, _campaign),
     Kind("recording", ".sqlite", _recordings, _DATABASE, _recording, gaps=True, share=4),
-    Kind("path of a finger", ".csv", _paths, _CSV, _path_of_finger),
     Kind("temperature", ".txt", _temperatures, _CSV, file_temperature),
     Kind("response, positions", ".nc", _responses, _NETCDF, _positions, share=3),
     Kind("response, ellipses", ".nc", _responses, _NETCDF, _ellipses, gaps=True, share=3),

@@ -58,7 +58,7 @@ class Bench:
         return found(time) if callable(found) else found
 
     def internal_clock(self, time):
-        return self.oscillator.at(time, self.drift.at(time))
+        return self.oscillator.at(self.drift.at(time))
 
     def external_clock(self, time):
         return self.clkin

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, nullcontext
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -25,14 +25,10 @@ from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.cli.board.files import StageTable
-    from coilarray.compute.threads import Progress
     from coilarray.hardware.board.connect import Board
-    from coilarray.hardware.board.self_test import SelfTest
-    from coilarray.hardware.record.campaign import Campaign
-    from coilarray.hardware.record.recorder import Recorder
+    from coilarray.hardware.board.microcontroller import MicrocontrollerReader
     from coilarray.hardware.record.stages import Stage
     from coilarray.hardware.scan.readings import Reader
-    from coilarray.hardware.scan.settings import ScanSettings
 
 _PATIENCE = 10.0  # s in which the port of a board that restarted may come back
 
@@ -48,7 +44,7 @@ def campaign(
     ] = None,
     yes: Annotated[
         bool,
-        typer.Option("--yes", help="Move a G-code stage without asking; not at the first use of its port."),
+        typer.Option("--yes", help="Move a G-code stage without asking."),
     ] = False,
     ignore_self_test: Annotated[
         bool, typer.Option("--ignore-self-test", help="Continue even if the self-test fails.")
@@ -85,8 +81,11 @@ def campaign(
         raise HardwareError("--yes is for a G-code stage, which --plan must name.")
     if stage is not None and stage.port == options.port:
         raise HardwareError(f"{plan}: stage.port and --port must be different ports; got {stage.port} twice.")
-    from coilarray.hardware.record.campaign import design_campaign
+    from coilarray.hardware.board.microcontroller import MicrocontrollerReader
+    from coilarray.hardware.board.self_test import self_test
+    from coilarray.hardware.record.campaign import design_campaign, run_campaign
     from coilarray.hardware.record.recorder import open_recorder
+    from coilarray.hardware.wire.buses import ComputerClock
     from coilarray.response.dataset import map_origin
 
     rows = (file.x, file.y, file.depths)
@@ -97,77 +96,44 @@ def campaign(
         speed=file.speed * 1e-3,
     )  # fmt: skip
     if dry_run:
-        _print_plan(grid, as_json=as_json)
+        counts = f"{len(grid.x)} × {len(grid.y)} positions, {len(grid.depths)} depths, {grid.repeats} repeats"
+        line = f"{counts}: {grid.size} indentations, at least {grid.seconds / 60:.1f} min without scans and travel"
+        print_result({**grid.to_record(), "least_seconds": grid.seconds}, as_json=as_json, lines=[line])
         return
     asked = not is_emulator(options.port) and stage is None
     with (
         open_recorder(out, resume=resume) as recorder,
-        _positions_in_lines() if asked else progress_bar("positions") as progress,
+        # a bar would overwrite the questions to a person
+        nullcontext(_print_progress) if asked else progress_bar("positions") as progress,
         opened_board(options, opened, real_time=False, progress=progress) as (board, settings),
         closing(_stage(stage, board, map_origin(opened.indentation), yes=yes)) as moving,
     ):
         moving.check(grid.places)
-        before = _tested(board, settings, "before", ignore=ignore_self_test)
+        before = self_test(board.reader, board.wiring, settings)
+        board.reader.configure(settings)
+        if not (before.passed or ignore_self_test):
+            raise HardwareError(
+                f"the self-test before the campaign has failed: {before.symptoms[0]}; see `coilarray board test`, "
+                "or continue with --ignore-self-test."
+            )
         with recorded_session(recorder, board, settings, opened, grid.to_json(), quiet=as_json):
             recorder.add_self_test(before.symptoms, before.findings)
-            _run(grid, board, moving, recorder, progress)
-            after = _tested(board, settings, "after", ignore=True)
+            clock = ComputerClock() if board.emulator is None else board.emulator.clock
+            reconnect = partial(_reconnect, board) if isinstance(board.reader, MicrocontrollerReader) else None
+            run_campaign(grid, board.reader, moving, recorder, clock, progress=progress, reconnect=reconnect)
+            after = self_test(board.reader, board.wiring, settings)
             recorder.add_self_test(after.symptoms, after.findings)
     print_recording(out, as_json=as_json)
 
 
-def _print_plan(grid: Campaign, *, as_json: bool) -> None:
-    counts = f"{len(grid.x)} × {len(grid.y)} positions, {len(grid.depths)} depths, {grid.repeats} repeats"
-    line = f"{counts}: {grid.size} indentations, at least {grid.seconds / 60:.1f} min without scans and travel"
-    print_result({**grid.to_record(), "least_seconds": grid.seconds}, as_json=as_json, lines=[line])
+def _print_progress(done: int, total: int) -> None:
+    typer.echo(f"{done} of {total} positions are measured.", err=True)
 
 
-def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) -> SelfTest:
-    """Test every switch and coil, and configure the board again."""
-    from coilarray.hardware.board.self_test import self_test
-
-    result = self_test(board.reader, board.wiring, settings)
-    board.reader.configure(settings)
-    if not (result.passed or ignore):
-        raise HardwareError(
-            f"the self-test {when} the campaign has failed: {result.symptoms[0]}; see `coilarray board test`, "
-            "or continue with --ignore-self-test."
-        )
-    return result
-
-
-def _run(grid: Campaign, board: Board, stage: Stage, recorder: Recorder, progress: Progress) -> None:
-    from coilarray.hardware.record.campaign import run_campaign
-    from coilarray.hardware.wire.buses import ComputerClock
-
-    clock = ComputerClock() if board.emulator is None else board.emulator.clock
-    run_campaign(grid, board.reader, stage, recorder, clock, progress=progress, reconnect=_reconnecting(board))
-
-
-def _reconnecting(board: Board) -> Callable[[], Reader] | None:
-    """Return what reopens a microcontroller that restarted; None for other boards, which cannot restart."""
-    from coilarray.hardware.board.microcontroller import MicrocontrollerReader
-
-    if not isinstance(board.reader, MicrocontrollerReader):
-        return None
-    current: MicrocontrollerReader = board.reader
-
-    def reconnect() -> Reader:
-        nonlocal current
-        board.reader = current = current.reconnect(_PATIENCE)
-        return current
-
-    return reconnect
-
-
-@contextmanager
-def _positions_in_lines() -> Iterator[Progress]:
-    """Show the progress in lines: a bar would overwrite the questions to a person."""
-
-    def update(done: int, total: int) -> None:
-        typer.echo(f"{done} of {total} positions are measured.", err=True)
-
-    yield update
+def _reconnect(board: Board) -> Reader:
+    """Reopen a microcontroller that restarted; other boards cannot restart."""
+    board.reader = cast("MicrocontrollerReader", board.reader).reconnect(_PATIENCE)
+    return board.reader
 
 
 def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], *, yes: bool) -> Stage:
@@ -177,15 +143,13 @@ def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], 
 
     if stage is None:
         return PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)
-    (x_min, x_max), (y_min, y_max), depth, clearance = (
-        stage.x, stage.y, stage.depth * 1e-3, stage.clearance * 1e-3,
-    )  # fmt: skip
-    limits = StageLimits((x_min * 1e-3, x_max * 1e-3), (y_min * 1e-3, y_max * 1e-3), depth, clearance)
-    found = choose_serial_port(stage.port)
-    return GcodeStage(
-        OpenSerialPort(found.name), limits, stage.machine, confirm=None if yes else _agree, home=stage.home,
-        identity=str(found), origin=origin,
-    )  # fmt: skip
+    (x_min, x_max), (y_min, y_max) = stage.x, stage.y
+    limits = StageLimits(
+        (x_min * 1e-3, x_max * 1e-3), (y_min * 1e-3, y_max * 1e-3), stage.depth * 1e-3, stage.clearance * 1e-3
+    )
+    port = OpenSerialPort(choose_serial_port(stage.port).name)
+    agree = (lambda text: None) if yes else _agree
+    return GcodeStage(port, limits, stage.machine, confirm=agree, home=stage.home, origin=origin)
 
 
 def _ask(text: str) -> None:

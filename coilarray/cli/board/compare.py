@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.compute.arrays import FloatArray
+    from coilarray.compute.table import Table
     from coilarray.design.model import Design
 
     _Source = tuple[xr.Dataset, Sequence[FloatArray]]  # a response, and the outlines of its coils where they are known
@@ -101,18 +103,12 @@ def compare(
         "emulated": emulated, "measured": measured, "simulated": simulated, **said,
         **lacking, "notes": notes, **{table.name: table.records() for table in tables}, "files": files,
     }  # fmt: skip
-    parts = [shared.table_text(table.headers, table.cells(), table.title) for table in tables]
-    parts += [*notes, *(f"wrote {path}" for path in files)]
+    parts: list[str | Table] = [*tables, *notes, *(f"wrote {path}" for path in files)]
     print_marked(data, parts, as_json=as_json, emulated=emulated)
 
 
 def _is_page(out: Path) -> bool:
     return out.suffix.lower() == _PAGE
-
-
-def _own(out: Path) -> list[Path]:
-    """Return the page, and in a folder the numbers, that the command writes beside tables."""
-    return [out] if _is_page(out) else [out / "comparison.html", out / "comparison.nc"]
 
 
 def _response(
@@ -148,18 +144,15 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     wired = beside is not None and bool(beside.attrs.get("wired", False))
     board = Imperfections(network=board_network(design, wired=wired))
     with shared.progress_bar(f"response of {design.name}") as progress:
-
-        def at(*axes: FloatArray | None) -> xr.Dataset:
-            depths, x, y = axes
-            return response_map(design, depths=depths, x=x, y=y, imperfections=board, progress=progress)
-
+        at = partial(response_map, design, imperfections=board, progress=progress)
         if beside is None:
-            response = at(None, None, None)
+            response = at()
             return response, map_outlines(design, response)
+        x, y = _around(beside, largest_shift)
         try:
-            response = at(beside.depth.values, *_around(beside, largest_shift))
+            response = at(depths=beside.depth.values, x=x, y=y)
         except ElastomerError:  # a sample may end where the measured positions do
-            response = at(beside.depth.values, beside.x.values, beside.y.values)
+            response = at(depths=beside.depth.values, x=beside.x.values, y=beside.y.values)
     if "capacitance_from" in beside.attrs:
         response = response.assign(base_inductance=respond(design, response, ideal=True).base_inductance)
     return response, map_outlines(design, response)
@@ -185,10 +178,11 @@ def _write(result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequ
     from coilarray.compute.netcdf import save_dataset
     from coilarray.report.comparison import comparison_tables, write_comparison_page
 
-    written = _own(out)
-    write_comparison_page(result, written[0], names, outlines)
     if _is_page(out):
-        return written
+        write_comparison_page(result, out, names, outlines)
+        return [out]
+    written = [out / "comparison.html", out / "comparison.nc"]
+    write_comparison_page(result, written[0], names, outlines)
     save_dataset(result, written[1])
     for table in comparison_tables(result):
         written.append(out / f"{table.name}.csv")

@@ -111,10 +111,10 @@ def info(
             raise HardwareError("--calibration is for the response of a campaign; δ of a time series needs none.")
         if out is not None:
             if as_series:
-                dataset, table = recorded_series(recording, baseline=baseline), series_csv
+                dataset = recorded_series(recording, baseline=baseline)
             else:
-                dataset, table = campaign_response(recording, calibration, partial=partial), response_csv
-            write_numbers(out, dataset, lambda: table(dataset))
+                dataset = campaign_response(recording, calibration, partial=partial)
+            write_numbers(out, dataset, lambda: (series_csv if as_series else response_csv)(dataset))
             what = "the time series" if as_series else "the response"
             shape = " × ".join(str(n) for n in dataset.delta.shape)
             wrote = [f"wrote {out}: {what}, {shape} values over {dataset.delta.dims}"]
@@ -229,6 +229,6 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
         "budget": budget.to_record(),
     }
     shown = (tables[0], averages_table(found))
-    parts = [*shown, *stability_lines(found), *budget_lines(budget)]
+    parts: list[str | Table] = [*shown, *stability_lines(found), *budget_lines(budget)]
     parts += [] if plot is None else [f"wrote {plot}"]
     print_marked(data, parts, as_json=as_json, emulated=emulated)

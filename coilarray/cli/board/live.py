@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,15 +24,11 @@ from coilarray.errors import HardwareError
 if TYPE_CHECKING:
     from coilarray.design.model import DesignFile
     from coilarray.hardware.record.live_tracking import LiveReading, LiveState
-    from coilarray.localize.inverse import Mode
-    from coilarray.localize.presses import Press
 
 _REDRAW = 0.1  # s, at least, from picture to picture
 _BAR, _LEAST_SCALE = 40, 1e-4  # characters; δ at the end of a bar, at least
 _FADE = 0.98  # of the scale of the bars from scan to scan
 _BLOCKS = " ▏▎▍▌▋▊▉█"
-_LOCATED = ("found", "border")  # verdicts whose positions are shown
-_SHOWN = 2  # positions in a line
 
 
 @board_command()
@@ -171,31 +166,26 @@ def live_record(reading: LiveReading, *, emulated: bool, reference: Sequence[str
         **({"less_reference": list(reference)} if reference else {}),
         "verdicts": {state.name: state.verdict for state in reading.states},
         "reasons": {state.name: list(state.reasons) for state in reading.states if state.reasons},
-        "position": None if reading.location is None else location_record(reading.location),
+        "position": reading.location and location_record(reading.location),
         "problem": reading.problem or None,
-        "press": None if reading.press is None else press_record(reading.press),
+        "press": reading.press
+        and {
+            "number": reading.press.number,
+            "begin_s": reading.press.begin,
+            "end_s": reading.press.end,  # null while it lasts
+            "delta": reading.press.delta,
+            "position": reading.press.location and location_record(reading.press.location),
+        },
         **({} if reading.temperature is None else {"temperature_C": reading.temperature}),
-    }
-
-
-def press_record(press: Press) -> dict[str, Any]:
-    """Return a press as a mapping for JSON, in SI units; ``end_s`` is null while it lasts."""
-    from coilarray.report.position import location_record
-
-    return {
-        "number": press.number,
-        "begin_s": press.begin,
-        "end_s": press.end,
-        "delta": press.delta,
-        "position": None if press.location is None else location_record(press.location),
     }
 
 
 def plain_line(reading: LiveReading) -> str:
     """Return a reading in one line for people."""
-    parts = [f"{reading.elapsed:.3f} s"]
-    parts += [f"{state.name} {_delta_text(state)}" for state in reading.states]
-    return "  ".join(part for part in (*parts, _place_text(reading), *_beside(reading)) if part)
+    states = (f"{state.name} {_delta_text(state)}" for state in reading.states)
+    return "  ".join(
+        part for part in (f"{reading.elapsed:.3f} s", *states, _place_text(reading), *_beside(reading)) if part
+    )
 
 
 def less_text(reference: Sequence[str]) -> str:
@@ -225,21 +215,13 @@ def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = 
         lines.append(f"{state.name:<{width}} {_delta_text(state):>9} {bar}{why}")
     lines.append(_place_text(reading))
     rate = "–" if reading.rate is None else f"{reading.rate:.2f}"
-    noise = "" if reading.noise is None else f", {noise_text(reading.noise, reading.common_noise)}"
+    noise = "" if reading.noise is None else f", noise of δ {reading.noise:.1e} of each coil"
+    if reading.common_noise is not None:
+        noise += f", {reading.common_noise:.1e} common to all"
     less = f", {less_text(reference)}" if reference else ""
     beside = "".join(f", {text}" for text in _beside(reading))
     lines.append(f"{rate} scans/s, {reading.lost} lost{noise}{less}{beside}; z zero, q quit")
     return lines
-
-
-def noise_text(own: float, common: float | None) -> str:
-    """Say how large the noise of δ is.
-
-    >>> noise_text(3e-7, 4.3e-6)
-    'noise of δ 3.0e-07 of each coil, 4.3e-06 common to all'
-    """
-    shared = "" if common is None else f", {common:.1e} common to all"
-    return f"noise of δ {own:.1e} of each coil{shared}"
 
 
 def _delta_text(state: LiveState) -> str:
@@ -267,20 +249,8 @@ def _place_text(reading: LiveReading) -> str:
         return baseline_text(reading.waiting)
     if reading.location is None:
         return reading.problem
-    from coilarray.report.position import location_record
+    from coilarray.localize.inverse import mode_text
 
-    status = str(location_record(reading.location).get("status", reading.location.reason))
-    if reading.location.verdict not in _LOCATED:
-        return status
-    modes = reading.location.modes
-    more = f"; or {len(modes) - _SHOWN} more" if len(modes) > _SHOWN else ""
-    return f"{status}: {'; or '.join(_mode_text(mode) for mode in modes[:_SHOWN])}{more}"
-
-
-def _mode_text(mode: Mode) -> str:
-    values = (mode.x, mode.y, mode.depth)
-    parts = []
-    for name, value, deviation in zip_longest(("x", "y", "depth"), values, mode.known_deviations):
-        error = "" if deviation is None else f" ± {deviation * 1e3:.2f}"
-        parts.append(f"{name} {value * 1e3:.2f}{error}")
-    return true_minus(", ".join(parts)) + " mm"
+    found = reading.location
+    places = "; or ".join(map(mode_text, found.modes)) if found.verdict in ("found", "border") else ""
+    return f"{found.verdict}: {places}" if places else found.verdict

@@ -10,8 +10,7 @@ import math
 import threading
 import time
 import webbrowser
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,7 +21,7 @@ import typer
 
 from coilarray.cli.board.options import BoardOptions, is_emulator, marked, opened_board
 from coilarray.cli.shared import check_file
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
     from coilarray.circuit.noise_budget import NoiseBudget
@@ -75,14 +74,6 @@ class LiveOptions:
         if self.out is not None and self.recording is not None:
             raise HardwareError("--out records a board; it cannot be given with --recording.")
         check_file("--out", self.out, None)
-
-    @property
-    def opens_first(self) -> bool:
-        """Whether the source is opened before the table for positions is computed, which may take minutes.
-
-        A wrong port or file must fail before that wait; but the finger of an emulator moves as soon as it is opened.
-        """
-        return self.recording is not None or not is_emulator(self.board.port)
 
 
 @dataclass(frozen=True)
@@ -142,7 +133,8 @@ def live_source(options: LiveOptions, design: Design, *, locate: bool, progress:
     """
     from coilarray.design.scan_states import referenced_names
 
-    early = locate and not options.opens_first
+    # A wrong port or file must fail before the table is computed, which may take minutes; the emulator cannot.
+    early = locate and options.recording is None and is_emulator(options.board.port)
     model = _model(design, progress) if early else None
     with _replay(options, design) if options.recording is not None else _stream(options, design, progress) as source:
         if options.reference:
@@ -166,36 +158,25 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
     from coilarray.hardware.record.recorder import begin_session, open_recorder
     from coilarray.hardware.scan.readings import read_scan
 
-    options = asked.board
-    lifted = options
-    if _held_back(options):
-        lifted = replace(options, emulate=[text for text in options.emulate or () if not text.startswith("press=")])
     with ExitStack() as opened:
         recorder = None if asked.out is None else opened.enter_context(open_recorder(asked.out))
-        board, settings = opened.enter_context(opened_board(lifted, design, real_time=True, progress=progress))
-        begin = _finger(board, design, options)
+        board, settings = opened.enter_context(opened_board(asked.board, design, real_time=True, progress=progress))
+        begin = _finger(board, design, asked.board)
         budget = _budget(asked, design, settings)
         capacitance = design.circuit.switches.tank_capacitance
         scans = opened.enter_context(closing(board.reader.scans()))
-        thermometer = board.thermometer
         if recorder is not None:
-            recorder.start(begin_session(board, settings, design), thermometer=thermometer)
+            recorder.start(begin_session(board, settings, design), thermometer=board.thermometer)
 
         def readings() -> Iterator[tuple[ScanReading, bool]]:
             for scan in scans:
                 if recorder is not None:
                     recorder.add(scan, "stream")
-                temperature = None if thermometer is None else thermometer()
+                temperature = None if board.thermometer is None else board.thermometer()
                 yield read_scan(scan, settings, capacitance, temperature=temperature), True
 
-        yield LiveSource(
-            readings(),
-            marked(board.line, emulated=board.emulated),
-            board.emulated,
-            tuple(state.name for state in settings.states),
-            budget,
-            begin,
-        )
+        line, states = marked(board.line, emulated=board.emulated), tuple(state.name for state in settings.states)
+        yield LiveSource(readings(), line, board.emulated, states, budget, begin)
 
 
 def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> NoiseBudget | None:
@@ -216,21 +197,15 @@ def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[],
     emulator, setup = board.emulator, design.indentation
     if emulator is None:
         return lambda: None
-    path = options.path_of(design)
-    if path is not None and _held_back(options):
-        ((_, x, y, depth),) = path
-        emulator.world.check(Place(x, y, depth))
-        return lambda: emulator.indenter.press(x, y, depth)
-    if path is not None or setup is None:
+    press = options.press_on(design)
+    if press is not None:
+        emulator.world.check(Place(*press))
+        return partial(emulator.indenter.press, *press)
+    if setup is None:
         return lambda: None
     for _, *place in tour(setup, 0.0)[:_FIRST]:
         emulator.world.check(Place(*place))
     return lambda: emulator.indenter.follow(tour(setup, emulator.clock.now()))
-
-
-def _held_back(options: BoardOptions) -> bool:
-    """Whether the finger of the emulator waits for the baseline, as it presses from the start."""
-    return "press" in options.emulation
 
 
 @contextmanager
@@ -278,7 +253,6 @@ def tour(setup: Indentation, start: float) -> list[tuple[float, float, float, fl
 
 
 _TOLD = 0.1  # s from message to message to the page
-_MOST_WAITING = 20_000  # scans that wait for a page that does not take them; the oldest are dropped, not read later
 _LINGER = 5.0  # s to load the page again before the window counts as closed
 
 
@@ -287,7 +261,6 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
 
     HardwareError if the reading of the board failed.
     """
-    from coilarray.hardware.record.recorder import open_recorder
     from coilarray.viz.studio.access import LOOPBACK, Address, bind, check_studio
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.work import Shelf, work_on
@@ -295,9 +268,8 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
     check_studio()
     from coilarray.viz.studio.server import serve
 
-    if options.out is not None:
-        with open_recorder(options.out):
-            pass  # one that exists is refused before the page is shown, not by it
+    if options.out is not None and options.out.exists():
+        raise OutputError(f"--out: {options.out} exists; name another file.")
     failures: list[str] = []
 
     def ready(url: str) -> None:
@@ -326,30 +298,14 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
 def watch_board(base: LiveOptions, locate: bool, request: BoardRequest, link: Link) -> None:
     """Send the readings of a board to a page; `base` has all options that the page does not offer."""
     from coilarray.design.model import build_design
+    from coilarray.viz.studio.services import BoardFrame
 
-    design = build_design(request.document, request.name)
-    options = _options(base, request)
-    with _sender(link.send) as tell:
-        name = request.recording or request.port
-        emulated = request.recording is None and is_emulator(request.port)
-        wait = partial(_wait, tell, name, emulated)
-        locates = locate and design.indentation is not None
-        with (
-            live_source(options, design, locate=locates, progress=wait) as source,
-            closing(live_readings(source, options, link.orders)) as readings,
-        ):
-            for reading in readings:
-                tell(_frame(reading, source.line, emulated=source.emulated))
-
-
-def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
-    """Return the options with the choices of the page, without those for another kind of board."""
-    board = base.board
+    design, board = build_design(request.document, request.name), base.board
     if request.recording is not None:
         board = replace(BoardOptions(), settings=board.settings)
     elif request.port != board.port:
         board = replace(board, port=request.port, emulate=board.emulate if is_emulator(request.port) else None)
-    return replace(
+    options = replace(
         base,
         board=board,
         recording=None if request.recording is None else Path(request.recording),
@@ -357,12 +313,24 @@ def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
         out=None if request.log is None or request.recording is not None else Path(request.log),
     )
 
+    def wait(done: int, total: int) -> None:
+        part = f" {100 * done / total:.0f} %" if total else ""
+        name, emulated = request.recording or request.port, request.recording is None and is_emulator(request.port)
+        link.send([BoardFrame(f"{name}; response of the design{part} …", emulated, 0, {})])
 
-def _wait(tell: Callable[[BoardFrame], None], name: str, emulated: bool, done: int, total: int) -> None:
-    from coilarray.viz.studio.services import BoardFrame
-
-    part = f" {100 * done / total:.0f} %" if total else ""
-    tell(BoardFrame(f"{name}; response of the design{part} …", emulated, 0, {}))
+    frames: list[BoardFrame] = []
+    sent = -math.inf
+    locates = locate and design.indentation is not None
+    with (
+        live_source(options, design, locate=locates, progress=wait) as source,
+        closing(live_readings(source, options, link.orders)) as readings,
+    ):
+        for reading in readings:
+            frames.append(_frame(reading, source.line, emulated=source.emulated))
+            if time.monotonic() - sent >= _TOLD:
+                link.send(frames)
+                frames, sent = [], time.monotonic()
+        link.send(frames)
 
 
 def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
@@ -385,34 +353,3 @@ def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
         press=reading.press,
         temperature=reading.temperature,
     )
-
-
-@contextmanager
-def _sender(send: Callable[[Sequence[BoardFrame]], None]) -> Iterator[Callable[[BoardFrame], None]]:
-    """Yield a function that passes frames to a thread, which sends those that wait ten times a second.
-
-    So a slow page never delays the scans.
-    """
-    waiting: deque[BoardFrame] = deque(maxlen=_MOST_WAITING)
-    ended = threading.Event()
-
-    def flush() -> None:
-        frames = [waiting.popleft() for _ in range(len(waiting))]
-        if frames:
-            send(frames)
-
-    def work() -> None:
-        from coilarray.viz.studio.job import Cancelled
-
-        with suppress(Cancelled):
-            while not ended.wait(_TOLD):
-                flush()
-            flush()
-
-    thread = threading.Thread(target=work, daemon=True, name="frames")
-    thread.start()
-    try:
-        yield waiting.append
-    finally:
-        ended.set()
-        thread.join(timeout=2 * _TOLD)

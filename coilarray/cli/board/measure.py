@@ -21,10 +21,10 @@ from coilarray.cli.shared import (
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.recorder import Recorder
+    from coilarray.hardware.scan.readings import RawScan
     from coilarray.hardware.scan.settings import ScanSettings
 
 RUN = Path("run.sqlite")
@@ -79,18 +79,31 @@ def measure(
     path = out or RUN
     check_file("--out", path, None)
     opened = options.design(design)
-    if single:
-        _single(options, opened, out, as_json=as_json)
-        return
-    from coilarray.hardware.record.recorder import open_recorder
+    from coilarray.hardware.record.recorder import begin_session, open_recorder, record_stream
 
     with (
-        open_recorder(path, resume=resume) as recorder,
+        nullcontext() if single and out is None else open_recorder(path, resume=resume) as recorder,
         progress_bar("scans") as progress,
         opened_board(options, opened, real_time=False, progress=progress) as (board, settings),
-        recorded_session(recorder, board, settings, opened, quiet=as_json),
     ):
-        _stream(board, recorder, scans, seconds, progress)
+        if single or recorder is None:
+            raw = board.reader.scan()
+            if recorder is not None:
+                recorder.start(begin_session(board, settings, opened), thermometer=board.thermometer)
+                recorder.add(raw, "single")
+            _print_scan(raw, board, settings, opened, as_json=as_json)
+            return
+        with recorded_session(recorder, board, settings, opened, quiet=as_json):
+            there, wanted = recorder.count(), scans or _SCANS
+            if seconds is not None:
+                record_stream(board.reader, recorder, seconds=seconds, progress=progress)
+            elif there < wanted:
+                record_stream(
+                    board.reader,
+                    recorder,
+                    scans=wanted - there,
+                    progress=lambda done, _: progress(there + done, wanted),
+                )
     summary = print_recording(path, as_json=as_json)
     rate = summary["rate_per_s"]
     if not as_json and options.rate is not None and rate is not None and rate < _MET * options.rate:
@@ -126,22 +139,11 @@ def print_recording(path: Path, *, as_json: bool) -> dict[str, Any]:
     return summary
 
 
-def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json: bool) -> None:
+def _print_scan(raw: RawScan, board: Board, settings: ScanSettings, design: Design, *, as_json: bool) -> None:
     from coilarray.compute.table import text_table
-    from coilarray.hardware.record.recorder import begin_session, open_recorder
     from coilarray.hardware.scan.readings import read_scan
 
-    with (
-        nullcontext() if out is None else open_recorder(out) as recorder,
-        progress_bar("scan") as progress,
-        opened_board(options, design, real_time=False, progress=progress) as (board, settings),
-    ):
-        raw = board.reader.scan()
-        if recorder is not None:
-            recorder.start(begin_session(board, settings, design), thermometer=board.thermometer)
-            recorder.add(raw, "single")
-        scan = read_scan(raw, settings, design.circuit.switches.tank_capacitance)
-        line, emulated = board.line, board.emulated
+    scan = read_scan(raw, settings, design.circuit.switches.tank_capacitance)
     states = [
         {
             "state": state.name,
@@ -157,18 +159,5 @@ def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json:
         for state in scan.states
     ]
     table = text_table(("state", "f in MHz", "L in µH", "verdict", "why"), rows)
-    data = {"emulated": emulated, "board": line, "time_s": scan.time, "states": states}
-    print_marked(data, [line, table], as_json=as_json, emulated=emulated)
-
-
-def _stream(board: Board, recorder: Recorder, scans: int | None, seconds: float | None, progress: Progress) -> None:
-    from coilarray.hardware.record.recorder import record_stream
-
-    if seconds is not None:
-        record_stream(board.reader, recorder, seconds=seconds, progress=progress)
-        return
-    wanted, there = scans or _SCANS, recorder.count()
-    if there < wanted:
-        record_stream(
-            board.reader, recorder, scans=wanted - there, progress=lambda done, _: progress(there + done, wanted)
-        )
+    data = {"emulated": board.emulated, "board": board.line, "time_s": scan.time, "states": states}
+    print_marked(data, [board.line, table], as_json=as_json, emulated=board.emulated)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from coilarray.cli.shared import open_design_file, print_json, terminal_width
-from coilarray.compute.files import read_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -43,9 +41,7 @@ SettingsFile = Annotated[
     ),
 ]
 
-_PATH_COLUMNS = ["time_s", "x_mm", "y_mm", "depth_mm"]
-_LARGEST_SEED = 2**63
-_LONGEST_PATH = 1_000_000  # lines
+_LARGEST_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -76,9 +72,7 @@ class BoardOptions:
         list[str] | None,
         typer.Option(
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of f), drift=0.01 "
-            "(K/s), clock_MHz=36 (of its oscillator), press=X,Y,DEPTH (mm on the board; "
-            "in live, after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, depth_mm), "
-            "switches=counted (include the capacitances of the wiring's parts: typical, not verified)."
+            "(K/s), clock_MHz=36 (of its oscillator), press=X,Y,DEPTH (mm on the board; in live, after the baseline)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
@@ -89,7 +83,7 @@ class BoardOptions:
         if self.emulate and not is_emulator(self.port):
             raise HardwareError(f"--emulate is for the emulator; {self.port} is a real board.")
         assert self.file  # read once, so that mistakes show at once
-        object.__setattr__(self, "emulation", _emulation(self.emulate or ()))
+        object.__setattr__(self, "emulation", _emulation(self.emulate or ()))  # frozen
 
     @cached_property
     def file(self) -> BoardSettings:
@@ -112,15 +106,15 @@ class BoardOptions:
         """As `design`, with what only the file says."""
         return open_design_file(name, allow_violations=self.file.allow_violations)
 
-    def path_of(self, design: Design) -> list[tuple[float, float, float, float]] | None:
-        """Return the path of an emulated finger, time in s and x, y and depth in m, counted from the map's origin."""
-        path = self.emulation.get("press", self.emulation.get("path"))
-        if path is None:
+    def press_on(self, design: Design) -> tuple[float, float, float] | None:
+        """Return the press of an emulated finger: x and y from the map's origin, and depth, in m."""
+        if "press" not in self.emulation:
             return None
         from coilarray.response.dataset import map_origin
 
+        x, y, depth = (value * 1e-3 for value in self.emulation["press"])
         at_x, at_y = map_origin(design.indentation)
-        return [(time, x - at_x, y - at_y, depth) for time, x, y, depth in path]
+        return x - at_x, y - at_y, depth
 
 
 def is_emulator(port: str) -> bool:
@@ -173,7 +167,7 @@ def opened_board(
     wiring = wiring_of_board(port, design, options.wiring, options.file.coils)
     settings = _scan_settings(options, design, wiring)
     emulated = is_emulator(options.port)
-    emulation = _emulated(options, design, real_time=real_time) if emulated else {}
+    emulation = _emulated(options, real_time=real_time) if emulated else {}
     if emulated and progress is not None:
         emulation["progress"] = progress
     with ExitStack() as opened:
@@ -182,6 +176,9 @@ def opened_board(
             read = opened.enter_context(thermometer(Path(options.file.thermometer)))
         board = opened.enter_context(open_board(options.port, design=design, wiring=wiring, **emulation))
         board.thermometer = read or board.thermometer
+        press = options.press_on(design)
+        if board.emulator is not None and press is not None and not real_time:
+            board.emulator.indenter.press(*press)
         board.reader.configure(settings)
         yield board, settings
 
@@ -221,22 +218,17 @@ def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> Sca
         raise HardwareError(f"--{error}") from None
 
 
-def _emulated(options: BoardOptions, design: Design, *, real_time: bool) -> dict[str, Any]:
+def _emulated(options: BoardOptions, *, real_time: bool) -> dict[str, Any]:
     """Return the keyword arguments of `emulated_board`."""
-    from coilarray.hardware.emulator import Conditions, Drift, Oscillator, PacedClock
+    from coilarray.hardware.emulator import Conditions, Drift, Oscillator, PacedClock, VirtualClock
 
-    given = options.emulation
-    drift, path = Drift(rate=given.get("drift", 0.0)), options.path_of(design)
-    arguments: dict[str, Any] = {"seed": given.get("seed", 0), "count_parts": "switches" in given}
-    if real_time:
-        clock = arguments["clock"] = PacedClock()
-        start = clock.now()
-        # the board has room temperature now, not when the computer was started
-        drift = replace(drift, start=drift.start - drift.rate * start)
-        path = path and [(start + time, x, y, depth) for time, x, y, depth in path]
+    given, clock = options.emulation, PacedClock() if real_time else VirtualClock()
+    # the board has room temperature now, not when the computer was started
+    drift = Drift(given.get("drift", 0.0))
+    drift = replace(drift, start=drift.start - drift.rate * clock.now())
     oscillator = Oscillator(given["clock_MHz"] * 1e6) if "clock_MHz" in given else Oscillator()
     conditions = Conditions(oscillator, drift, given.get("noise"))
-    return arguments | {"conditions": conditions, "path": path}
+    return {"seed": given.get("seed", 0), "clock": clock, "conditions": conditions}
 
 
 def print_marked(data: Any, parts: Sequence[str | Table], *, as_json: bool, emulated: bool) -> None:
@@ -255,70 +247,30 @@ def marked(text: str, *, emulated: bool) -> str:
 
 def _emulation(texts: Sequence[str]) -> dict[str, Any]:
     """Read the values of --emulate by their keys."""
+    from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK_RANGE
+
+    low, high = (frequency / 1e6 for frequency in INTERNAL_CLOCK_RANGE)
+    allowed: dict[str, tuple[float, float, str]] = {
+        "seed": (0, _LARGEST_SEED, "a whole number, not negative"),
+        "noise": (0, math.inf, "a finite number of at least 0"),
+        "drift": (-math.inf, math.inf, "a finite number"),
+        "clock_MHz": (low, high, f"a finite number from {low:g} to {high:g}"),
+        "press": (0, math.inf, "3 finite numbers, the last of at least 0"),
+    }
     given: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")
-        if key not in _EMULATED or not equals:
-            raise HardwareError(f"--emulate must be KEY=VALUE with a key of {', '.join(_EMULATED)}; got {text!r}.")
-        if key in given or {key, *given} >= {"press", "path"}:
-            raise HardwareError(f"--emulate must give {key} once, and press or path but not both; got {text!r} too.")
-        given[key] = _EMULATED[key](value)
+        if key not in allowed or not equals:
+            raise HardwareError(f"--emulate must be KEY=VALUE with a key of {', '.join(allowed)}; got {text!r}.")
+        if key in given:
+            raise HardwareError(f"--emulate must give {key} once; got {text!r} too.")
+        least, most, words = allowed[key]
+        try:
+            numbers: list[float] = [int(value)] if key == "seed" else [float(part) for part in value.split(",")]
+        except ValueError:
+            numbers = []
+        count = 3 if key == "press" else 1
+        if len(numbers) != count or not least <= numbers[-1] <= most or not all(map(math.isfinite, numbers)):
+            raise HardwareError(f"--emulate {key} must be {words}; got {value!r}.")
+        given[key] = numbers if key == "press" else numbers[0]
     return given
-
-
-def _seed(text: str) -> int:
-    if not (text.isdecimal() and text.isascii() and int(text) < _LARGEST_SEED):
-        raise HardwareError(f"--emulate seed must be a whole number, not negative; got {text!r}.")
-    return int(text)
-
-
-def _clock(text: str) -> float:
-    from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK_RANGE
-
-    low, high = INTERNAL_CLOCK_RANGE
-    return _numbers("clock_MHz", text, (low / 1e6, high / 1e6))[0]
-
-
-def _path(text: str) -> list[tuple[float, ...]]:
-    lines = read_text(Path(text), HardwareError).splitlines()
-    if len(lines) > _LONGEST_PATH:
-        raise HardwareError(f"{text} must have at most {_LONGEST_PATH} lines; got {len(lines)}.")
-    try:
-        head, *rows = list(csv.reader(lines)) or [[]]
-        points = [[float(value) for value in row] for row in rows]
-    except (ValueError, csv.Error) as error:
-        raise HardwareError(f"cannot read {text}: {error}.") from None
-    if [name.strip() for name in head] != _PATH_COLUMNS or any(len(point) != len(_PATH_COLUMNS) for point in points):
-        raise HardwareError(f"{text} must have the columns {', '.join(_PATH_COLUMNS)}.")
-    return [(time, x * 1e-3, y * 1e-3, depth * 1e-3) for time, x, y, depth in points]
-
-
-def _switches(text: str) -> str:
-    if text != "counted":
-        raise HardwareError(f"--emulate switches must be counted; got {text!r}.")
-    return text
-
-
-_EMULATED: dict[str, Callable[[str], Any]] = {
-    "switches": _switches,
-    "seed": _seed,
-    "noise": lambda text: _numbers("noise", text, (0, math.inf))[0],
-    "drift": lambda text: _numbers("drift", text, (-math.inf, math.inf))[0],
-    "clock_MHz": _clock,
-    "press": lambda text: [(0.0, *(value * 1e-3 for value in _numbers("press", text, (0, math.inf), 3)))],
-    "path": _path,
-}
-
-
-def _numbers(key: str, text: str, allowed: tuple[float, float], count: int = 1) -> list[float]:
-    """Read numbers; the last must be in the range that is allowed."""
-    low, high = allowed
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)) or not low <= values[-1] <= high:
-        numbers = "a finite number" if count == 1 else f"{count} finite numbers, the last"
-        limits = f" of at least {low:g}" if high == math.inf else f" from {low:g} to {high:g}"
-        raise HardwareError(f"--emulate {key} must be {numbers}{'' if low == -math.inf else limits}; got {text!r}.")
-    return values

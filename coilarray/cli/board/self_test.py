@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, opened_board, print_marked
-from coilarray.cli.shared import (
-    AsJson,
-    DesignArgument,
-    progress_bar,
-    table_text,
-)
-from coilarray.compute.display_units import number_text
+from coilarray.cli.shared import AsJson, DesignArgument, progress_bar
+from coilarray.compute.display_units import DisplayUnit
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.design.model import Design
+    from coilarray.compute.table import Table
     from coilarray.hardware.board.connect import Board
-    from coilarray.hardware.board.drive_codes import FoundDrive
-    from coilarray.hardware.board.self_test import CoilCheck, SelfTest
+    from coilarray.hardware.board.self_test import SelfTest
 
 _KINDS = {"serial": "serial ports", "linux": "buses of this computer", "ftdi": "adapters"}
 _CHAIN = {
@@ -30,7 +23,6 @@ _CHAIN = {
     "differ": "wired back, does not return what was sent",
     "none": "not wired back, so that a broken data line shows only as coils that do not oscillate",
 }
-_NONE, _ALWAYS = "–", 2  # in the table of the self-test: no value; columns that are always shown
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
@@ -70,10 +62,11 @@ def self_test(
     """
     if only_list and find_drives:
         raise HardwareError("--list cannot be given with --find-drives.")
+    from coilarray.compute.table import text_table
     from coilarray.hardware.board import drive_codes
     from coilarray.hardware.board import self_test as tests
     from coilarray.hardware.board.connect import open_board, wiring_of_board
-    from coilarray.hardware.wire.ports import board_of, parse_port
+    from coilarray.hardware.wire.ports import parse_port
 
     place = parse_port(options.port)
     opened = options.design(design)
@@ -96,15 +89,19 @@ def self_test(
             trying = settings if drives is None else replace(settings, states=states)
             result = tests.self_test(board.reader, board.wiring, trying, progress=progress)
             line = board.line
-    parts = [_ports_text(record["ports"]), line]
-    if record["emulated"] and board_of(place) is None and (left_out := _left_out(opened, options)):
-        parts.append(left_out)
+    parts: list[str | Table] = [
+        *(f"{title}: {', '.join(record['ports'][kind]) or 'none'}" for kind, title in _KINDS.items()),
+        line,
+    ]
     if record["chain"] is not None:
         parts.append(f"end of the chain of switches: {_CHAIN[record['chain']]}")
     if drives is not None:
-        parts.append(_drives_text(drives))
+        codes = ", ".join(f"{name} = {drive.code}" for name, drive in drives.items())
+        rows = [(name, str(one.code), str(one.proposed), ", ".join(one.reasons)) for name, one in drives.items()]
+        parts.append(text_table(("coil", "IDRIVE", "proposed", "not good"), rows))
+        parts.append(f"for the file of --settings: drives = {{ {codes} }}")
     if result is not None:
-        parts.append(_test_text(result))
+        parts += _test_parts(result)
     tried = {
         "drives": None if drives is None else {name: asdict(drive) for name, drive in drives.items()},
         "self_test": result and {"passed": result.passed, **asdict(result)},
@@ -112,20 +109,6 @@ def self_test(
     print_marked(record | tried, parts, as_json=as_json, emulated=record["emulated"])
     if result is not None and not result.passed:
         raise HardwareError(f"the self-test of {options.port} has failed: {result.symptoms[0]}.")
-
-
-def _left_out(design: Design, options: BoardOptions) -> str:
-    """Say that the emulator leaves out the capacitances of the switch part, if the design does."""
-    from coilarray.circuit.impedance import part_switches
-
-    switches = design.circuit.switches
-    if "switches" in options.emulation or part_switches(design).across_coil == switches.across_coil:
-        return ""
-    return (
-        f"switch capacitance across a coil: {switches.across_coil * 1e12:.4g} pF, from the design; with "
-        f"{design.circuit.part} it would be {part_switches(design).across_coil * 1e12:.4g} pF (--emulate "
-        "switches=counted)"
-    )
 
 
 def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
@@ -142,44 +125,41 @@ def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
     }
 
 
-def _ports_text(ports: Mapping[str, tuple[str, ...]]) -> str:
-    return "\n".join(f"{title}: {', '.join(ports[kind]) or 'none'}" for kind, title in _KINDS.items())
+def _test_parts(result: SelfTest) -> list[str | Table]:
+    """Return the table and the findings of a self-test."""
+    from coilarray.compute.table import Column, Table
 
-
-def _drives_text(drives: Mapping[str, FoundDrive]) -> str:
-    rows = [(name, str(drive.code), str(drive.proposed), ", ".join(drive.reasons)) for name, drive in drives.items()]
-    codes = ", ".join(f"{name} = {drive.code}" for name, drive in drives.items())
-    table = table_text(("coil", "IDRIVE", "proposed", "not good"), rows)
-    return f"{table}\nfor the file of --settings: drives = {{ {codes} }}"
-
-
-def _test_text(result: SelfTest) -> str:
-    headers = ("coil", "f in MHz", "reversed", "sensed by", "both ends grounded", "end a", "end b")
-    rows = [_row(check) for check in result.coils]
+    rise = DisplayUnit("10⁻⁶", 1e6, 1)
+    columns = (
+        Column("coil"),
+        Column("f", unit="Hz", shown=DisplayUnit("MHz", 1e-6, 6)),
+        Column("turned", "f reversed", "Hz", DisplayUnit("MHz", 1e-6, 6)),
+        Column("felt_by", "sensed by"),
+        *(
+            Column(end, f"neighbour rises, {text} grounded", "1", rise)
+            for end, text in (("both", "ends"), ("a", "end a"), ("b", "end b"))
+        ),
+    )
+    rows = tuple(
+        (
+            check.coil,
+            *("" if value is None else value for value in (check.frequency, check.turned)),
+            check.felt_by or "",
+            *(check.rises.get(end, "") for end in ("both", "a", "b")),
+        )
+        for check in result.coils
+    )
     # of coils at channels nothing but f is measured
-    kept = [k for k in range(len(headers)) if k < _ALWAYS or any(row[k] != _NONE for row in rows)]
-    title = "rise of the neighbour's frequency in 10⁻⁶" if len(kept) > _ALWAYS else ""
-    parts = [table_text([headers[k] for k in kept], [[row[k] for k in kept] for row in rows], title)]
+    parts: list[str | Table] = [Table("self_test", "", columns, rows).without_empty_columns()]
     if result.passed:
         parts.append("self-test passed: the board agrees with its wiring, as far as the test can show")
-        parts += _listed(
-            "one question is left open; press on a coil in `coilarray board live` to settle it:", result.untested
-        )
+        title = "one question is left open; press on a coil in `coilarray board live` to settle it:"
+        listed = [(title, result.untested)]
     else:
-        parts += _listed("self-test failed:", result.symptoms)
-        parts += _listed("any one of these explains it:", result.findings)
-        parts += [] if result.findings else ["no single known fault explains it"]
-    return "\n".join(parts)
-
-
-def _row(check: CoilCheck) -> tuple[str, ...]:
-    frequencies = (_NONE if f is None else f"{f * 1e-6:.6f}" for f in (check.frequency, check.turned))
-    rises = (number_text(check.rises[end] * 1e6, 1) if end in check.rises else _NONE for end in ("both", "a", "b"))
-    return (check.coil, *frequencies, check.felt_by or _NONE, *rises)
-
-
-def _listed(title: str, lines: tuple[str, ...]) -> list[str]:
-    if not lines:
-        return []
-    more = [f"  … and {len(lines) - _MOST_LINES} more (--json)"] if len(lines) > _MOST_LINES else []
-    return [title, *(f"  {line}" for line in lines[:_MOST_LINES]), *more]
+        listed = [("self-test failed:", result.symptoms), ("any one of these explains it:", result.findings)]
+    for title, lines in listed:
+        more = [f"  … and {len(lines) - _MOST_LINES} more (--json)"] if len(lines) > _MOST_LINES else []
+        parts += [title, *(f"  {line}" for line in lines[:_MOST_LINES]), *more] if lines else []
+    if not (result.passed or result.findings):
+        parts.append("no single known fault explains it")
+    return parts
