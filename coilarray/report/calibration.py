@@ -25,16 +25,13 @@ _ESTIMATED = "estimated"
 
 def ranking_table(result: xr.Dataset) -> Table:
     """Return all combinations of choices with their fits, the most probable first."""
-    relative = {
-        name: (result[name] - result[name][0]).assign_attrs(long_name=f"{text} − best", units="1")
-        for name, text in (("log_evidence", "ln evidence"), ("log_likelihood", "ln likelihood"), ("bic", "BIC"))
-    }
-    names = ("combination", "probability", *relative, "chi_square", "degrees_of_freedom", "noise_scale", "determined")
-    names += ("converged", "evaluations", "problem")
-    shown = dict.fromkeys((*relative, "chi_square", "degrees_of_freedom"), DisplayUnit(digits=2))
+    evidence = (result.log_evidence - result.log_evidence[0]).assign_attrs(long_name="ln evidence − best", units="1")
+    names = ("combination", "probability", "log_evidence", "chi_square", "degrees_of_freedom", "noise_scale")
+    names += ("determined", "converged", "evaluations", "problem")
+    shown = dict.fromkeys(("log_evidence", "chi_square", "degrees_of_freedom"), DisplayUnit(digits=2))
     shown |= {"probability": _FOUR, "noise_scale": DisplayUnit(digits=3), "determined": DisplayUnit(digits=0)}
     shown |= {"evaluations": DisplayUnit(digits=0)}
-    table = dataset_table("ranking", "Combinations", result.assign(relative), names, shown)
+    table = dataset_table("ranking", "Combinations", result.assign(log_evidence=evidence), names, shown)
     return table.without_empty_columns()
 
 

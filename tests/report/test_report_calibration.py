@@ -103,7 +103,7 @@ def test_a_combination_without_a_fit_is_no_number():
     data = calibration("response")
     lost = data.assign({
         name: data[name].where(data.combination == "free")
-        for name in ("log_evidence", "bic", "log_likelihood", "chi_square", "value")
+        for name in ("log_evidence", "chi_square", "value")
     })  # fmt: skip
     lost = lost.assign(problem=("combination", ["", "no contact"]))
     assert isinstance(lost, xr.Dataset)

@@ -188,7 +188,7 @@ def test_a_wide_trace_has_the_least_resistance_where_the_coil_is_used():
     design = file.design
     f = float(scan_design(design, elastomer=False, accuracy="screen").frequency[0])
     chosen, ac, dc = int(file.values["coils.circle.turns_per_layer"]), {}, {}
-    for turns in range(chosen - 1, chosen + 3):
+    for turns in range(chosen - 1, chosen + 2):
         widths = np.geomspace(0.15, 2.0, 9)
         made = [vary(file, {"coils.circle.turns_per_layer": turns, "coils.circle.trace_width_mm": w}) for w in widths
                 if turns * (w + 0.15) + w < 11]  # fmt: skip
@@ -275,7 +275,7 @@ def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold
     assert file.values["coils.hexagon.trace_width_mm"] <= 5
 
 
-@pytest.mark.parametrize("layers", [6, 8])
+@pytest.mark.parametrize("layers", [8])
 def test_the_vias_of_many_layers_have_room_between_the_leads(layers):
     made = new_design("many", "1", inductance=18e-6, layers=layers, elastomer=False)
     assert not [margin for margin in check_rules(made.design.array, made.design.rules) if not margin.kept]

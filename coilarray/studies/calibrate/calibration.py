@@ -26,7 +26,7 @@ from coilarray.paper.published import difference_from_published, published_model
 from coilarray.response.setup import Imperfections
 from coilarray.studies.calibrate.data import Measurement, evaluate_model, imperfections_of, measurement
 from coilarray.studies.calibrate.fit import Fit, Problem, fit, together
-from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, DataTable, Plan, Unknown, separated, simple_plan
+from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, Plan, Unknown, separated, simple_plan
 from coilarray.studies.calibrate.result import Case, Solution, Unsolved, result_dataset, solution
 from coilarray.studies.optimize.space import value_of
 from coilarray.studies.points import SAYS_NOTHING, decisive, run_cached
@@ -150,7 +150,7 @@ def calibrate(
 
         - ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``: the probability of a larger χ² by noise of the
           given size.
-        - ``noise_scale``, ``log_likelihood``, ``bic``, ``log_evidence``, and ``probability`` among the combinations.
+        - ``noise_scale``, ``log_evidence``, and ``probability`` among the combinations.
         - ``determined``: the number of directions that the data determine better than the priors, and ``undetermined``:
           a description of the others, one per line.
         - ``converged``, ``evaluations``, and ``problem``: the reason why a combination has no fit.
@@ -195,7 +195,7 @@ def calibrate(
     fitted = [one for one in cases if isinstance(one, Case)]
     problems = [_problem(case, measured) for case in fitted]
     with open_executor(workers) as executor:
-        fits = _fit_all(fitted, problems, measured, plan.data, executor, store_to_keep(keep), progress)
+        fits = _fit_all(fitted, problems, measured, executor, store_to_keep(keep), progress)
     solved: list[Solution] = []
     unsolved = [one for one in cases if isinstance(one, Unsolved)]
     for case, problem, one in zip(fitted, problems, fits, strict=True):
@@ -280,18 +280,11 @@ def _fit_all(
     cases: Sequence[Case],
     problems: Sequence[Problem],
     measured: Measurement,
-    table: DataTable,
     executor: Executor,
     store: Store | None,
     progress: Progress | None,
 ) -> list[Fit]:
     """Fit all combinations side by side, without evaluations that the store has."""
-    ellipses = measured.request["kind"] == "ellipses"
-    how = {
-        "request": measured.request,
-        "circuit": table.circuit or ("ideal" if ellipses else "full"),
-        "mesh": table.mesh or ("coarse" if ellipses else "fine"),
-    }
     total = sum(2 * len(case.unknowns) + 1 + _GUESSED_STEPS for case in cases)
     starts = [case.changed(case.start)[0] for case in cases]  # an entry that a choice needs may be an unknown
     done = 0
@@ -303,7 +296,13 @@ def _fit_all(
             return f"{cases[k].document['name']}: {error}"
         circuit = any(entry.startswith("circuit.") for one in cases[k].unknowns for entry in one.entry)
         parts = str(store.folder) if store is not None and circuit else ""
-        return {"document": document, "imperfections": imperfections, "start": starts[k], "parts": parts, **how}
+        return {
+            "document": document,
+            "imperfections": imperfections,
+            "start": starts[k],
+            "parts": parts,
+            "request": measured.request,
+        }
 
     driver = together([fit(problem) for problem in problems])
     try:

@@ -203,8 +203,8 @@ def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
     """Evaluate one point of a fit, on a worker.
 
     The item has the ``document`` of the changed design, the ``start`` document of the design with which the fit began,
-    values of ``imperfections`` by name, the ``request`` of a measurement, ``circuit`` and ``mesh`` of the plan, and the
-    folder of ``parts``, which may be empty. The numbers are returned by their place.
+    values of ``imperfections`` by name, the ``request`` of a measurement, and the folder of ``parts``, which may be
+    empty. Ellipses are computed with ideal circuits and a coarse mesh. The numbers are returned by their place.
     """
     document, request = item["document"], item["request"]
     whole = build_design(document, document["name"])
@@ -212,14 +212,14 @@ def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
     plan = tuple(state for state in whole.plan if state.name in wanted)
     design = replace(whole, circuit=replace(whole.circuit, scan=plan))
     ellipses, setup = request["kind"] == "ellipses", indentation_of(design).in_ellipse_window()
-    network: Network | Literal["ideal"] = "ideal" if item["circuit"] == "ideal" else _network(design, item["start"])
+    network: Network | Literal["ideal"] = "ideal" if ellipses else _network(design, item["start"])
     response = response_map(
         design,
         depths=setup.depths[:1] if ellipses else request["depth"],
         x=setup.x if ellipses else request["x"],
         y=setup.y if ellipses else request["y"],
         imperfections=replace(imperfections_of(item["imperfections"]), network=network),
-        accuracy=MapAccuracy(mesh=COARSE) if item["mesh"] == "coarse" else None,
+        accuracy=MapAccuracy(mesh=COARSE) if ellipses else None,
         keep=Store(Path(item["parts"])).dataset if item["parts"] else not_kept,
     )
     return {str(k): value for k, value in enumerate(model_values(response, request).tolist())}

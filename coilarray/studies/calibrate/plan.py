@@ -159,8 +159,8 @@ class DataTable(Table):
     By default all ``states`` are fitted, and of ellipses A, B and the peak. ``noise = "estimated"`` takes the
     deviations as relative and estimates their scale from the residuals. It is the default for ellipses and for a
     response without standard deviations. ``noise = "given"`` trusts them. The noise of a recording is by default known
-    as well as its repeats or baselines determine it. ``circuit = "ideal"`` is without losses and strays, and changes δ
-    by less than 1 %. It is the default for ellipses, with ``mesh = "coarse"``, which is accurate to 1e-3 of δ.
+    as well as its repeats or baselines determine it. Ellipses are computed without losses and strays, which changes δ
+    by less than 1 %, and with a mesh that is accurate to 1e-3 of δ.
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
@@ -181,10 +181,6 @@ class DataTable(Table):
     """Standard deviation of δ of a response that has none of its own."""
     noise: Literal["given", "estimated"] | None = None
     """Whether the standard deviations are trusted, or their scale is estimated from the residuals."""
-    circuit: Literal["full", "ideal"] | None = None
-    """Whether losses and strays are included."""
-    mesh: Literal["fine", "coarse"] | None = None
-    """Mesh of the magnetic layer."""
 
 
 class Plan(Table):

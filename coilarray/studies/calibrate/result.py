@@ -34,16 +34,15 @@ _WEAKEST = 0.15  # of the largest share in a direction: smaller shares are not m
 _FELT = 0.3  # unless they alone change the data by this part of their noise
 _INTERVAL = (0.025, 0.975)
 _FIGURES = (
-    "chi_square", "degrees_of_freedom", "fit_probability", "noise_scale", "log_likelihood", "bic", "log_evidence",
-    "determined", "evaluations",
+    "chi_square", "degrees_of_freedom", "fit_probability", "noise_scale", "log_evidence", "determined", "evaluations",
 )  # fmt: skip
 _SAID = {
     "start": "first guess", "value": "value", "std": "± value", "low": "95 % interval, from",
     "high": "95 % interval, to", "model": "fitted", "before": "as first guessed", "model_std": "± fitted",
     "residual": "fitted less measured, in standard deviations", "chi_square": "χ²",
     "degrees_of_freedom": "degrees of freedom", "fit_probability": "probability of a larger χ²",
-    "noise_scale": "scale of the noise", "log_likelihood": "ln likelihood", "bic": "BIC",
-    "log_evidence": "ln evidence", "determined": "directions that the data determine", "evaluations": "evaluations",
+    "noise_scale": "scale of the noise", "log_evidence": "ln evidence",
+    "determined": "directions that the data determine", "evaluations": "evaluations",
 }  # fmt: skip
 
 
@@ -133,13 +132,11 @@ class Solution:
     fit: Fit
     covariance: FloatArray
     draws: FloatArray
-    log_likelihood: float
     log_evidence: float
-    bic: float
 
 
 def solution(case: Case, problem: Problem, found: Fit) -> Solution:
-    """Return posterior, likelihood and evidence of a fit."""
+    """Return posterior and evidence of a fit."""
     curvature = information(problem, found)
     covariance = np.linalg.inv(curvature)
     covariance = (covariance + covariance.T) / 2
@@ -147,40 +144,26 @@ def solution(case: Case, problem: Problem, found: Fit) -> Solution:
     draws, inside = bounded_normal(
         found.point - pull, covariance, problem.low, problem.high, DRAWS, problem.scale_freedom
     )
-    likelihood, marginal = _likelihoods(problem, found)
     shift = float(gradient(problem, found) @ pull) / 2
     volume = (len(found.point) * np.log(2 * np.pi) + float(np.linalg.slogdet(covariance)[1])) / 2
-    evidence = marginal + _log_prior(problem, found.point) + shift + volume + inside
-    count = len(found.point) + (problem.noise_freedom == 0)
-    bic = count * np.log(problem.numbers) - 2 * likelihood
-    return Solution(case, problem, found, covariance, draws, likelihood, evidence, float(bic))
+    evidence = _log_likelihood(problem, found) + _log_prior(problem, found.point) + shift + volume + inside
+    return Solution(case, problem, found, covariance, draws, evidence)
 
 
-def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
-    """Log-likelihoods of the data at the best scale of the noise, and averaged over scales.
+def _log_likelihood(problem: Problem, found: Fit) -> float:
+    """Log-likelihood of the data, averaged over the scales of the noise unless it is given.
 
-    If the noise is given, both are equal. Otherwise the square of the scale has the scaled inverse χ² prior with
-    `noise_freedom`. Its limit is 1/s² if nothing is known.
+    The square of the scale has the scaled inverse χ² prior with `noise_freedom`. Its limit is 1/s² if nothing is known.
     """
     r, n, known = problem.residuals(found.values), problem.numbers, problem.noise_freedom
     square = float(r @ r)
     constant = -float(problem.weight @ np.log(np.sqrt(2 * np.pi) * problem.std))
     if np.isinf(known):
-        return constant - square / 2, constant - square / 2
+        return constant - square / 2
     square = max(square, n * problem.least_scale**2)
-    scale = (square + known) / (n + known)
-    best = constant - n / 2 * np.log(scale) - square / scale / 2
     averaged = constant + float(gammaln((n + known) / 2)) - (n + known) / 2 * np.log((square + known) / 2)
     averaged += known / 2 * np.log(known / 2) - float(gammaln(known / 2)) if known else -np.log(2)
-    return float(best), float(averaged)
-
-
-def _fit_probability(problem: Problem, square: float) -> float:
-    """Probability of a larger χ² by noise alone, NaN if only the data tell its size."""
-    freedom, known = max(problem.freedom, 1e-9), problem.noise_freedom
-    if np.isinf(known):
-        return float(chi2.sf(square, freedom))
-    return float(f.sf(square / freedom, freedom, known)) if known else np.nan
+    return float(averaged)
 
 
 def _log_prior(problem: Problem, point: FloatArray) -> float:
@@ -210,18 +193,13 @@ def _undetermined(row: Solution) -> list[str]:
             continue
         direction = either * np.sign(either[int(np.argmax(np.abs(either)))])
         size, felt = np.abs(direction), np.abs(direction) * np.linalg.norm(rows, axis=0)
-        order = [k for k in np.argsort(-size) if size[k] >= _WEAKEST * size.max() or felt[k] >= _FELT]
-        parts = [
-            f"{row.case.names[k]} by {direction[k] * prior[k]:+.3g} {_unit(row.case.names[k])}".rstrip() for k in order
-        ]
+        shown = [k for k in np.argsort(-size) if size[k] >= _WEAKEST * size.max() or felt[k] >= _FELT]
+        order = [(k, row.case.names[k]) for k in shown]
+        units = {name: "" if entry_unit(name) == "1" else entry_unit(name) for name in row.case.names}
+        parts = [f"{name} by {direction[k] * prior[k]:+.3g} {units[name]}".rstrip() for k, name in order]
         noises = np.sqrt(max(float(square), 0.0))
         said.append(f"{' with '.join(parts)}: changes the data by {noises:.2g} of their noise")
     return said
-
-
-def _unit(entry: str) -> str:
-    unit = entry_unit(entry)
-    return "" if unit == "1" else unit
 
 
 def result_dataset(
@@ -257,17 +235,17 @@ def result_dataset(
         for key, values in zip(numbers, given, strict=True):
             numbers[key][i] = values
         r = problem.residuals(row.fit.values)
-        square = float(r @ r)
+        square, freedom, noise = float(r @ r), max(problem.freedom, 1e-9), problem.noise_freedom
+        odds = np.nan  # of a larger χ² by noise alone, if the data tell its size
+        if np.isinf(noise):
+            odds = float(chi2.sf(square, freedom))
+        elif noise:
+            odds = float(f.sf(square / freedom, freedom, noise))
         direct = _undetermined(row)
         said[i] = "\n".join(direct)
-        odds = _fit_probability(problem, square)
-        likelihood = (row.log_likelihood, row.bic, row.log_evidence)
         determined = len(row.case.names) - len(direct)
-        for key, value in zip(
-            _FIGURES,
-            (square, problem.freedom, odds, row.fit.scale, *likelihood, determined, row.fit.evaluations),
-            strict=True,
-        ):
+        found = (square, problem.freedom, odds, row.fit.scale, row.log_evidence, determined, row.fit.evaluations)
+        for key, value in zip(_FIGURES, found, strict=True):
             figures[key][i] = value
     solved = [isinstance(row, Solution) for row in rows]
     reasons = [row.reason if isinstance(row, Unsolved) else "" for row in rows]
