@@ -11,6 +11,7 @@ import pytest
 from support.refusals import refused
 
 import coilarray as ca
+from coilarray import geometry
 from coilarray.design.bundled import read
 from coilarray.design.model import build_design
 from coilarray.errors import DesignError
@@ -51,9 +52,9 @@ def test_a_design_with_plates_is_that_of_its_document_and_of_its_file(tmp_path: 
     plates = (
         ca.Plate("copper pour", -1e-2 / 3, 35e-6, Material("magnetic", 0.0, 9.0)),
         ca.FinitePlate("disc", ca.Disc(1e-2 / 3), (1e-3, -2e-3, 9e-3), 1e-3, metal, 0.1, 2.0),
-        ca.FinitePlate("ring", ca.Ring(4e-3, 2e-3), (0, 0, 20e-3), 1e-3, metal),
+        ca.FinitePlate("ring", geometry.Ring(4e-3, 2e-3), (0, 0, 20e-3), 1e-3, metal),
         ca.FinitePlate("box", ca.Rectangle(4e-3, 2e-3), (0, 0, 30e-3), 1e-3, metal),
-        ca.FinitePlate("piece", ca.Polygon(corners, (hole,)), (0, 0, 40e-3), 1e-3, ca.MATERIALS["copper"]),
+        ca.FinitePlate("piece", geometry.Polygon(corners, (hole,)), (0, 0, 40e-3), 1e-3, ca.MATERIALS["copper"]),
     )
     design = replace(ca.load_design("starter"), plates=plates, indentation=None)
     again = build_design(ca.design_document(design))

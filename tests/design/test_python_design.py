@@ -17,6 +17,7 @@ from support.boards import VIA as BOARD_VIA
 from support.refusals import refused
 
 import coilarray as ca
+from coilarray import geometry
 from coilarray.design.bundled import names
 from coilarray.design.model import build_design, build_design_file
 from coilarray.design.write import as_file, design_text
@@ -40,7 +41,7 @@ def gast2020_in_python():
     magnetic = ca.Sheet(
         "magnetic", 2e-3, file["elastomer.1.relative_permeability"], file["elastomer.1.youngs_modulus_kPa"] * 1e3
     )
-    seat = ca.Seat(file["indentation.seat_stiffness_kPa_per_mm"] * 1e6)
+    seat = geometry.Seat(file["indentation.seat_stiffness_kPa_per_mm"] * 1e6)
     x, y = (tuple(k * 2e-3 for k in range(first, last + 1)) for first, last in ((-13, 33), (-7, 7)))
     switches = ca.Switches(on_resistance=file["circuit.short_resistance_ohm"] / 2)
     return ca.Design(
@@ -65,7 +66,7 @@ def awkward():
         ca.PlatedHole(0.25e-3, 0.5e-3, 20e-6),
         ca.PlatedHole(0.5e-3, 1e-3, 30e-6),
     )
-    leads = ca.Leads(2e-3, 1.5e-3, ca.PlatedHole(0.5e-3, 1e-3, 30e-6))
+    leads = geometry.Leads(2e-3, 1.5e-3, ca.PlatedHole(0.5e-3, 1e-3, 30e-6))
     built = {"winding": "cw", "layers": 3, "leads": leads, "return_lead": True}
     circle = round_spiral(20e-3 / 3, 5, 0.1e-3, 0.1e-3, direction=0.1, **built).coil()
     square = ca.Coil(tapered.lines, tapered.widths, tapered.gap, VIA, None, np.array([[0, 0], [5e-3, 0], [5e-3, 4e-3]]))
@@ -82,7 +83,7 @@ def awkward():
         ca.Array(FOUR_LAYERS, placements, 0.5e-3, through_holes=False),
         (ca.Sheet("soft", 1e-2 / 3, youngs_modulus=1e5 / 3),),
         ca.Indentation(
-            ca.Cone(1.0, 2e-3), (0.1e-3, 0.3e-3), (-1e-3, 0.0, 5e-3), (0.7e-3,), ca.Seat(1e7 / 3, 2e5),
+            geometry.Cone(1.0, 2e-3), (0.1e-3, 0.3e-3), (-1e-3, 0.0, 5e-3), (0.7e-3,), geometry.Seat(1e7 / 3, 2e5),
             origin_point=(1e-3 / 7, 2e-3), sample_radius=30e-3, sample_bounds=(-40e-3, -20e-3, 40e-3, 20e-3),
             ellipse_bounds=(-7e-3, -6e-3, 7e-3, 6e-3),
             strain="linear",

@@ -20,8 +20,9 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipk
 from support.references import polygon
 
-from coilarray import grid_points, magnetic_field, mutual_inductance, vector_potential
+from coilarray import magnetic_field, mutual_inductance, vector_potential
 from coilarray.constants import MU_0
+from coilarray.electromagnetics.field import grid_points
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 

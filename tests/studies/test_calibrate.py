@@ -11,7 +11,7 @@ import xarray as xr
 from scipy.stats import multivariate_normal, norm
 from support.contacts import coarse_maps, first_coils_design
 
-from coilarray import calibrate, load_design, load_plan
+from coilarray import calibrate, load_design
 from coilarray.compute.store import open_store
 from coilarray.design.model import build_design
 from coilarray.errors import GoalError, LocalizeError
@@ -22,7 +22,7 @@ from coilarray.studies.calibrate import calibration
 from coilarray.studies.calibrate.calibration import calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.data import measurement
 from coilarray.studies.calibrate.fit import Problem, fit, information, together
-from coilarray.studies.calibrate.plan import DataTable, check_plan
+from coilarray.studies.calibrate.plan import DataTable, check_plan, load_plan
 from coilarray.studies.calibrate.result import bounded_normal
 
 PAPER = load_design("gast2020")

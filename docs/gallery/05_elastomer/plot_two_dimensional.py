@@ -9,10 +9,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import coilarray as ca
+from coilarray.paper.two_dimensional import line_response
 
 design = ca.load_design("gast_fem")
 x = np.linspace(-15e-3, 15e-3, 31)
-line = ca.line_response(design, depths=[1e-3], x=x)
+line = line_response(design, depths=[1e-3], x=x)
 full = ca.response_map(design, depths=[1e-3], x=x, y=[0.0])
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 ax.plot(x * 1e3, np.ravel(line.delta) * 1e4, label="two dimensions")
