@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -13,7 +13,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.compute.files import writing
-from coilarray.errors import BoardError, DesignError, OutputError
+from coilarray.errors import BoardError, CoilarrayError, DesignError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,40 +26,42 @@ if TYPE_CHECKING:
     from coilarray.fabrication.tracing import TracedArray, Tracing
 
 
-_FIT, _BESIDE, _DECOUPLED, _ANY, _NONE = "fit", "side by side", "decoupled", "any", "none"
-
-
 def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
     """Ask for the choices of a new design, and check each answer."""
     from coilarray.design import fabs
     from coilarray.studies.create import LONG_SHAPES, Choices, read_arrangement
 
-    def checked_coils(text: str) -> str:
-        read_arrangement(text)
-        return text
+    chosen: dict[str, Any] = {}
 
-    def checked_size(text: str) -> str:
-        Choices(**in_si({"shape": shape, "size_mm": text}))
-        return text
+    def ask(question: str, default: str, key: str, **words: dict[str, str]) -> None:
+        """Ask until the answer is one of the words, which stand for other choices, or a choice that can be."""
+        while True:
+            answer = typer.prompt(question, default=default).strip()
+            if (found := words.get(answer.replace(" ", "_"))) is not None:
+                chosen.update(found)
+                return
+            try:
+                value = float(answer) if key in ("inductance_uH", "pitch_mm") else answer
+                checked = Choices(**in_si({**chosen, key: value}))
+                _ = checked.arrangement, checked.layers_of_fab  # which check coils and board house
+            except (ValueError, CoilarrayError) as error:
+                typer.echo(f"  {error}")
+            else:
+                chosen[key] = value
+                return
 
     typer.echo("A new design. Press Return for the value in brackets.")
-    coils = _ask("Coils: 1, 6 (a row), 4x4 (columns by rows), 3-hex or 7-hex", str(Choices.coils), checked_coils)
-    shape = _ask(f"Shape: {', '.join(shapes)}", Choices.shape, _one_of(shapes))
-    chosen = {"coils": coils, "shape": shape}
-    sides = "Width x height" if shape in LONG_SHAPES else "Width"
-    usual = "x".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(shape=shape).sides))
-    chosen["size_mm"] = _ask(f"{sides} of a coil in mm", usual, checked_size)
-    chosen |= _ask("Inductance in µH, or as many turns as fit", _FIT, _number_or("inductance_uH", {_FIT: {}}))
-    if read_arrangement(coils).lattice != "single":
-        beside = {_BESIDE: {}, _DECOUPLED: {"overlap": _DECOUPLED}}
-        chosen |= _ask(f"Pitch in mm, {_BESIDE}, or {_DECOUPLED} by overlap", _BESIDE, _number_or("pitch_mm", beside))
-    at = (_NONE, *edges)
-    edge = _ask(f"Leads of all coils to a connector at an edge: {', '.join(at)}", _NONE, _one_of(at))
-    if edge != _NONE:
-        chosen["connector"] = edge
-    fab = _ask(f"Board house: {_ANY}, {', '.join(fabs.names())}", _ANY, _one_of((_ANY, *fabs.names())))
-    if fab != _ANY:
-        chosen["fab"] = fab
+    ask("Coils: 1, 6 (a row), 4x4 (columns by rows), 3-hex or 7-hex", str(Choices.coils), "coils")
+    ask(f"Shape: {', '.join(shapes)}", Choices.shape, "shape")
+    sides = "Width x height" if chosen["shape"] in LONG_SHAPES else "Width"
+    usual = "x".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(shape=chosen["shape"]).sides))
+    ask(f"{sides} of a coil in mm", usual, "size_mm")
+    ask("Inductance in µH, or as many turns as fit", "fit", "inductance_uH", fit={})
+    if read_arrangement(chosen["coils"]).lattice != "single":
+        how = "Pitch in mm, side by side, or decoupled by overlap"
+        ask(how, "side by side", "pitch_mm", side_by_side={}, decoupled={"overlap": "decoupled"})
+    ask(f"Leads of all coils to a connector at an edge: none, {', '.join(edges)}", "none", "connector", none={})
+    ask(f"Board house: any, {', '.join(fabs.names())}", "any", "fab", any={})
     chosen["elastomer"] = typer.confirm("A magnetic elastomer on the board", default=Choices.elastomer)
     return chosen
 
@@ -74,42 +76,6 @@ def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
         name, scale = key_in_si(key)
         choices[name] = read_size(value) if key == "size_mm" else value if scale == 1 else value * scale
     return choices
-
-
-def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
-    """Ask until the answer can be read."""
-    while True:
-        answer = typer.prompt(question, default=default).strip()
-        try:
-            return read(answer)
-        except DesignError as error:
-            typer.echo(f"  {error}")
-
-
-def _one_of(words: Sequence[str]) -> Callable[[str], str]:
-    def read(text: str) -> str:
-        if text not in words:
-            raise DesignError(f"{text!r} is not one of {', '.join(words)}.")
-        return text
-
-    return read
-
-
-def _number_or(option: str, words: dict[str, dict[str, str]]) -> Callable[[str], dict[str, Any]]:
-    """Return a reader of a number, or of a word for other options."""
-    from coilarray.studies.create import Choices
-
-    def read(text: str) -> dict[str, Any]:
-        if text in words:
-            return words[text]
-        try:
-            choice = {option: float(text)}
-        except ValueError:
-            raise DesignError(f"{text!r} is neither a number nor one of {', '.join(words)}.") from None
-        Choices(**in_si(choice))
-        return choice
-
-    return read
 
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
@@ -273,25 +239,18 @@ def _copy(name: str, target: Path) -> _Told:
 
 def _create(target: Path, chosen: dict[str, Any]) -> _Told:
     """Write a design from choices."""
-    from coilarray.design.write import save_design
+    from coilarray.design.write import design_names, save_design
+    from coilarray.studies.create import new_design
 
     if not chosen:
         asking = sys.stdin.isatty() and sys.stdout.isatty()
         chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {}
     with shared.progress_bar("layers, winding, pitch, terminals and tank"):
-        made = _made(target.stem, chosen)
+        made = new_design(design_names([target.stem])[target.stem], **in_si(chosen))
     with shared.progress_bar("states") as progress:
         described = _described(made, chosen, progress)  # with what is refused before it is written
     save_design(made, target)
     return [f"wrote {target}: {made.design.title}", *described], {"title": made.design.title, "notes": described}
-
-
-def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
-    """Make the design of the choices."""
-    from coilarray.design.write import design_names
-    from coilarray.studies.create import new_design
-
-    return new_design(design_names([name])[name], **in_si(chosen))
 
 
 def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) -> list[str]:

@@ -135,11 +135,12 @@ def _print_dent(
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
     from coilarray.circuit.coupling import provenance
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.report.response_tables import indentation_table
     from coilarray.response.setup import contact_at, indentation_of
 
-    opened = load_design(name)
+    file = load_design_file(name)
+    opened = file.design
     setup = indentation_of(opened)
     result = contact_at(setup, opened.sheets, depths or setup.depths).assign_attrs(provenance(opened))
     how = f"{setup.indenter.name}, base {setup.base}, {setup.strain} strain"
@@ -149,9 +150,11 @@ def _print_dent(
     lines = []
     if setup.sample_bounds is not None:
         lines.append("The sample counts as wide here, on an even seat that holds it. Responses include sides and seat.")
+    assumed = {key: why for key, why in file.assumed.items() if key.startswith(("elastomer.", "indent"))}
+    lines += [f"assumed: {key} = {file.values[key]}: {why}" for key, why in assumed.items()]
     data = {
         **shared.design_record(opened), "indenter": setup.indenter.name, "base": str(setup.base),
-        "strain": setup.strain, "dents": table.records(),
+        "strain": setup.strain, "dents": table.records(), "assumed": assumed,
     }  # fmt: skip
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=(out, plot))
 

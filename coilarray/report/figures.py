@@ -33,10 +33,6 @@ if TYPE_CHECKING:
 
 _SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
 _DPI = 130
-_RIM = 0.1  # inches of white around a picture
-_WHITE = 0xFFFFFFFF  # a pixel of four bytes
-_BESIDE = (1.5, 4.0, 1.2, 1.0)  # inches at the left, at the right, below and above a single pair of axes
-_AXES_PART = 0.84  # of a figure's width and height
 
 
 def board_picture(design: Design) -> list[Picture]:
@@ -64,74 +60,9 @@ def board_page(design: Design) -> str | None:
         return None
 
 
-def copper_pictures(design: Design) -> list[Picture]:
-    """Show the copper of every layer that has any."""
-    array = design.array
-    used = [layer for layer in array.stackup.names if any(layer in place.layers for place in array.placements)]
-    return [draw(f"copper_{layer}", f"Copper of layer {layer}.", viz.plot_copper(array, layer)) for layer in used]
-
-
-def effective_inductance_picture(coupling: xr.Dataset) -> list[Picture]:
-    """Draw L with the others open, and as terminated."""
-    caption = "Inductance of each coil with all others open, and with the others as terminated."
-    return [draw("effective_inductance", caption, viz.plot_effective_inductance(coupling))]
-
-
-def matrix_pictures(coupling: xr.Dataset) -> list[Picture]:
-    """Draw heat maps of k and L."""
-    inductance = "Mutual inductance of the pairs, and for few coils the self-inductance on the diagonal."
-    return [
-        draw("coupling", "Coupling coefficients k = M/√(L L).", viz.plot_coupling(coupling)),
-        draw("inductance", inductance, viz.plot_inductance(coupling)),
-    ]
-
-
-def current_picture(coupling: xr.Dataset) -> list[Picture]:
-    """Draw the currents of the passive coils."""
-    caption = "Current in each passive coil per ampere in the active one."
-    return [draw("currents", caption, viz.plot_currents(coupling))]
-
-
-def field_line_picture(design: Design, active: str, line: dict[str, xr.Dataset]) -> list[Picture]:
-    """Draw B_z along a line through the active coil."""
-    across = _outline(design, active)[:, 0]
-    caption = f"B_z along x through {active}, {_field_words(design)}."
-    drawn = viz.plot_field_lines(line, coil=(float(across.min()), float(across.max())))
-    return [draw("field_line", caption, drawn)]
-
-
-def field_map_pictures(design: Design, active: str, plane: dict[str, xr.Dataset]) -> list[Picture]:
-    """Draw B_z on a plane above the board, a picture for each entry."""
-    outlines = [_outline(design, name) for name in design.array.names]
-    captions = {
-        label: f"B_z of {active} {_field_words(design)}, per ampere{'' if len(plane) == 1 else f': {label}'}."
-        for label in plane
-    }
-    return [
-        draw(f"field_map_{k}", captions[label], viz.plot_field_map(field, outlines=outlines))
-        for k, (label, field) in enumerate(plane.items())
-    ]
-
-
-def _field_words(design: Design) -> str:
-    where = "beside the plates" if design.plates else "in free space"
-    return f"{design.field_height * 1e3:g} mm above the board, {where}"
-
-
-def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
-    """Draw apparent inductance and resistance over frequency."""
-    return [
-        draw(
-            "apparent_inductance",
-            "Apparent inductance Im Z/ω of every state over frequency, tank capacitor left out.",
-            viz.plot_frequency_sweep(sweep, "apparent_inductance"),
-        ),
-        draw(
-            "resistance",
-            "Effective resistance Re Z of every state over frequency, tank capacitor left out.",
-            viz.plot_frequency_sweep(sweep, "impedance_real"),
-        ),
-    ]
+def plotted(plot: str, name: str, caption: str, *arguments: Any, **options: Any) -> list[Picture]:
+    """Draw a picture by a function of `coilarray.viz`, given by its name."""
+    return [draw(name, caption, getattr(viz, plot)(*arguments, **options))]
 
 
 def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
@@ -140,21 +71,12 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
     caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
     pictures = [draw("dent_section", caption, viz.plot_dent(indentation, indenter))]
     if viz.rendering_problem() is None:
-        outline = _outline(design, coil)
+        outline = board_outlines(design)[coil]
         x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
         caption = f"The deformed sheets over {coil}, {deepest}; a quarter is cut out."
         scene = viz.dent_scene(design.array, design.sheets, indentation, indenter, centre=(x, y))
         pictures.append(_render("dent", caption, scene, "cut"))
     return [*pictures, draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation))]
-
-
-def response_map_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
-    """Draw δ as maps with the outlines of the coils, none for a single row of places."""
-    if min(response.sizes["x"], response.sizes["y"]) == 1:
-        return []
-    deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
-    caption = f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils."
-    return [draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response)))]
 
 
 def response_line_pictures(response: xr.Dataset) -> list[Picture]:
@@ -173,27 +95,6 @@ def response_line_pictures(response: xr.Dataset) -> list[Picture]:
     return pictures
 
 
-def target_pictures(design: Design, target: xr.Dataset) -> list[Picture]:
-    """Draw the effect of a target over its distance, and as maps."""
-    caption = (
-        "|δ|, inductance, quality factor and frequency of the states over the distance of the target, where it moves "
-        "each the most; dotted: the noise of δ, and the values without the target."
-    )
-    found = [draw("target", caption, viz.target_figure(target))]
-    if min(target.sizes["x"], target.sizes["y"]) > 1:
-        least = f"{float(target.distance[0]) * 1e3:g} mm"
-        caption = f"δ of each state over the place of the target, {least} away, with the outlines of the coils."
-        found.append(draw("target_maps", caption, viz.response_figure(target, map_outlines(design, target))))
-    return found
-
-
-def bounds_picture(design: Design, bounds: xr.Dataset) -> list[Picture]:
-    """Draw the standard deviation of a position on the board."""
-    outlines = [_outline(design, name) for name in design.array.names]
-    caption = "Least standard deviation of a located position over the board, grey where it cannot be determined."
-    return [draw("position_bounds", caption, viz.identifiability_figure(bounds, outlines))]
-
-
 def ellipse_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
     """Draw A, B and x0 of the middle coil over δ, and two ellipses that intersect."""
     names = positions.model.names
@@ -209,20 +110,6 @@ def ellipse_pictures(design: Design, positions: MapPositions, published: Ellipse
     fitted = f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}."
     crossed = f"Ellipses for the readings at {at}. They meet where the indenter may be."
     return [draw("ellipse_parameters", fitted, parameters), draw("ellipses", crossed, ellipses)]
-
-
-def position_error_picture(design: Design, positions: MapPositions) -> list[Picture]:
-    """Draw the error of x over the map."""
-    outlines = [_outline(design, name) for name in design.array.names]
-    caption = "Error of x (found − true) over the map; grey where the model has no position."
-    return [draw("x_error", caption, viz.plot_x_error(positions.error, outlines=outlines))]
-
-
-def distortion_picture(distortion: xr.Dataset) -> list[Picture]:
-    """Draw the motion of x0 with δ and its causes."""
-    bands = "; bands: two standard deviations of the calibration" if "x0_std" in distortion else ""
-    caption = f"Left: x0 over δ as predicted and as published. Right: what x0 loses without each cause{bands}."
-    return [draw("distortion", caption, viz.distortion_figure(distortion))]
 
 
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
@@ -244,13 +131,12 @@ def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
     """Outline of every coil in m from the origin of a map, each of shape (m, 2)."""
     shifts = np.column_stack((response.coil_x, response.coil_y)) - design.array.centres
-    return [_outline(design, name) + shift for name, shift in zip(design.array.names, shifts, strict=True)]
+    return [outline + shift for outline, shift in zip(board_outlines(design).values(), shifts, strict=True)]
 
 
-def _outline(design: Design, coil: str) -> FloatArray:
-    """Corners of a coil's outline in m on the board."""
-    place = design.array.placements[design.array.names.index(coil)]
-    return place.to_board(place.coil.outline)
+def board_outlines(design: Design) -> dict[str, FloatArray]:
+    """Corners of every coil's outline in m on the board, each of shape (m, 2)."""
+    return {place.name: place.to_board(place.coil.outline) for place in design.array.placements}
 
 
 def _render(name: str, caption: str, scene: viz.Scene, side: Side = "oblique") -> Picture:
@@ -266,13 +152,8 @@ def draw(name: str, caption: str, drawn: Axes | Figure) -> Picture:
 
 
 def png_of(drawn: Axes | Figure) -> bytes:
-    """Draw a figure without its white rim, and close it.
-
-    Matplotlib's own tight box would draw it twice.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    """Draw a figure without its white rim, and close it."""
     from matplotlib.figure import Figure
-    from PIL import Image
 
     from coilarray.viz.plots.style import close
 
@@ -280,38 +161,5 @@ def png_of(drawn: Axes | Figure) -> bytes:
     assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
     close(figure)
     buffer = io.BytesIO()
-    figure.set_dpi(_DPI)
-    _lay_out(figure)
-    canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
-    canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())
-    inked = pixels.view(np.uint32)[..., 0] != _WHITE
-    if any(edge.any() for edge in (inked[0], inked[-1], inked[:, 0], inked[:, -1])):  # it may extend beyond the figure
-        figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
-        return buffer.getvalue()
-    rim = round(_RIM * _DPI)
-    rows, columns = (np.flatnonzero(inked.any(axis=k)) for k in (1, 0))
-    cut = tuple(slice(max(0, at[0] - rim), at[-1] + 1 + rim) for at in (rows, columns))
-    # Matplotlib's own imsave would first search the pixels for colours, which takes as long
-    Image.fromarray(np.ascontiguousarray(pixels[cut][..., :3])).save(
-        buffer, format="png", dpi=(_DPI, _DPI), compress_level=3
-    )
+    figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight", pil_kwargs={"compress_level": 3})
     return buffer.getvalue()
-
-
-def _lay_out(figure: Figure) -> None:
-    """Lay out single axes with a rim for their labels.
-
-    Matplotlib's layout measures every text first, which takes as long as drawing. Several axes need it.
-    """
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    if len(figure.axes) != 1 or not isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
-        return
-    (axes,), (width, height) = figure.axes, figure.get_size_inches().tolist()
-    left, right, low, high = _BESIDE
-    share = _AXES_PART
-    figure.set_layout_engine("none")
-    figure.set_size_inches(width + left + right, height + low + high)
-    whole = figure.get_size_inches()
-    axes.set_position((left / whole[0], low / whole[1], share * width / whole[0], share * height / whole[1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import xarray as xr
 
 from coilarray.circuit.coupling import couple_design, design_inductance, operating_field, provenance, terminations_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
@@ -69,6 +70,22 @@ class Results:
     def draw(self, function: Callable[..., list[Picture]], *arguments: object) -> Future[list[Picture]]:
         """Draw pictures in the other process."""
         return self._drawing.submit(function, *arguments)
+
+    def plot(self, plot: str, name: str, caption: str, *arguments: object, **options: object) -> Future[list[Picture]]:
+        """Draw a picture by a function of `coilarray.viz`, given by its name."""
+        return self.draw(partial(figures.plotted, **options), plot, name, caption, *arguments)
+
+    def maps(self, name: str, where: str, response: xr.Dataset) -> tuple[Future[list[Picture]], ...]:
+        """Draw δ as maps with the outlines of the coils, none for a single row of places."""
+        if min(response.sizes["x"], response.sizes["y"]) == 1:
+            return ()
+        caption = f"δ of each state over the {where}, with the outlines of the coils."
+        return (self.plot("response_figure", name, caption, response, figures.map_outlines(self.design, response)),)
+
+    @property
+    def outlines(self) -> list[FloatArray]:
+        """Corners of every coil's outline in m on the board."""
+        return list(figures.board_outlines(self.design).values())
 
     @cached_property
     def margins(self) -> Sequence[Margin]:
@@ -140,7 +157,13 @@ class Results:
 
 
 def _copper(r: Results) -> Section:
-    return Section("Copper", (Group("pairs", (r.draw(figures.copper_pictures, r.design),)),))
+    array = r.design.array
+    used = [layer for layer in array.stackup.names if any(layer in place.layers for place in array.placements)]
+    return Section("Copper", (
+        Group("pairs", tuple(
+            r.plot("plot_copper", f"copper_{layer}", f"Copper of layer {layer}.", array, layer) for layer in used
+        )),
+    ))  # fmt: skip
 
 
 def _indentation(r: Results) -> Section | None:
@@ -187,7 +210,8 @@ def _coils(r: Results) -> Section:
             f"{' to '.join(shares)}\u00a0% of L{pairs}."
         )
     if r.several:
-        blocks.append(r.draw(figures.effective_inductance_picture, coupling))
+        caption = "Inductance of each coil with all others open, and with the others as terminated."
+        blocks.append(r.plot("plot_effective_inductance", "effective_inductance", caption, coupling))
     return Section("Coils", tuple(blocks), (full, r.pairs))
 
 
@@ -196,9 +220,14 @@ def _coupling(r: Results) -> Section | None:
         return None
     coupling = r.coupling.result()
     beside = "two" if len(r.design.array.names) <= _MANY else "pairs"
+    L = "Mutual inductance of the pairs, and for few coils the self-inductance on the diagonal."
+    currents = "Current in each passive coil per ampere in the active one."
     return Section("Coupling", (
-        Group(beside, (r.draw(figures.matrix_pictures, coupling),)),
-        r.draw(figures.current_picture, coupling),
+        Group(beside, (
+            r.plot("plot_coupling", "coupling", "Coupling coefficients k = M/√(L L).", coupling),
+            r.plot("plot_inductance", "inductance", L, coupling),
+        )),
+        r.plot("plot_currents", "currents", currents, coupling),
         Details("All pairs", (r.pairs.brief(),)),
     ), (r.pairs,))  # fmt: skip
 
@@ -206,14 +235,26 @@ def _coupling(r: Results) -> Section | None:
 def _field(r: Results) -> Section:
     line, plane = r.fields = _fields(r.design, r.coupling.result(), r.active)
     where = "Beside the plates" if r.design.plates else "In free space"
+    height = f"{r.design.field_height * 1e3:g} mm above the board, {where[0].lower()}{where[1:]}"
+    across = r.outlines[r.design.array.names.index(r.active)][:, 0]
     sheets = ""
     if r.sheet_share["most"] > 0:
         sheets = " The field is computed without the magnetic sheets"
         sheets += ", which change the currents of the other coils." if r.several else "."
     return Section("Field", (
         f"{where}, in phase with the current of {r.active}.{sheets}",
-        r.draw(figures.field_line_picture, r.design, r.active, line),
-        Group("pairs", (r.draw(figures.field_map_pictures, r.design, r.active, plane),)),
+        r.plot(
+            "plot_field_lines", "field_line", f"B_z along x through {r.active}, {height}.", line,
+            coil=(float(across.min()), float(across.max())),
+        ),
+        Group("pairs", tuple(
+            r.plot(
+                "plot_field_map", f"field_map_{k}",
+                f"B_z of {r.active} {height}, per ampere{f': {label}' if len(plane) > 1 else ''}.", field,
+                outlines=r.outlines,
+            )
+            for k, (label, field) in enumerate(plane.items())
+        )),
         Details("Values along the line", (tables.line_table(line),)),
     ))  # fmt: skip
 
@@ -232,7 +273,14 @@ def _circuit_section(r: Results) -> Section:
     if line := circuit_tables.close_line(r.close_states):
         blocks.append(line)
     blocks += [shown, *_elastomer_words(shown)]
-    blocks.append(Group("two", (r.draw(figures.sweep_pictures, sweep),)))
+    pictured = (
+        ("apparent_inductance", "Apparent inductance Im Z/ω", "apparent_inductance"),
+        ("resistance", "Effective resistance Re Z", "impedance_real"),
+    )
+    end = "of every state over frequency, tank capacitor left out."
+    blocks.append(Group("two", tuple(
+        r.plot("plot_frequency_sweep", name, f"{words} {end}", sweep, quantity) for name, words, quantity in pictured
+    )))  # fmt: skip
     if limits.rows:
         over = sum(row[-1] is False for row in limits.rows)
         target = " by the coils without the target" if r.design.target else ""
@@ -289,7 +337,14 @@ def _target(r: Results) -> Section | None:
         "A target that is moved over the board, here where it moves each state the most: δ is the change of L against "
         f"the board without it. Its range ends where |δ| is three times the noise of {target.attrs['sigma']:g} in a "
         "reading. A step of distance is resolved as far as it is no less than the standard deviation of one reading.",
-        r.draw(figures.target_pictures, r.design, target),
+        r.plot(
+            "target_figure",
+            "target",
+            "|δ|, inductance, quality factor and frequency of the states over the distance of the target, where it "
+            "moves each the most; dotted: the noise of δ, and the values without the target.",
+            target,
+        ),
+        *r.maps("target_maps", f"place of the target, {float(target.distance[0]) * 1e3:g} mm away", target),
         response_tables.range_table(target),
     ]
     if drive.rows:
@@ -320,7 +375,9 @@ def _response(r: Results) -> Section | None:
         f"board{window}.",
         *([Warn(f"The window of the map leaves out the {centres}; without x_mm and y_mm it covers all coils.")]
           if outside else []),
-        Group("large", (r.draw(figures.response_map_pictures, r.design, shown),)),
+        Group("large", r.maps(
+            "response_maps", f"position of the indenter, {float(shown.depth[-1]) * 1e3:g} mm deep", shown,
+        )),
         Group("two", (r.draw(figures.response_line_pictures, shown),)),
         response_tables.response_table(shown),
     ))  # fmt: skip
@@ -331,10 +388,11 @@ def _position(r: Results) -> Section | None:
         return None
     blocks: list[Block] = []
     if r.bounds is not None and min(r.bounds.sizes.values()) > 1:
+        best = "Least standard deviation of a located position over the board, grey if it cannot be determined."
         blocks += [
             "Best possible standard deviation of the position from one scan (the Cramér–Rao bound), by the noise of "
             "the readings. `coilarray locate` comes near it.",
-            Group("large", (r.draw(figures.bounds_picture, r.design, r.bounds),)),
+            Group("large", (r.plot("identifiability_figure", "position_bounds", best, r.bounds, r.outlines),)),
         ]
     try:
         blocks += _ellipse_blocks(r)
@@ -358,6 +416,7 @@ def _ellipse_blocks(r: Results) -> list[Block]:
     axis = ""
     if found.axis != "x (mm)":
         axis = " Their x0 and the polynomials count from the origin of the map, all positions from the board's."
+    error = "Error of x (found − true) over the map; grey where the model has no position."
     fits = position.fit_table(found.fits, found.model, compare=compare)
     return [
         f"Ellipse model of Gast & Zimmermann (2020), fitted to this map {found.depth * 1e3:g}\u00a0mm deep: curves of "
@@ -366,7 +425,7 @@ def _ellipse_blocks(r: Results) -> list[Block]:
         f"the paper, the model of {', '.join(found.model.names)} gives a position at {len(found.found)} of the grid's "
         f"{len(found.readings)} places; the largest error of x there is {found.largest_error() * 1e3:.2f}\u00a0mm.",
         Group("two", (r.draw(figures.ellipse_pictures, r.design, found, published),)),
-        r.draw(figures.position_error_picture, r.design, found),
+        r.plot("plot_x_error", "x_error", error, found.error, outlines=r.outlines),
         replace(fits, name="ellipses"),
         Details("Polynomials of δ", (position.polynomial_table(found.model, compare=compare),)),
         Details("Positions", (position.map_position_table(found),)),
@@ -376,12 +435,14 @@ def _ellipse_blocks(r: Results) -> list[Block]:
 def _distortion(r: Results) -> Section | None:
     if r.distortion is None:
         return None
+    bands = "; bands: two standard deviations of the calibration" if "x0_std" in r.distortion else ""
+    caption = f"Left: x0 over δ as predicted and as published. Right: what x0 loses without each cause{bands}."
     makers = (position.residual_table, position.cause_table, position.indenter_table)
     return Section("What moves x0", (
         "The map goes through the processing of Gast & Zimmermann (2020), and each cause is switched off in turn. "
         "Nothing is fitted to x0. Levels of δ of which the window leaves too little to know an ellipse are crossed "
         "out, counted and left out of every root mean square.",
-        r.draw(figures.distortion_picture, r.distortion),
+        r.plot("distortion_figure", "distortion", caption, r.distortion),
         *(table for table in (make(r.distortion) for make in makers) if table.rows),
     ))  # fmt: skip
 

@@ -232,7 +232,7 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
     assert "size must be positive and finite; got -5 mm" in out
     assert "inductance must be positive and finite; got nan µH" in out
     assert "pitch must be positive and finite; got 0 mm" in out
-    assert "'8.5 mm' is neither a number nor one of side by side, decoupled" in out
+    assert "could not convert string to float: '8.5 mm'" in out
     assert file.document["array"] == {
         "lattice": "linear", "columns": 2, "coil": "square", "pitch_mm": 11,
         "layers": [["L1", "L2", "L3", "L4"]],  # what that service makes
