@@ -135,6 +135,7 @@ def _print_dent(
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
     from coilarray.circuit.coupling import provenance
+    from coilarray.compute.display_units import value_text
     from coilarray.design.model import load_design_file
     from coilarray.report.response_tables import indentation_table
     from coilarray.response.setup import contact_at, indentation_of
@@ -150,8 +151,9 @@ def _print_dent(
     lines = []
     if setup.sample_bounds is not None:
         lines.append("The sample counts as wide here, on an even seat that holds it. Responses include sides and seat.")
-    assumed = {key: why for key, why in file.assumed.items() if key.startswith(("elastomer.", "indent"))}
-    lines += [f"assumed: {key} = {file.values[key]}: {why}" for key, why in assumed.items()]
+    tables, others = ("elastomer.", "indenter.", "indentation."), (".x_mm", ".y_mm", ".origin", "_permeability")
+    assumed = {key: why for key, why in file.assumed.items() if key.startswith(tables) and not key.endswith(others)}
+    lines += [f"assumed: {key} = {value_text(file.values[key])}: {why}" for key, why in assumed.items()]
     data = {
         **shared.design_record(opened), "indenter": setup.indenter.name, "base": str(setup.base),
         "strain": setup.strain, "dents": table.records(), "assumed": assumed,
