@@ -37,6 +37,7 @@ ATTEMPTS = 3
 BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
 """Faults of a sample that come from the bus to the converter."""
 _ADDRESS = {name: found.address for name, found in registers().items()}
+_NAME = {address: name for name, address in _ADDRESS.items()}
 _DATA_MSB, _DATA_LSB = ([_ADDRESS[f"DATA{channel}_{half}"] for channel in range(CHANNELS)] for half in ("MSB", "LSB"))
 _STATUS, _CONFIG, _RESET_DEV = _ADDRESS["STATUS"], _ADDRESS["CONFIG"], _ADDRESS["RESET_DEV"]
 _CLOCK_DIVIDERS, _DRIVE_CURRENTS = (
@@ -239,7 +240,7 @@ class ChipDriver:
         for address, value in written:
             got = self.bus.read(address)
             if (got ^ value) & _mask(address):
-                raise BusFault(f"register {register(address).name} must read {value:#06x} as written; got {got:#06x}.")
+                raise BusFault(f"register {_NAME[address]} must read {value:#06x} as written; got {got:#06x}.")
 
     def _reset(self) -> None:
         """Reset a converter after a possibly interrupted transfer."""

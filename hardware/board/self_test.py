@@ -9,6 +9,7 @@ assumption.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence, Set
@@ -51,33 +52,20 @@ def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
     at the converter, and then every coil both ways round. One group for each coil follows. It measures the coil alone,
     and with every other coil grounded at both ends, at a and at b.
     """
-    empty = (Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words))
-    scan = [
-        Trial(words, coil, sense < 0, rest="ground")
-        for coil in wiring.coils
-        for sense in (1, -1)
-        if (words := _words(wiring, ScanState(coil, ((coil, sense),)))) is not None
-    ]
-    return ((*empty, *scan), *(_pairs(wiring, coil) for coil in wiring.coils))
-
-
-def _pairs(wiring: Wiring, coil: str) -> tuple[Trial, ...]:
-    """Return the trials of a coil with another coil grounded."""
-    alone = Trial(wiring.words(ScanState(coil, ((coil, 1),), others="open")), coil)
-    others = [other for other in wiring.coils if other != coil]
-    pairs = []
-    for other, (ends, passive) in itertools.product(others, ENDS.items()):
-        state = ScanState(coil, ((coil, 1),), others="open", exceptions={other: passive})
-        pairs.append(Trial(wiring.words(state), coil, other=other, grounded=ends))
-    return (alone, *pairs)
-
-
-def _words(wiring: Wiring, state: ScanState) -> bytes | None:
-    """Words of a state."""
-    try:
-        return wiring.words(state)
-    except HardwareError:
-        return None
+    first = [Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words)]
+    for coil, sense in itertools.product(wiring.coils, (1, -1)):
+        with contextlib.suppress(HardwareError):  # a wiring that cannot turn the coil round
+            words = wiring.words(ScanState(coil, ((coil, sense),)))
+            first.append(Trial(words, coil, sense < 0, rest="ground"))
+    groups = [tuple(first)]
+    for coil in wiring.coils:
+        group = [Trial(wiring.words(ScanState(coil, ((coil, 1),), others="open")), coil)]
+        others = [other for other in wiring.coils if other != coil]
+        for other, (ends, passive) in itertools.product(others, ENDS.items()):
+            state = ScanState(coil, ((coil, 1),), others="open", exceptions={other: passive})
+            group.append(Trial(wiring.words(state), coil, other=other, grounded=ends))
+        groups.append(tuple(group))
+    return tuple(groups)
 
 
 @dataclass(frozen=True)
@@ -107,10 +95,13 @@ class Fault:
         shorted = [coil for coil, name in enumerate(names) if name == self.shorted]
         closure = Closure(present, closed_switches(self._table, self._received(words), stuck=self.stuck), shorted)
         pins = {closure.group("INA"), closure.group("INB")}
-        return Prediction(
-            _oscillates(closure, any(set(branch.ends) == pins for branch in closure.branches)),
-            frozenset(names[coil] for coil, ends in closure.branches if ends[0] == ends[1]),
-        )
+        oscillates: bool | None = any(set(branch.ends) == pins for branch in closure.branches)
+        to_ground = any(closure.conducts(pin, "ground") for pin in ("INA", "INB"))
+        if len(pins) == 1 or closure.group("ground") in pins:
+            oscillates = False
+        elif to_ground or (not oscillates and closure.conducts("INA", "INB")):
+            oscillates = None
+        return Prediction(oscillates, frozenset(names[coil] for coil, ends in closure.branches if ends[0] == ends[1]))
 
     @cached_property
     def _table(self) -> SwitchTable:
@@ -128,37 +119,26 @@ class Fault:
         return words
 
 
-def _oscillates(closure: Closure, measured: bool) -> bool | None:
-    """Predict whether there is a sensor at the pins."""
-    if closure.joined("INA", "INB") or closure.joined("INA", "ground") or closure.joined("INB", "ground"):
-        return False
-    if closure.conducts("INA", "ground") or closure.conducts("INB", "ground"):
-        return None
-    return measured or (None if closure.conducts("INA", "INB") else False)
-
-
 def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
     """Return a good board and every board with one fault."""
+    faults = [Fault("", wiring)]
+    for number, device in enumerate(wiring.devices, start=1):
+        for switch in device.switches:
+            name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"
+            place = len(wiring.devices) - number, device.bits.index(switch.name)
+            faults += [
+                Fault(f"{name} stays {'closed' if closed else 'open'}", wiring, stuck={place: closed})
+                for closed in (False, True)
+            ]
+    faults += [Fault(f"{coil} or a lead of it is broken", wiring, missing=coil) for coil in wiring.coils]
+    faults += [Fault(f"{coil} is shorted", wiring, shorted=coil) for coil in wiring.coils]
     return (
-        Fault("", wiring),
-        *_stuck_switches(wiring),
-        *(Fault(f"{coil} or a lead of it is broken", wiring, missing=coil) for coil in wiring.coils),
-        *(Fault(f"{coil} is shorted", wiring, shorted=coil) for coil in wiring.coils),
+        *faults,
         Fault("no word reaches the switches, or the converter is not joined to them", wiring, "not at all"),
         Fault("words arrive one clock late: another mode of SPI is needed", wiring, "a bit late"),
         Fault("the chain of devices is wired the other way round", wiring, "reversed"),
         *_other_maps(wiring),
     )
-
-
-def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
-    """Yield the faults of switches that stay open or closed."""
-    for number, device in enumerate(wiring.devices, start=1):
-        for switch in device.switches:
-            name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"
-            place = len(wiring.devices) - number, device.bits.index(switch.name)
-            yield Fault(f"{name} stays open", wiring, stuck={place: False})
-            yield Fault(f"{name} stays closed", wiring, stuck={place: True})
 
 
 def _other_maps(wiring: Wiring) -> Iterator[Fault]:
@@ -238,7 +218,7 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class _Seen:
-    """A trial with its frequency in Hz."""
+    """A trial with its frequency in Hz, and its relative change against the first trial of a group of pairs."""
 
     trial: Trial
     frequency: float | None
@@ -287,8 +267,24 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
         if progress is not None:
             progress(k + 1, len(groups))
     reader.rest()
-    checks = tuple(_check(coil, seen) for coil in wiring.coils)
-    return _judged(checks, seen, single_faults(wiring))
+    checks = {coil: _check(coil, seen) for coil in wiring.coils}
+    alone = {one.trial.coil for one in seen if one.reference is one.trial and one.frequency is not None}
+    judged = [(one, _rise(one, checks, alone)) for one in seen]
+    good, *faulty = single_faults(wiring)
+    symptoms = tuple(_symptom(one, rise) for one, rise in _differences(good, judged))
+    fitting = [fault for fault in faulty if next(_differences(fault, judged), None) is None]
+    if symptoms:
+        return SelfTest(tuple(checks.values()), symptoms, tuple(fault.text for fault in fitting), ())
+    words = {one.trial.words for one in seen}
+    untested = [
+        fault.text
+        for fault in fitting
+        if fault.stuck
+        or fault.missing
+        or fault.shorted  # other maps that change nothing are no faults
+        or any(fault.predict(one) != good.predict(one) for one in words)
+    ]
+    return SelfTest(tuple(checks.values()), (), (), tuple(untested))
 
 
 def _of_channels(reader: Reader, settings: ScanSettings) -> SelfTest:
@@ -343,20 +339,12 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
             "the chain of switches does not return the words that it was sent; no switch could be tested."
         )
     frequencies = [state.frequency for state in read_scan(scan, trying, _ANY_CAPACITANCE).states]
-    seen = [_Seen(trial, frequency) for trial, frequency in zip(group, frequencies, strict=True)]
-    return _compared(seen) if group[-1].other is not None else seen
-
-
-def _compared(seen: Sequence[_Seen]) -> list[_Seen]:
-    """Add the relative change against the first trial."""
-    first = seen[0]
+    if group[-1].other is None:
+        return [_Seen(trial, frequency) for trial, frequency in zip(group, frequencies, strict=True)]
+    first = frequencies[0]
     return [
-        replace(
-            one,
-            reference=first.trial,
-            change=None if one.frequency is None or first.frequency is None else one.frequency / first.frequency - 1,
-        )
-        for one in seen
+        _Seen(trial, f, group[0], None if f is None or first is None else f / first - 1)
+        for trial, f in zip(group, frequencies, strict=True)
     ]
 
 
@@ -376,24 +364,6 @@ def _check(coil: str, seen: Sequence[_Seen]) -> CoilCheck:
             if felt_by is not None and trial.coil == felt_by.coil
         },
     )
-
-
-def _judged(checks: tuple[CoilCheck, ...], seen: Sequence[_Seen], suspects: Sequence[Fault]) -> SelfTest:
-    """Compare the measurements with the predictions of every fault."""
-    judged = _with_rises(seen, {check.coil: check for check in checks})
-    good, *faulty = suspects
-    symptoms = tuple(_symptom(one, rise) for one, rise in _differences(good, judged))
-    fitting = [fault for fault in faulty if next(_differences(fault, judged), None) is None]
-    if symptoms:
-        return SelfTest(checks, symptoms, tuple(fault.text for fault in fitting), ())
-    words = {one.trial.words for one in seen}
-    return SelfTest(checks, (), (), tuple(fault.text for fault in fitting if not _harmless(fault, good, words)))
-
-
-def _harmless(fault: Fault, good: Fault, words: Set[bytes]) -> bool:
-    """Check whether a fault changes nothing."""
-    same_parts = not (fault.stuck or fault.missing or fault.shorted)
-    return same_parts and all(fault.predict(one) == good.predict(one) for one in words)
 
 
 def _symptom(one: _Seen, rise: int | None) -> str:
@@ -417,21 +387,10 @@ def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> It
         if predicted.oscillates is not None and predicted.oscillates != (one.frequency is not None):
             yield one, None
         elif rise is not None and one.reference is not None:
-            expected = _expected(predicted, predict(one.reference.words))
-            if expected is not None and expected != rise:
+            reference = predict(one.reference.words)
+            added, removed = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
+            if added + removed <= 1 and added - removed != rise:
                 yield one, rise
-
-
-def _expected(predicted: Prediction, reference: Prediction) -> int | None:
-    """Predict whether a frequency rises, stays or falls."""
-    added, removed = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
-    return added - removed if added + removed <= 1 else None
-
-
-def _with_rises(seen: Sequence[_Seen], checks: Mapping[str, CoilCheck]) -> list[tuple[_Seen, int | None]]:
-    """Add the direction of the frequency change to each measurement."""
-    alone = {one.trial.coil for one in seen if one.reference is one.trial and one.frequency is not None}
-    return [(one, _rise(one, checks, alone)) for one in seen]
 
 
 def _rise(one: _Seen, checks: Mapping[str, CoilCheck], alone: Set[str | None]) -> int | None:

@@ -24,13 +24,13 @@ ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
 
 # Values of a field that the data sheet allows, by the name of the field without the number of the channel.
-_ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
+_ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = {
     "RCOUNT": (range(SMALLEST_RCOUNT, LARGEST_RCOUNT + 1), f"{SMALLEST_RCOUNT} to {LARGEST_RCOUNT}"),
     "FIN_DIVIDER": (range(1, 0x10), "1 to 15"),
     "FREF_DIVIDER": (range(1, 0x400), "1 to 1023"),
     "DEGLITCH": ((1, 4, 5, 7), "1, 4, 5 or 7 (1, 3.3, 10, 33 MHz)"),
     "INIT_IDRIVE": ((0,), "0 when it is written"),
-})  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -114,71 +114,51 @@ def registers() -> Mapping[str, Register]:
     return MappingProxyType({name: Register(address, name, tuple(fields)) for (address, name), fields in ordered})
 
 
-def register(name_or_address: str | int) -> Register:
-    """Return a register by its name or address."""
-    table = registers()
-    if isinstance(name_or_address, str):
-        if name_or_address not in table:
-            raise HardwareError(f"the LDC1614 has no register {name_or_address!r}.")
-        return table[name_or_address]
-    for found in table.values():
-        if found.address == name_or_address:
-            return found
-    raise HardwareError(f"the LDC1614 has no register at the address {name_or_address:#04x}.")
+def register(name: str) -> Register:
+    """Return a register by its name."""
+    if name not in registers():
+        raise HardwareError(f"the LDC1614 has no register {name!r}.")
+    return registers()[name]
 
 
-def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyType({})) -> int:
-    """Return the 16-bit value to write to a register."""
-    target = register(name_or_address)
-    _check_writable(target)
+def encode(name: str, fields: Mapping[str, int]) -> int:
+    """Return the 16-bit value to write to a register.
+
+    Refused are a read-only register, a field that it does not have, and a value that the data sheet forbids.
+    """
+    target = register(name)
+    if not target.writable_mask:
+        raise HardwareError(f"register {target.name} is read-only.")
     value = target.reset
-    for name, given in fields.items():
-        field = target.field(name)
+    for key, given in fields.items():
+        field = target.field(key)
         if isinstance(given, bool) or not isinstance(given, int) or not 0 <= given <= field.largest:
-            raise HardwareError(f"{name} must be an integer from 0 to {field.largest}; got {given!r}.")
+            raise HardwareError(f"{key} must be an integer from 0 to {field.largest}; got {given!r}.")
         value = value & ~field.mask | given << field.lsb
-    check_value(target.address, value)
+    for key, given in decode(name, value).items():
+        allowed = _ALLOWED.get(key.rstrip("0123"))
+        if allowed is not None and given not in allowed[0]:
+            raise HardwareError(f"{key} must be {allowed[1]}; got {given}.")
     return value
 
 
-def decode(name_or_address: str | int, value: int) -> dict[str, int]:
+def decode(name: str, value: int) -> dict[str, int]:
     """Split the value of a register into its fields.
 
-    Reserved fields are left out. The function is the inverse of `encode`. Such bits come from another chip or a
-    disturbed bus.
+    Reserved fields are left out. Other reserved bits are refused: they come from another chip or a disturbed bus.
 
     >>> decode("CLOCK_DIVIDERS0", 0x1002)
     {'FIN_DIVIDER0': 1, 'FREF_DIVIDER0': 2}
     """
-    source = register(name_or_address)
+    source, fields = register(name), {}
     if not 0 <= value <= 0xFFFF:
-        raise HardwareError(f"register {source.name} holds 0 to 0xFFFF; got {value:#x}.")
+        raise HardwareError(f"register {name} holds 0 to 0xFFFF; got {value:#x}.")
     for field in source.fields:
-        if field.reserved and _bits(field, value) != field.reset:
+        bits = value >> field.lsb & field.largest
+        if not field.reserved:
+            fields[field.name] = bits
+        elif bits != field.reset:
             raise HardwareError(
-                f"bits {field.msb} to {field.lsb} of {source.name} must read {field.reset:#b}; got {value:#06x}."
+                f"bits {field.msb} to {field.lsb} of {name} must read {field.reset:#b}; got {value:#06x}."
             )
-    return {field.name: _bits(field, value) for field in source.fields if not field.reserved}
-
-
-def check_value(name_or_address: str | int, value: int) -> None:
-    """Refuse a value that a register must not hold.
-
-    Refused are any value of a read-only register, a value beyond 16 bits or with other reserved bits, and a field that
-    the data sheet forbids.
-    """
-    target = register(name_or_address)
-    _check_writable(target)
-    for name, given in decode(target.name, value).items():
-        allowed = _ALLOWED.get(name.rstrip("0123"))
-        if allowed is not None and given not in allowed[0]:
-            raise HardwareError(f"{name} must be {allowed[1]}; got {given}.")
-
-
-def _check_writable(target: Register) -> None:
-    if not target.writable_mask:
-        raise HardwareError(f"register {target.name} is read-only.")
-
-
-def _bits(field: Field, value: int) -> int:
-    return value >> field.lsb & field.largest
+    return fields

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.design.model import Design
-from coilarray.design.scan_states import ScanState, Switches
+from coilarray.design.scan_states import ScanState
 from coilarray.design.switch_parts import CONVERTER_PIN
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
@@ -25,7 +25,13 @@ def board_network(design: Design, *, wired: bool = False) -> Network:
     from coilarray.circuit.coupling import design_circuit
 
     network = design_circuit(design)
-    return replace(network, switches=_without_switches(design)) if wired else network
+    if not wired:
+        return network
+    switches = replace(design.circuit.switches, on_resistance=0.0)
+    if design.circuit.part is not None:  # of whose capacitances the pins of the converter remain
+        bus = min(switches.bus_capacitance, CONVERTER_PIN)
+        switches = replace(switches, off_capacitance=0.0, terminal_capacitance=0.0, bus_capacitance=bus)
+    return replace(network, switches=switches)
 
 
 def board_budget(design: Design, settings: ScanSettings, *, baseline_scans: int | None = None) -> NoiseBudget:
@@ -47,15 +53,6 @@ def board_budget(design: Design, settings: ScanSettings, *, baseline_scans: int 
     if baseline_scans is not None:
         readout = replace(readout, averaged_scans=1, baseline_scans=baseline_scans)
     return noise_budget(design, readout=readout, network=board_network(design, wired=settings.wired))
-
-
-def _without_switches(design: Design) -> Switches:
-    """Return leads and tank of a design."""
-    switches = replace(design.circuit.switches, on_resistance=0.0)
-    if design.circuit.part is None:
-        return switches
-    bus = min(switches.bus_capacitance, CONVERTER_PIN)
-    return replace(switches, off_capacitance=0.0, terminal_capacitance=0.0, bus_capacitance=bus)
 
 
 _MARGIN = 1.25  # of the quality factor, for the settling time
@@ -136,28 +133,32 @@ def design_settings(
     if unknown:
         plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
     network = board_network(design, wired=bool(wiring.channels))
-    results = [resonate(network, state) for state in plan]
-    if isinstance(drives, Mapping) and (unknown := [coil for coil in drives if coil not in wiring.coils]):
-        raise HardwareError(f"a drive names the coil {unknown[0]!r}; there are {', '.join(wiring.coils)}.")
-    sensors = {}
-    for state, result in zip(plan, results, strict=True):
-        coil = state.measured[0][0]
-        drive = drives.get(coil) if isinstance(drives, Mapping) else drives
-        sensors[state.name] = Sensor(
-            result.frequency,
-            _MARGIN * loaded_quality(network, result),
-            _drive(coil, result.parallel_resistance) if drive is None else drive,
-        )
-    states_of_wiring = [_among(state, wiring.coils) for state in plan]
+    if isinstance(drives, Mapping) and (strange := [coil for coil in drives if coil not in wiring.coils]):
+        raise HardwareError(f"a drive names the coil {strange[0]!r}; there are {', '.join(wiring.coils)}.")
+    sensors, states_of_wiring = {}, []
+    for state in plan:
+        coil, result = state.measured[0][0], resonate(network, state)
+        code = drives.get(coil) if isinstance(drives, Mapping) else drives
+        if code is None:
+            drive = drive_for(result.parallel_resistance)
+            if drive is None:
+                raise HardwareError(
+                    f"the converter has no drive current for {coil}, whose parallel resistance is "
+                    f"{result.parallel_resistance * 1e-3:.3g} kΩ; give its IDRIVE."
+                )
+            code = drive.code
+        sensors[state.name] = Sensor(result.frequency, _MARGIN * loaded_quality(network, result), code)
+        exceptions = {one: passive for one, passive in state.exceptions.items() if one in wiring.coils}
+        states_of_wiring.append(replace(state, exceptions=exceptions))
     return scan_settings(
-        wiring, states_of_wiring, sensors=sensors, clock=clock, rate=rate, bus_rate=bus_rate, discard=discard,
-    )  # fmt: skip
+        wiring, states_of_wiring, sensors=sensors, clock=clock, rate=rate, bus_rate=bus_rate, discard=discard
+    )
 
 
 def _of_wired(
     plan: Sequence[ScanState], wiring: Wiring, others: Sequence[str], *, chosen: bool
 ) -> tuple[ScanState, ...]:
-    """Return the states of wired coils."""
+    """Return the states of wired coils, with all others open."""
     kept = [state for state in plan if chosen or {coil for coil, _ in state.measured} <= set(wiring.coils)]
     for state in kept:
         for coil, _ in state.measured:
@@ -165,19 +166,3 @@ def _of_wired(
     if not kept:
         raise HardwareError(f"no state of the scan measures {' or '.join(wiring.coils)} alone.")
     return tuple(replace(state, exceptions={**state.exceptions, **dict.fromkeys(others, "open")}) for state in kept)
-
-
-def _among(state: ScanState, coils: Sequence[str]) -> ScanState:
-    """Return a state without its exceptions of other coils."""
-    return replace(state, exceptions={coil: state.exceptions[coil] for coil in state.exceptions if coil in coils})
-
-
-def _drive(coil: str, parallel_resistance: float) -> int:
-    """Return the IDRIVE code of a coil."""
-    drive = drive_for(parallel_resistance)
-    if drive is None:
-        raise HardwareError(
-            f"the converter has no drive current for {coil}, whose parallel resistance is "
-            f"{parallel_resistance * 1e-3:.3g} kΩ; give its IDRIVE."
-        )
-    return drive.code

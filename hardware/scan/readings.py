@@ -17,7 +17,7 @@ from coilarray.circuit.converter_limits import SENSOR_FREQUENCY
 from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, inductance_from_frequency
 from coilarray.hardware.chips.ldc1614_registers import decode
-from coilarray.hardware.scan.settings import ScanSettings, StateSettings
+from coilarray.hardware.scan.settings import ScanSettings
 
 
 class SampleFault(IntEnum):
@@ -117,7 +117,6 @@ LARGEST_CODE = (1 << CODE_BITS) - 1
 QUARTER = 1 << (CODE_BITS - 2)
 """Code of a quarter of the reference frequency, without offset. The input must stay below."""
 
-_WORD = 0xFFFF
 _DATA_READY, _UNREAD = 0x0040, 0x000F
 _LEAST_QUALITY = 2.0  # from this value on the lossy form has a root at every frequency of the converter
 
@@ -188,9 +187,6 @@ def _code(sample: RawSample) -> int:
 
 def _of_result(sample: RawSample) -> set[Reason]:
     """Reasons that the two words of the result show."""
-    for name, word in (("msb", sample.msb), ("lsb", sample.lsb)):
-        if not 0 <= word <= _WORD:
-            raise HardwareError(f"{name} must be 0 to 0xFFFF; got {word:#x}.")
     code, reasons = _code(sample), {reason for reason, flag in _FLAGS.items() if sample.msb & flag}
     if code == 0:
         reasons.add(Reason.UNDER_RANGE)
@@ -211,8 +207,6 @@ def _of_status(status: int, channel: int) -> set[Reason]:
     ready = ready_status(channel)
     if status == ready:  # nearly always
         return set()
-    if not 0 <= status <= _WORD:
-        raise HardwareError(f"status must be 0 to 0xFFFF; got {status:#x}.")
     try:
         fields = decode("STATUS", status)
     except HardwareError:  # a reserved bit is set
@@ -325,6 +319,7 @@ def read_scan(
     if clock is not None:
         require_positive("clock", clock, " Hz", HardwareError)
     reference = settings.reference if clock is None else clock / settings.fref_divider
+    low, high = SENSOR_FREQUENCY
     states = []
     for state, sample in zip(settings.states, scan.samples, strict=True):
         capacitance = _of(capacitances, state.name, "capacitance")
@@ -332,28 +327,16 @@ def read_scan(
         require_positive(f"the capacitance of {state.name}", capacitance, " F", HardwareError)
         if not quality >= _LEAST_QUALITY:
             raise HardwareError(f"the quality factor of {state.name} must be at least 2; got {quality}.")
-        states.append(_read(state, sample, settings, reference, capacitance, quality))
+        verdict, reasons = judge(sample, state.channel)
+        frequency = inductance = None
+        if verdict != "bad":
+            frequency = code_to_frequency(_code(sample), reference, divider=settings.input_divider(state))
+            if low <= frequency <= high:
+                inductance = inductance_from_frequency(frequency, capacitance, quality)
+            else:
+                frequency, verdict, reasons = None, "bad", (*reasons, Reason.NO_SENSOR)
+        states.append(StateReading(state.name, frequency, inductance, verdict, reasons))
     return ScanReading(scan.sequence, scan.time, scan.received, scan.boot, tuple(states), temperature)
-
-
-def _read(
-    state: StateSettings,
-    sample: RawSample,
-    settings: ScanSettings,
-    reference: float,
-    capacitance: float,
-    quality: float,
-) -> StateReading:
-    """Convert the sample of one state."""
-    name, divider = state.name, settings.input_divider(state)
-    verdict, reasons = judge(sample, channel=state.channel)
-    if verdict == "bad":
-        return StateReading(name, None, None, verdict, reasons)
-    frequency = code_to_frequency(_code(sample), reference, divider=divider)
-    low, high = SENSOR_FREQUENCY
-    if not low <= frequency <= high:
-        return StateReading(name, None, None, "bad", (*reasons, Reason.NO_SENSOR))
-    return StateReading(name, frequency, inductance_from_frequency(frequency, capacitance, quality), verdict, reasons)
 
 
 def _of(values: Mapping[str, float] | float, state: str, what: str) -> float:

@@ -8,7 +8,6 @@ board all read it. The firmware has the rules of `check_switching` in C++ (`hard
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import combinations
 from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args
 
@@ -44,27 +43,6 @@ class WiredSwitch(NamedTuple):
 
 SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
 """Switches of every device in the order of the words, by bit. None for a switch that is not wired."""
-
-
-Drains = tuple[tuple[int, ...], ...]
-"""Bits of the switches of a device that share a common pin, for each such pin."""
-
-
-def check_drains(switches: Sequence[WiredSwitch | None], drains: Drains, names: Sequence[str], device: str) -> None:
-    """Refuse switches that cannot share their common pin.
-
-    All switches on a common pin must connect the same end of a coil, or the same net, because the pin is one side of
-    the switches. `switches` are the switches of the device by bit, and `names` are their names.
-    """
-    for bits in drains:
-        wired = [(names[bit], switch) for bit in bits if (switch := switches[bit]) is not None]
-        for (first, one), (second, other) in combinations(wired, 2):
-            if one.terminal != other.terminal and one.net != other.net:
-                raise HardwareError(
-                    f"{device}: {first} from {_end(one.terminal)} to {one.net} and {second} from "
-                    f"{_end(other.terminal)} to {other.net} share a common pin, which cannot be both; "
-                    "switches of one common pin must join the same end or the same net."
-                )
 
 
 def switch_table(wiring: bytes) -> SwitchTable:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
@@ -17,49 +18,7 @@ from coilarray.design.switch_parts import CONVERTER_PIN, switch_part
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import HardwareError, listed, shown
 from coilarray.hardware.chips.ldc1614 import CHANNELS
-from coilarray.hardware.scan.switching import UNUSED, Drains, Net, WiredSwitch, check_drains, switch_table
-
-ALL_OPEN = 0x00
-"""Word that opens every switch. It is also the state after power-on."""
-
-
-def switch_word(closed: Iterable[str], bits: Sequence[str]) -> int:
-    """Return the word that closes the given switches.
-
-    All other switches are opened. `bits` names the switches from bit 0 to bit 7.
-    """
-    word = ALL_OPEN
-    for name in closed:
-        if name not in bits:
-            raise HardwareError(f"a switch must be one of {', '.join(bits)}; got {name!r}.")
-        word |= 1 << bits.index(name)
-    return word
-
-
-def chain_bytes(words: Sequence[int]) -> bytes:
-    """Return the bytes to shift into a chain of switches.
-
-    The words are from 0 to 255, with the device next to the computer first. The first byte moves to the far end, so the
-    order is reversed.
-
-    >>> chain_bytes([0x22, 0x11, 0x11]).hex()
-    '111122'
-    """
-    if not words:
-        raise HardwareError("a chain must have at least one device; got none.")
-    wrong = [word for word in words if not 0 <= word <= 0xFF]
-    if wrong:
-        raise HardwareError(f"the word of a switch must be 0 to 255; got {wrong[0]}.")
-    return bytes(reversed(words))
-
-
-def check_bits(bits: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the switches by bit."""
-    if sorted(bits) != sorted(known):
-        got = listed(map(shown, bits)) or "none"
-        raise HardwareError(f"bits must name each of {', '.join(known)} once; got {got}.")
-    return tuple(bits)
-
+from coilarray.hardware.scan.switching import UNUSED, Net, WiredSwitch
 
 End = Literal["a", "b"]
 """The two ends of a coil."""
@@ -73,8 +32,11 @@ _MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF 
 _MOST_DEVICES = 255
 _BUS: tuple[Net, ...] = ("INA", "INB")
 _GROUNDED: Mapping[Passive, tuple[End, ...]] = {
-    "ground": ("a", "b"), "ground one end": ("a",), "ground other end": ("b",), "open": (),
-}  # fmt: skip
+    "ground": ("a", "b"),
+    "ground one end": ("a",),
+    "ground other end": ("b",),
+    "open": (),
+}
 
 
 class Terminal(NamedTuple):
@@ -110,11 +72,6 @@ class Device:
     part: str
     bits: tuple[str, ...]
     switches: tuple[Switch, ...]
-
-    @property
-    def drains(self) -> Drains:
-        """Bits of the switches that share a common pin."""
-        return tuple(tuple(map(self.bits.index, names)) for names in switch_part(self.part).drains.values())
 
 
 @dataclass(frozen=True)
@@ -158,6 +115,9 @@ class Wiring:
 
     def __post_init__(self) -> None:
         """Raise HardwareError for an impossible wiring."""
+        for kind, names in (("coil", self.coils), ("device", tuple(device.name for device in self.devices))):
+            if (twice := first_repeated(names)) is not None:
+                raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
         if self.channels:
             self._check_channels()
             return
@@ -166,9 +126,6 @@ class Wiring:
                 f"wiring {self.name} must have 1 to {_MOST_COILS} coils and 1 to {_MOST_DEVICES} devices; "
                 f"got {len(self.coils)} and {len(self.devices)}."
             )
-        for kind, names in (("coil", self.coils), ("device", tuple(device.name for device in self.devices))):
-            if (twice := first_repeated(names)) is not None:
-                raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
         for device in self.devices:
             self._check_device(device)
         joins = [(switch.terminal, switch.net) for device in self.devices for switch in device.switches]
@@ -180,8 +137,8 @@ class Wiring:
         for coil in self.coils:
             if not {(Terminal(coil, "a"), "INA"), (Terminal(coil, "b"), "INB")} <= set(joins):
                 raise HardwareError(f"wiring {self.name} must join {coil}.a to INA and {coil}.b to INB; it cannot.")
-        for device, switches in zip(reversed(self.devices), switch_table(self.encode()), strict=True):
-            check_drains(switches, device.drains, device.bits, f"wiring {self.name}, {device.name} ({device.part})")
+        for device in self.devices:
+            self._check_common_pins(device)
 
     @property
     def terminals(self) -> tuple[Terminal, ...]:
@@ -214,7 +171,11 @@ class Wiring:
             raise HardwareError(f"state {state.name} must measure one coil, as one bus can; got {joined}.")
         ((measured, sense),) = state.measured
         if self.channels:
-            self._check_switchless(state, measured, sense)
+            others = {coil: state.exceptions.get(coil, state.others) for coil in self.coils if coil != measured}
+            wrong = next((coil for coil, passive in others.items() if passive != "ground"), None)
+            if sense < 0 or wrong is not None:
+                why = f"turn {measured} round" if sense < 0 else f"make {wrong} {others[str(wrong)]!r}; it is grounded"
+                raise HardwareError(f"state {state.name}: wiring {self.name} has no switches that {why}.")
             return b""
         joins: set[tuple[Terminal, Net]] = {
             (Terminal(measured, "a"), "INA" if sense > 0 else "INB"),
@@ -276,49 +237,35 @@ class Wiring:
         )
 
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
-        """Return the words that close the given connections."""
-        words, left = [], set(joins)
-        for device in self.devices:
+        """Return the words that close the given connections, for the far end of the chain first."""
+        words, left = bytearray(), set(joins)
+        for device in reversed(self.devices):
             closed = [switch for switch in device.switches if (switch.terminal, switch.net) in joins]
             left -= {(switch.terminal, switch.net) for switch in closed}
-            words.append(switch_word((switch.name for switch in closed), device.bits))
+            words.append(sum(1 << device.bits.index(switch.name) for switch in closed))
         if left:
             terminal, net = min(left)
             raise HardwareError(f"wiring {self.name} has no switch from {terminal} to {net}.")
-        return chain_bytes(words)
-
-    def _check_switchless(self, state: ScanState, measured: str, sense: int) -> None:
-        """Refuse a state that needs switches."""
-        why = f"wiring {self.name} has no switches"
-        if sense < 0:
-            raise HardwareError(f"state {state.name}: {why} that turn {measured} round.")
-        for coil in self.coils:
-            passive = state.exceptions.get(coil, state.others)
-            if coil != measured and passive != "ground":
-                raise HardwareError(f"state {state.name}: {why} that make {coil} {passive!r}; it is grounded.")
+        return bytes(words)
 
     def _check_channels(self) -> None:
         """Refuse impossible channels of a board without switches."""
-        if self.devices:
-            raise HardwareError(f"wiring {self.name} must have channels or devices; got both.")
-        if len(self.channels) != len(self.coils):
-            raise HardwareError(
-                f"wiring {self.name} must have a channel for each coil; got {len(self.channels)} channels and "
-                f"{len(self.coils)} coils."
-            )
-        for kind, values in (("coil", self.coils), ("channel", self.channels)):
-            if (twice := first_repeated(values)) is not None:
-                raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
-        for channel in self.channels:
-            if not 0 <= channel < CHANNELS:
-                raise HardwareError(f"wiring {self.name}: a channel must be 0 to {CHANNELS - 1}; got {channel}.")
+        if self.devices or len(self.channels) != len(self.coils):
+            raise HardwareError(f"wiring {self.name} must have a channel for each coil, and no devices.")
+        if (twice := first_repeated(self.channels)) is not None:
+            raise HardwareError(f"wiring {self.name} names the channel {twice} twice.")
+        wrong = next((channel for channel in self.channels if not 0 <= channel < CHANNELS), None)
+        if wrong is not None:
+            raise HardwareError(f"wiring {self.name}: a channel must be 0 to {CHANNELS - 1}; got {wrong}.")
 
     def _check_device(self, device: Device) -> None:
         """Refuse a device with wrong bits or switches."""
-        try:
-            check_bits(device.bits, switch_part(device.part).bits)
-        except HardwareError as error:
-            raise HardwareError(f"wiring {self.name}, device {device.name}: {error}") from None
+        known = switch_part(device.part).bits
+        if sorted(device.bits) != sorted(known):
+            got = listed(map(shown, device.bits)) or "none"
+            raise HardwareError(
+                f"wiring {self.name}, device {device.name}: bits must name each of {', '.join(known)} once; got {got}."
+            )
         for switch in device.switches:
             if switch.name not in device.bits:
                 raise HardwareError(f"wiring {self.name}: {device.name} has no switch {switch.name!r}.")
@@ -327,8 +274,22 @@ class Wiring:
                     f"wiring {self.name}: {device.name}.{switch.name} goes to {shown(str(switch.terminal))}; "
                     f"there are the coils {listed(self.coils)} with ends a and b."
                 )
-        if (twice := first_repeated([switch.name for switch in device.switches])) is not None:
-            raise HardwareError(f"wiring {self.name}: {device.name} has {twice} twice.")
+
+    def _check_common_pins(self, device: Device) -> None:
+        """Refuse switches that cannot share their common pin.
+
+        All switches on a common pin must connect the same end of a coil, or the same net, because the pin is one side
+        of the switches.
+        """
+        for names in switch_part(device.part).drains.values():
+            wired = [switch for switch in device.switches if switch.name in names]
+            for one, other in combinations(wired, 2):
+                if one.terminal != other.terminal and one.net != other.net:
+                    raise HardwareError(
+                        f"wiring {self.name}, {device.name} ({device.part}): {one.name} from {one.terminal} to "
+                        f"{one.net} and {other.name} from {other.terminal} to {other.net} share a common pin, which "
+                        "cannot be both; switches of one common pin must join the same end or the same net."
+                    )
 
 
 def load_wiring(name_or_path: str | Path | None = None) -> Wiring:

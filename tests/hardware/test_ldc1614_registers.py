@@ -4,14 +4,17 @@ import functools
 import operator
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from coilarray.errors import HardwareError
-
-from coilarray.hardware.chips.ldc1614_registers import (  # isort: skip
-    ASLEEP, DEVICE, MANUFACTURER, check_value, decode, encode, register, registers,
-)  # fmt: skip
+from coilarray.hardware.chips.ldc1614_registers import (
+    ASLEEP,
+    DEVICE,
+    MANUFACTURER,
+    decode,
+    encode,
+    register,
+    registers,
+)
 
 RESETS = {
     **{f"DATA{k}_{part}": 0 for k in range(4) for part in ("MSB", "LSB")},
@@ -32,7 +35,7 @@ WRITABLE = [name for name, entry in registers().items() if entry.writable_mask]
 def test_resets_and_what_can_be_written():
     # data sheet, pages 15 to 33
     assert {name: entry.reset for name, entry in registers().items()} == RESETS
-    assert (register(0x7E).reset, register(0x7F).reset) == (MANUFACTURER, DEVICE)
+    assert (RESETS["MANUFACTURER_ID"], RESETS["DEVICE_ID"]) == (MANUFACTURER, DEVICE)
     # what can be written
     assert set(WRITABLE) == set(RESETS) - {
         *(f"DATA{k}_{part}" for k in range(4) for part in ("MSB", "LSB")), "STATUS", "MANUFACTURER_ID", "DEVICE_ID",
@@ -42,7 +45,6 @@ def test_resets_and_what_can_be_written():
 def test_addresses():
     assert {name: register(name).address for name in ADDRESSES} == ADDRESSES
     assert [entry.address for entry in registers().values()] == sorted({e.address for e in registers().values()})
-    assert all(register(entry.address) is entry for entry in registers().values())
 
 
 @pytest.mark.parametrize("name", registers())
@@ -55,16 +57,13 @@ def test_every_bit_once(name):
 @pytest.mark.parametrize(("name", "fields", "value"), [
     # the data sheet's worked examples
     ("RCOUNT0", {"RCOUNT0": 0x04D6}, 0x04D6),
-    ("MUX_CONFIG", {"DEGLITCH": 4}, 0x020C),
     ("MUX_CONFIG", {"AUTOSCAN_EN": 1, "DEGLITCH": 4}, 0x820C),
     *(("DRIVE_CURRENT0", {"IDRIVE0": code}, word) for code, word in ((18, 0x9000), (31, 0xF800), (19, 0x9800))),
     ("CONFIG", {"SLEEP_MODE_EN": 0, "REF_CLK_SRC": 1, **FIXED_DRIVE}, 0x1601),
-    ("SETTLECOUNT0", {"SETTLECOUNT0": 0x0100}, 0x0100),
     # of the reference board
     ("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}, 0x1002),
     ("CONFIG", FIXED_DRIVE, 0x3401),
     ("RESET_DEV", {"RESET_DEV": 1}, 0x8000),
-    ("ERROR_CONFIG", {"DRDY_2INT": 1}, 0x0001),
 ])  # fmt: skip
 def test_examples(name, fields, value):
     assert encode(name, fields) == value
@@ -72,54 +71,21 @@ def test_examples(name, fields, value):
     assert register("CONFIG").field("SLEEP_MODE_EN").mask == ASLEEP
 
 
-@st.composite
-def words(draw):
-    """A writable register and values of its fields that the data sheet allows."""
-    name = draw(st.sampled_from(WRITABLE))
-    fields = {}
-    for field in register(name).fields:
-        if field.reserved:
-            continue
-        least = {"RCOUNT": 5, "FIN_DIVIDER": 1, "FREF_DIVIDER": 1}.get(field.name.rstrip("0123"), 0)
-        allowed = st.integers(least, field.largest)
-        if field.name == "DEGLITCH":
-            allowed = st.sampled_from([1, 4, 5, 7])
-        if not field.writable:
-            allowed = st.just(0)
-        fields[field.name] = draw(allowed)
-    return name, fields
-
-
-@given(words())
-def test_there_and_back(word):
-    name, fields = word
-    value = encode(name, fields)
-    assert decode(name, value) == fields
-    assert encode(register(name).address, fields) == value
-    check_value(name, value)
-
-
 @pytest.mark.parametrize(("call", "message"), [
     # a stuck bus is no CONFIG; the reset value of the dividers is reserved, so the register must be programmed
     *((functools.partial(decode, "CONFIG", stuck), "CONFIG must read") for stuck in (0x0000, 0xFFFF)),
-    (lambda: check_value("CLOCK_DIVIDERS0", register(0x14).reset), "FIN_DIVIDER0 must be 1 to 15; got 0"),
+    (lambda: decode("CONFIG", 0x10000), "CONFIG holds 0 to 0xFFFF; got 0x10000"),
     (lambda: register("RCOUNT4"), "no register 'RCOUNT4'"),
-    (lambda: register(0x1D), "no register at the address 0x1d"),
     (lambda: encode("STATUS", {}), "STATUS is read-only"),
-    (lambda: check_value("DEVICE_ID", 0x3055), "DEVICE_ID is read-only"),
-    (lambda: encode("CONFIG", {"SLEEP": 1}), "CONFIG has the fields ACTIVE_CHAN, .*; got 'SLEEP'"),
-    (lambda: encode("CONFIG", {"RESERVED": 1}), "CONFIG has the fields .*; got 'RESERVED'"),
-    (lambda: encode("CONFIG", {"ACTIVE_CHAN": 4}), "ACTIVE_CHAN must be an integer from 0 to 3; got 4"),
-    (lambda: encode("CONFIG", {"ACTIVE_CHAN": -1}), "ACTIVE_CHAN must be an integer from 0 to 3; got -1"),
-    (lambda: encode("CONFIG", {"ACTIVE_CHAN": 1.0}), "ACTIVE_CHAN must be an integer from 0 to 3; got 1.0"),
-    (lambda: encode("CONFIG", {"ACTIVE_CHAN": True}), "ACTIVE_CHAN must be an integer from 0 to 3; got True"),
+    *((functools.partial(encode, "CONFIG", {name: 1}), f"CONFIG has the fields ACTIVE_CHAN, .*; got '{name}'")
+      for name in ("SLEEP", "RESERVED")),
+    *((functools.partial(encode, "CONFIG", {"ACTIVE_CHAN": value}), f"ACTIVE_CHAN must be .* 0 to 3; got {value}")
+      for value in (4, -1, 1.0, True)),
     (lambda: encode("RCOUNT0", {"RCOUNT0": 4}), "RCOUNT0 must be 5 to 65535; got 4"),
-    (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 0}), "FIN_DIVIDER1 must be 1 to 15; got 0"),
+    (lambda: encode("CLOCK_DIVIDERS1", {}), "FIN_DIVIDER1 must be 1 to 15; got 0"),
     (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 1}), "FREF_DIVIDER1 must be 1 to 1023; got 0"),
     (lambda: encode("MUX_CONFIG", {"DEGLITCH": 3}), "DEGLITCH must be 1, 4, 5 or 7"),
     (lambda: encode("DRIVE_CURRENT0", {"INIT_IDRIVE0": 1}), "INIT_IDRIVE0 must be 0 when it is written; got 1"),
-    (lambda: decode("CONFIG", 0x10000), "CONFIG holds 0 to 0xFFFF; got 0x10000"),
-    (lambda: decode("CONFIG", -1), "CONFIG holds 0 to 0xFFFF; got -0x1"),
 ])  # fmt: skip
 def test_refused(call, message):
     with pytest.raises(HardwareError, match=message):

@@ -18,50 +18,16 @@ from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.design.switch_parts import switch_part
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.scan.switching import check_switching
-from coilarray.hardware.scan.wiring import ALL_OPEN, WIRINGS, chain_bytes, switch_word
+from coilarray.hardware.scan.wiring import WIRINGS
 
 from coilarray.hardware.scan.wiring import (  # isort: skip
     Terminal, Wiring, load_wiring, parse_wiring,
 )  # fmt: skip
 
 SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
-SWITCHES = switch_part("ADG739").bits
 BOTH = pytest.mark.parametrize("wiring", [SIX, FOUR], ids=["six", "four"])
 NETS = ("ground", "INA", "INB", "other")
 GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "open": ""}
-
-
-@pytest.mark.parametrize(("closed", "word"), [
-    # facts: ground both, measure, measure reversed, float, ground one end
-    (("S1A", "S1B"), 0x11), (("S2A", "S2B"), 0x22), (("S3A", "S3B"), 0x44), ((), ALL_OPEN), (("S1A",), 0x01),
-    (("S1B",), 0x10), (("S4B",), 0x80),
-])  # fmt: skip
-def test_words_of_a_switch(closed, word):
-    assert switch_word(closed, SWITCHES) == word
-
-
-@pytest.mark.slow
-@given(st.lists(st.integers(0, 0xFF), min_size=1, max_size=12))
-def test_chain_shifts_like_a_register(words):
-    """A chain of shift registers, bit by bit, most significant first: each device ends with its own word."""
-    held = [0] * len(words)  # the device next to the computer first
-    for byte in chain_bytes(words):
-        for bit in range(7, -1, -1):
-            carried = byte >> bit & 1
-            for k, value in enumerate(held):
-                held[k], carried = (value << 1 & 0xFF) | carried, value >> 7
-    assert held == words
-
-
-@pytest.mark.parametrize(("call", "message"), [
-    (lambda: switch_word(["S5A"], SWITCHES), "a switch must be one of S1A, .*; got 'S5A'"),
-    (lambda: switch_part("ADG708"), "wiring.device.part must be ADG714, ADG738, ADG739; got 'ADG708'"),
-    (lambda: chain_bytes([]), "a chain must have at least one device; got none"),
-    (lambda: chain_bytes([0x11, 300]), "the word of a switch must be 0 to 255; got 300"),
-])  # fmt: skip
-def test_refused_switches(call, message):
-    with pytest.raises(HardwareError, match=message):
-        call()
 
 
 def _two_coils(devices):
@@ -320,9 +286,9 @@ def test_switches_that_can_share_their_common_pin(part, devices):
 
 @pytest.mark.parametrize(("part", "devices", "who"), [
     # S1A to S4A have one drain DA: it cannot be end a and end b, nor ground and INB
-    ("ADG739", [MIXED], r"U1 \(ADG739\): S1A from end a of coil 1 to ground and S2A from end b of coil 1 to INB"),
-    ("ADG738", [" ".join(ENDS)], r"U1 \(ADG738\): S1 from end a .* and S4 from end b of coil 1 to INB"),
-    ("ADG738", [ENDS[0], "b-ground a-INB b-INB"], r"U2 \(ADG738\): S1 from end b .* and S2 from end a .* to INB"),
+    ("ADG739", [MIXED], r"U1 \(ADG739\): S1A from one.a to ground and S2A from one.b to INB"),
+    ("ADG738", [" ".join(ENDS)], r"U1 \(ADG738\): S1 from one.a .* and S4 from one.b to INB"),
+    ("ADG738", [ENDS[0], "b-ground a-INB b-INB"], r"U2 \(ADG738\): S1 from one.b .* and S2 from one.a to INB"),
 ])  # fmt: skip
 def test_switches_that_cannot_are_refused_by_name(part, devices, who):
     with pytest.raises(HardwareError, match=f"small: wiring small, {who} share a common pin, which cannot be both"):
