@@ -182,20 +182,12 @@ def test_without_attributes_the_names_of_the_files_and_the_copper_itself_do(tmp_
     assert inductances(board, None) == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_stackup_that_is_given_wins_over_the_job_file_which_may_say_little(tmp_path: Path) -> None:
+def test_a_stackup_that_is_given_wins_over_the_job_file(tmp_path: Path) -> None:
     thick = replace(FOUR_LAYERS, copper_thickness=(70e-6,) * 4)
     board = read_gerbers(export(small_board(), tmp_path), thick)
     assert (board.stackup, board.assumed) == (thick, {})
     message = r"board\.zip: has 2 copper layers and the given stack-up 4"
     refused(BoardError, message, read, tmp_path, BOARD, FOUR_LAYERS)
-    top, bottom = ({"Type": "Copper", "Name": name, "Thickness": 0.035} for name in ("top", "bottom"))
-    thin, unsaid = {"Thickness": 0.1, "DielectricConstant": 4.4}, {"DielectricConstant": 3.3}
-    parts = [{"Type": "Dielectric", **part} for part in (thin, unsaid)]
-    board = read(tmp_path, {**BOARD, "b.gbrjob": json.dumps({"MaterialStackup": [top, *parts, bottom]})})
-    assert set(board.assumed) == {"stackup.dielectric_thickness_mm"}
-    # equal parts in series, as in test_readers_kicad.py
-    assert board.stackup.epsilon_r == pytest.approx((2 / (1 / 4.4 + 1 / 3.3),))
-    assert board.stackup.dielectric_thickness == pytest.approx((1.6e-3 - 70e-6,))
 
 
 def test_boards_of_one_and_two_layers(tmp_path: Path) -> None:
@@ -429,22 +421,17 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
     ("files", "message"),
     [
         ({**BOARD, "top.gbr": "GIF89a"}, TOP_NAME + r": is neither a Gerber nor an Excellon file"),
-        ({**BOARD, "top.gbr": "\0\1\2"}, TOP_NAME + r": is neither a Gerber nor an Excellon file"),
         (lacking("top.gbr"), r"board\.zip: copper layers are missing: L1\.$"),
         (lacking("bottom.gbr") | {"in.gbr": gerber("Copper,L2,Inr", *BOTTOM)}, r"are missing: the bottom below L2\.$"),
         ({**BOARD, "other.gbr": BOARD["top.gbr"]}, r"/top\.gbr: is copper layer L1, and so is .*/other\.gbr"),
         ({**BOARD, "x.gbr": gerber("Copper,Lx,Inr")}, r"/x\.gbr: a copper layer must be L1, L2, …; got Copper,Lx,Inr"),
         (lacking("holes.drl"), r"board\.zip: has 2 copper layers and no plated hole to connect them"),
-        (changed("holes.drl", "Plated,1,2,PTH", "NonPlated,1,2,NPTH"), r"no plated hole to connect them"),
         (changed("holes.drl", "Plated,1,2", "Plated,2,5"), DRILL_NAME + r": holes must go from .* got Plated,2,5,PTH"),
-        (changed("holes.drl", "Plated,1,2", "Plated,a,2"), DRILL_NAME + r": holes must go from .* got Plated,a,2,PTH"),
         (changed("holes.drl", "METRIC\n", ""), DRILL_NAME + r":\d+: the file does not say its unit"),
         (changed("holes.drl", "T1C0.3", "T1F2.0"), DRILL_NAME + r":\d+: the tool has no diameter"),
         (changed("holes.drl", "T1C0.3", "T1C99999.0"), r":\d+: a diameter must be from 0 to 10 m; got 99\.999 m"),
-        (changed("top.gbr", "ADD10C,0.2", "ADD10C,0.2e400"), r":\d+: a diameter must be from 0 to 10 m; got inf"),
         (top("%ADD20R,1e9X1*%", "D20*", flashes((9, 9))), r":\d+: an aperture must be at most 10 m wide; got"),
         (changed("holes.drl", "G05\nT1", "G05\nT7"), DRILL_NAME + r":7: Undefined tool index 7"),
-        (changed("holes.drl", "G05\nT1", "G05"), DRILL_NAME + r":7: no tool is selected"),
         (changed("holes.drl", "M30", "G85X1Y1\nM30"), DRILL_NAME + r":11: the statement is not supported"),
         (changed("holes.drl", "X0.0000Y0.0000", "X0Y0"), DRILL_NAME + r":8: No number format set"),
         (changed("holes.drl", "M30", ""), DRILL_NAME + r": the file ends without M30, it is truncated"),
@@ -453,7 +440,6 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (changed("top.gbr", "D10*", "D99*"), TOP_NAME + r":9: Tried to access undefined aperture 99"),
         (changed("top.gbr", "ADD10C", "ADD10Q"), TOP_NAME + r":6: the statement is not supported \(ADD10Q,0\.2\)"),
         (changed("top.gbr", "FSLAX", "FSLIX"), TOP_NAME + r": incremental coordinates are not supported"),
-        (changed("top.gbr", "D10*\n", ""), TOP_NAME + r":10: Interpolation attempted without selecting aperture"),
         (top(flashes((0, 0)), *TOP), TOP_NAME + r":9: no aperture is selected"),
         (top("%AMNO*0 nothing*%", "%ADD20NO*%", "D20*", flashes((9, 9))), TOP_NAME + r":12: the aperture has no shape"),
         (top("%IPNEG*%", *TOP), TOP_NAME + r":9: the negative image is not supported"),
@@ -461,7 +447,6 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (top("%MIA1B0*%", *TOP), TOP_NAME + r":9: the mirroring of the whole image is not supported"),
         (top("%SFA2B2*%", *TOP), TOP_NAME + r":9: the scaling of the whole image is not supported"),
         (top("%ASAYBX*%", *TOP), TOP_NAME + r":9: the exchange of the axes is not supported|the statement is not"),
-        (top("%LR90*%", *TOP), TOP_NAME + r":9: the statement is not supported"),
         (top("%SRX2Y1I5.0J0*%", *TOP, "%SR*%"), TOP_NAME + r":9: step and repeat is not supported"),
         (top("%ABD20*%", "D10*", flashes((0, 0)), "%AB*%", *TOP), TOP_NAME + r":9: the statement is not supported"),
         (top("D12*", stroke(0, 0, 5, 0)), TOP_NAME + r":11: a stroke must have a round aperture; got <rect"),

@@ -58,15 +58,8 @@ def test_coils_that_overlap_have_layers_of_their_own():
     assert len(ca.Array.row(replace(SPIRAL, layers=4), 2, pitch=11e-3).stackup.names) == 8
     two = ca.Stackup.uniform(("top", "bottom"))
     assert ca.Array.row(replace(SPIRAL, stackup=two), 2, pitch=20e-3).stackup == two
-    refused(
-        ca.errors.GeometryError,
-        "need 4 copper layers, as 2 neighbours overlap; .* has 2",
-        ca.Array.row,
-        SPIRAL,
-        2,
-        11e-3,
-        stackup=two,
-    )
+    message = "need 4 copper layers, as 2 neighbours overlap; .* has 2"
+    refused(ca.errors.GeometryError, message, ca.Array.row, SPIRAL, 2, 11e-3, stackup=two)
     refused(ca.errors.GeometryError, "pitch must be positive", ca.Array.row, SPIRAL, 2, 0.0)
 
 

@@ -81,15 +81,8 @@ def test_lattices_and_sheets_that_cannot_be():
     refused(GeometryError, "more than one coil must have a pitch", lattice, "square", None, 2)
     refused(GeometryError, "of kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
     refused(GeometryError, "at least one ring, any other none; got 0 for rings", lattice, "rings", 1.0)
-    refused(
-        GeometryError,
-        "lattice must be single, linear, square, hexagonal, triangle or rings; got 'round'",
-        lattice,
-        "round",
-        1.0,
-        2,
-        2,
-    )
+    message = "lattice must be single, linear, square, hexagonal, triangle or rings; got 'round'"
+    refused(GeometryError, message, lattice, "round", 1.0, 2, 2)
     for value in (0.0, -1e-3, math.nan, math.inf):
         refused(GeometryError, "thickness of sheet 'base' must be positive and finite", Sheet, "base", value)
     for mu in (0.5, math.nan, math.inf):

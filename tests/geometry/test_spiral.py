@@ -296,11 +296,7 @@ def test_sizes_and_turns_that_cannot_be():
     for radius in (-1e-3, 5.1e-3, math.nan):
         refused(GeometryError, "corner_radius must be 0 to 5 mm", RoundedSpiral, **good, corner_radius=radius)
     refused(GeometryError, "turns must be a multiple of 1/4", RoundedSpiral, **{**good, "turns": 3.1})
-    refused(
-        GeometryError,
-        r"30 turns .*; at most 24\.75 turns fit",
-        RoundedSpiral,
-        **{**good, "breadth": 10.02e-3, "turns": 30},
-    )
+    message = r"30 turns .*; at most 24\.75 turns fit"
+    refused(GeometryError, message, RoundedSpiral, **{**good, "breadth": 10.02e-3, "turns": 30})
     for size in BAD:
         refused(GeometryError, "size across corners must be positive and finite", across_flats, size, 6)

@@ -1,7 +1,6 @@
 """Unusual values: every key of a length, capacitance, resistance or frequency, slips of a unit, and no false alarms."""
 
 import json
-import warnings
 
 import pytest
 from hypothesis import given
@@ -58,34 +57,12 @@ def test_bundled_designs_are_usual(name):
     assert load_design_file(name).unusual == ()
 
 
-@pytest.mark.parametrize("size", [0.1, 1.0, 16.0, 500.0])  # on a chip to a wireless charger, in mm
-def test_coils_of_every_size_are_usual(size):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        ca.Spiral(6, size * 1e-3, 5, size / 50 * 1e-3, size / 50 * 1e-3)
-        ca.RoundedSpiral(size * 1e-3, size * 1e-3, 5, size / 50 * 1e-3, size / 50 * 1e-3)
-
-
-SLIPS = {
-    "copper_thickness_um = [35, 35, 35, 35]": (
-        "[35, 35, 35, 35000]",
-        "stackup.copper_thickness_um of 35000 µm",
-        "35 µm",
-    ),
-    "gap_mm = 0.15": ("0.00015", "coils.hexagon.gap_mm of 0.00015 mm", "0.15 mm"),
-    "capacitance_pF = 330": ("0.33", "circuit.capacitance_pF of 0.33 pF", "330 pF"),
-}
-
-
-@pytest.mark.parametrize("entry", SLIPS)
-def test_a_file_with_a_slip_is_read_and_told_once(tmp_path, capsys, entry):
-    value, what, meant = SLIPS[entry]
+def test_a_file_with_a_slip_is_read_and_told_once(tmp_path, capsys):
     path, text = tmp_path / "slip.toml", bundled.read("starter")
-    assert entry in text
-    path.write_text(text.replace(entry, f"{entry.partition(' =')[0]} = {value}"), encoding="utf-8")
+    path.write_text(text.replace("gap_mm = 0.15", "gap_mm = 0.00015"), encoding="utf-8")
     with pytest.warns(UnusualValueWarning) as told:
         ca.load_design(path)
-    line = f"{path}: {what} is unusual: {meant}?"
+    line = f"{path}: coils.hexagon.gap_mm of 0.00015 mm is unusual: 0.15 mm?"
     assert [str(one.message) for one in told] == [line]
     run, _ = runner("check")
     code, out, err = run(capsys, path, "--json", "--allow-violations")
