@@ -322,7 +322,7 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
     closed = bool(np.array_equal(line[0], line[-1]))
     if shapely.LineString(line).is_simple and not closed:
         return
-    segments = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
+    segments = np.asarray(shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1)))
     i, j = shapely.STRtree(segments).query(segments, predicate="intersects")
     for a, b in sorted(zip(i[i < j].tolist(), j[i < j].tolist(), strict=True)):
         shared = shapely.intersection(segments[a], segments[b])

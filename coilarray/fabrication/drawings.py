@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
@@ -195,13 +194,28 @@ def _drawing(array: Array) -> Drawing:
     ezdxf = import_extra("ezdxf", "DXF files", package="ezdxf", extra="fab")
     drawing: Drawing = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
     holes = [hole for hole in drills(array) if hole.drilled]
-    _add_layers(drawing, array, holes)
+    for k, name in enumerate(array.stackup.names):
+        colour = _DXF_COLOURS[k % len(_DXF_COLOURS)]
+        drawing.layers.add(f"copper_{name}", color=colour)
+        drawing.layers.add(f"path_{name}", color=colour, plot=False).off()
+    for name in sorted({_drill_layer(array, hole) for hole in holes}):
+        drawing.layers.add(name, color=_DRILL_COLOUR)
+    drawing.layers.add("outline", color=_OUTLINE_COLOUR)
+    drawing.layers.add("silk", color=_SILK_COLOUR)
     space = drawing.modelspace()
     for name, nets in reversed(copper_by_layer(array).items()):  # the top in front
         for copper in nets.values():
             for ring in shapely.get_rings(shapely.get_parts(copper)):
                 _add_ring(space, ring, f"copper_{name}")
-    _add_paths(space, array)
+    for placement in array.placements:  # centre lines with widths and arcs
+        for k, (line, widths, layer) in enumerate(placement.traces()):
+            pieces = list(pieces_of(line, placement.coil.arcs_of(k)))
+            # a vertex carries width and bulge of the piece that begins there, but no piece begins at the last vertex
+            begun = np.array([(widths[piece.first] * _MM, piece.bulge) for piece in pieces])
+            begun = np.vstack((begun, (begun[-1, 0], 0.0)))
+            places = _in_mm(line[[piece.first for piece in pieces] + [len(line) - 1]])
+            vertices = np.column_stack((places, begun[:, [0, 0, 1]])).tolist()
+            space.add_lwpolyline(vertices, format="xyseb", dxfattribs={"layer": f"path_{layer}"})
     for hole in holes:
         x, y = _in_mm(np.array([hole.x, hole.y])).tolist()
         space.add_circle((x, y), hole.diameter / 2 * _MM, dxfattribs={"layer": _drill_layer(array, hole)})
@@ -218,33 +232,8 @@ def _drawing(array: Array) -> Drawing:
     return drawing
 
 
-def _add_layers(drawing: Drawing, array: Array, holes: Iterable[Drill]) -> None:
-    """Add the layers of the drawing, with their colours."""
-    for k, name in enumerate(array.stackup.names):
-        colour = _DXF_COLOURS[k % len(_DXF_COLOURS)]
-        drawing.layers.add(f"copper_{name}", color=colour)
-        drawing.layers.add(f"path_{name}", color=colour, plot=False).off()
-    for name in sorted({_drill_layer(array, hole) for hole in holes}):
-        drawing.layers.add(name, color=_DRILL_COLOUR)
-    drawing.layers.add("outline", color=_OUTLINE_COLOUR)
-    drawing.layers.add("silk", color=_SILK_COLOUR)
-
-
 def _drill_layer(array: Array, hole: Drill) -> str:
     return "drill" if hole.layers == array.stackup.names else "_".join(("drill", *hole.layers))
-
-
-def _add_paths(space: Modelspace, array: Array) -> None:
-    """Add the centre lines of all traces. They have widths and arcs."""
-    for placement in array.placements:
-        for k, (line, widths, layer) in enumerate(placement.traces()):
-            pieces = list(pieces_of(line, placement.coil.arcs_of(k)))
-            # a vertex carries width and bulge of the piece that begins there, but no piece begins at the last vertex
-            begun = np.array([(widths[piece.first] * _MM, piece.bulge) for piece in pieces])
-            begun = np.vstack((begun, (begun[-1, 0], 0.0)))
-            places = _in_mm(line[[piece.first for piece in pieces] + [len(line) - 1]])
-            vertices = np.column_stack((places, begun[:, [0, 0, 1]])).tolist()
-            space.add_lwpolyline(vertices, format="xyseb", dxfattribs={"layer": f"path_{layer}"})
 
 
 def _add_ring(space: Modelspace, ring: shapely.LinearRing, layer: str) -> None:

@@ -61,7 +61,11 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         raise BoardError(f"{path}: has {len(copper)} copper layers and the given stack-up {len(stackup.names)}.")
     drawn = {layer: parse_gerber(file) for layer, file in zip(board.names, copper, strict=True)}
     for objects in drawn.values():
-        _refuse_cut_tracks(objects)
+        solid = [(k, item.shape) for k, item in enumerate(objects) if isinstance(item, Stroke | Flash)]
+        tree = shapely.STRtree([shape for _, shape in solid])
+        for k, item in enumerate(objects):
+            if isinstance(item, Clear) and any(solid[index][0] < k for index in tree.query(item.shape, "intersects")):
+                raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
     tracks = tuple(
         Track(layer, start, end, item.width, item.net, item.where)
         for layer, objects in drawn.items()
@@ -130,21 +134,6 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
     if missing:
         raise BoardError(f"{path}: copper layers are missing: {', '.join(missing)}.")
     return [numbered[number] for number in sorted(numbered)]
-
-
-def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> None:
-    """Raise BoardError if a clear shape cuts tracks or pads.
-
-    Only tracks and pads drawn before the clear shape are cut.
-    """
-    clear = [(k, item) for k, item in enumerate(objects) if isinstance(item, Clear)]
-    if not clear:
-        return
-    drawn = [(k, item.shape) for k, item in enumerate(objects) if isinstance(item, Stroke | Flash)]
-    tree = shapely.STRtree([shape for _, shape in drawn])
-    for k, item in clear:
-        if any(drawn[index][0] < k for index in tree.query(item.shape, predicate="intersects").tolist()):
-            raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
 
 
 def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> Iterator[CopperArea]:

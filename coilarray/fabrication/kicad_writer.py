@@ -430,11 +430,19 @@ def board_text(array: Array, name: str, title: str) -> str:
         # plot from the drill origin: Gerbers have the coordinates of the design
         node("pcbplotparams", node("useauxorigin", "true")),
     )
+    table = [(BOTTOM if kicad == "B.Cu" else k, kicad, "signal", own) for k, (own, kicad) in enumerate(layers.items())]
+    if len(layers) == 1:
+        table.append((BOTTOM, "B.Cu", "signal", "B.Cu"))
+    table += [(number, kicad, "user", shown) for number, kicad, shown in OTHER_LAYERS]
+    rows = (
+        node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
+        for number, kicad, kind, shown in table
+    )
     children = [
         node("general", node("thickness", length(thickness))),
         node("paper", *paper),
         node("title_block", node("title", quoted(title))),
-        _layer_table(layers),
+        block("layers", (), rows),
         block("setup", (), setup),
         node("net", "0", quoted("")),
         *(node("net", str(k), quoted(net)) for k, net in enumerate(array.names, start=1)),
@@ -463,19 +471,6 @@ def _sheet(array: Array, name: str, layers: dict[str, str]) -> tuple[tuple[str, 
     x0 = round((sheet[0] - x_min - x_max) / 2 * 1e3) * 1000
     y0 = round((sheet[1] + y_min + y_max) / 2 * 1e3) * 1000
     return paper, Drawing(name, layers, x0, y0)
-
-
-def _layer_table(layers: dict[str, str]) -> str:
-    """Make the table of the board's layers."""
-    table = [(BOTTOM if kicad == "B.Cu" else k, kicad, "signal", own) for k, (own, kicad) in enumerate(layers.items())]
-    if len(layers) == 1:
-        table.append((BOTTOM, "B.Cu", "signal", "B.Cu"))
-    table += [(number, kicad, "user", shown) for number, kicad, shown in OTHER_LAYERS]
-    rows = (
-        node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
-        for number, kicad, kind, shown in table
-    )
-    return block("layers", (), rows)
 
 
 def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import board_outline, disc, drills
 
@@ -50,7 +51,7 @@ def silk_labels(array: Array) -> tuple[Label | None, ...]:
         x, y = np.meshgrid(*(_STEP * np.arange(-n, n + 1) for n in count))
         grid = np.column_stack((x.ravel(), y.ravel()))
         middle = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
-        places = middle + grid[np.argsort(np.hypot(*grid.T), kind="stable")]
+        places: FloatArray = middle + grid[np.argsort(np.hypot(*grid.T), kind="stable")]
         label = None
         for size in _SIZES:
             half = 0.5 * np.array([_LETTER_WIDTH * len(placement.name), _LETTER_HEIGHT]) * size
@@ -60,7 +61,7 @@ def silk_labels(array: Array) -> tuple[Label | None, ...]:
             clear = np.all(np.any(beyond | before, axis=2), axis=1)
             fits = np.flatnonzero(shapely.contains(free, shapely.box(*boxes.T)) & clear)
             if len(fits):
-                label = Label(*places[fits[0]].tolist(), size)
+                label = Label(float(places[fits[0], 0]), float(places[fits[0], 1]), size)
                 taken = np.vstack((taken, boxes[fits[0]]))
                 break
         labels.append(label)

@@ -71,12 +71,23 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     at the end whose track comes first in the file. Pads and holes are conductors too. A net is not a coil if a pad or
     hole joins its turns.
     """
-    by_net, nameless = _by_net(board)
+    found: dict[str | None, _NetCopper] = {}
+    for kind in ("tracks", "holes", "pads", "areas"):
+        for item in getattr(board, kind):
+            getattr(found.setdefault(item.net, _NetCopper()), kind).append(item)
+    nameless = found.pop(None, _NetCopper())
+    by_net = {net: copper for net, copper in found.items() if net is not None}
     obstacles = Obstacles(nameless.all)
     if nets is not None:
         for net in nets:
             if net not in by_net:
-                raise BoardError(f"{board.source}: {_unknown(net, sorted(by_net))}")
+                known = sorted(by_net)
+                close = difflib.get_close_matches(net, known, n=1)
+                hint = f"did you mean {close[0]}? The" if close else "the"
+                more = "" if len(known) <= _SHOWN else f" and {len(known) - _SHOWN} more"
+                has = f"{hint} board has {', '.join(known[:_SHOWN])}{more}"
+                has = has if known else "the board's copper has no nets"
+                raise BoardError(f"{board.source}: there is no net {net!r}; {has}.")
             if not by_net[net].tracks and not by_net[net].areas:
                 raise BoardError(f"{board.source}: net {net} has no track.{_drawn(nameless)}")
         return Tracing(tuple(_trace_net(net, by_net[net], obstacles) for net in dict.fromkeys(nets)), {})
@@ -123,28 +134,6 @@ class _NetCopper:
         """Copper that may join paths but is no path itself. It is holes, pads, and tracks without a length."""
         dots = [track for track in self.tracks if dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
-
-
-def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
-    """Sort a board's copper by net, and separate the rest.
-
-    The nets are in the order of their tracks, then of their other copper. Copper without a net is returned apart.
-    """
-    found: dict[str | None, _NetCopper] = {}
-    for kind in ("tracks", "holes", "pads", "areas"):
-        for item in getattr(board, kind):
-            getattr(found.setdefault(item.net, _NetCopper()), kind).append(item)
-    return {net: copper for net, copper in found.items() if net is not None}, found.get(None, _NetCopper())
-
-
-def _unknown(net: str, known: Sequence[str]) -> str:
-    """Make the message for an unknown net, with a hint."""
-    if not known:
-        return f"there is no net {net!r}; the board's copper has no nets."
-    close = difflib.get_close_matches(net, known, n=1)
-    hint = f"did you mean {close[0]}? The" if close else "the"
-    more = "" if len(known) <= _SHOWN else f" and {len(known) - _SHOWN} more"
-    return f"there is no net {net!r}; {hint} board has {', '.join(known[:_SHOWN])}{more}."
 
 
 def _drawn(nameless: _NetCopper) -> str:
@@ -288,7 +277,14 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
     shapes = [copper_of(item) for item in items]
-    for group in _overlapping(shapes):
+    entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
+    geometries = np.array([shape for _, _, shape in entries], dtype=object)
+    pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()
+    met = ((entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1])
+    overlapping: dict[int, list[int]] = {}
+    for k, lowest in enumerate(groups(len(shapes), met)):
+        overlapping.setdefault(lowest, []).append(k)
+    for group in overlapping.values():
         stretches = sorted(
             (*_stretch(segments[index], shape, within), index)
             for k in group
@@ -336,18 +332,6 @@ def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[flo
     part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))
     return segment.begin + float(along.min()), segment.begin + float(along.max())
-
-
-def _overlapping(shapes: Sequence[dict[str, BaseGeometry]]) -> list[list[int]]:
-    """Sort the indices of items into connected groups."""
-    entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
-    geometries = np.array([shape for _, _, shape in entries], dtype=object)
-    pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()
-    met = ((entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1])
-    found: dict[int, list[int]] = {}
-    for k, lowest in enumerate(groups(len(shapes), met)):
-        found.setdefault(lowest, []).append(k)
-    return list(found.values())
 
 
 def _kind(item: Copper) -> str:

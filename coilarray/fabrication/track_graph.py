@@ -275,7 +275,13 @@ class TracedCoil:
     def centre(self) -> Point:
         """Centre in m of the area enclosed by the path. It is the middle of its bounds if the path encloses no area."""
         path = self.path
-        x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)
+        if _runs_around_nothing(path):
+            x, y = 0.5 * (path.min(axis=0) + path.max(axis=0))
+        else:  # each part counts as often as the path runs around it
+            points = path - path[0]
+            cross = _cross(points)
+            both = points + np.roll(points, -1, axis=0)
+            x, y = path[0] + (both * cross[:, None]).sum(axis=0) / (3 * cross.sum())
         return float(x), float(y)
 
     @cached_property
@@ -314,18 +320,6 @@ def _cross(points: FloatArray) -> FloatArray:
 def _runs_around_nothing(path: FloatArray) -> bool:
     area = _cross(path - path[0]).sum() / 2
     return bool(abs(area) <= _NO_AREA * np.hypot(*np.diff(path, axis=0).T).sum() ** 2)
-
-
-def _centroid(path: FloatArray) -> FloatArray:
-    """Centroid of the area enclosed by a path.
-
-    The path is closed by a straight line. Each part counts as often as the path runs around it.
-    """
-    points = path - path[0]
-    cross = _cross(points)
-    return np.asarray(
-        path[0] + ((points + np.roll(points, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
-    )
 
 
 def natural_order(name: str) -> list[tuple[bool, int, str]]:
