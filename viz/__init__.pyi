@@ -32,7 +32,6 @@ from .plots.measurement import posterior_figure as posterior_figure
 from .plots.optimize import boards_figure as boards_figure
 from .plots.optimize import plot_convergence as plot_convergence
 from .plots.optimize import plot_front as plot_front
-from .plots.optimize import plot_importance as plot_importance
 from .plots.response import plot_bell_curve as plot_bell_curve
 from .plots.response import plot_response as plot_response
 from .plots.response import plot_response_profile as plot_response_profile

@@ -1,4 +1,4 @@
-"""Page of an optimisation: before and after, convergence, importance, Pareto front, boards."""
+"""Page of an optimisation: before and after, convergence, Pareto front, boards."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -26,9 +26,9 @@ from coilarray.report.page import html_page, now, provenance_section
 from coilarray.studies.optimize.goal import Objective, Trial
 from coilarray.studies.optimize.run import Optimization
 from coilarray.studies.optimize.space import Axis
-from coilarray.studies.optimize.write import design_names, importance
+from coilarray.studies.optimize.write import design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
-from coilarray.viz import boards_figure, plot_convergence, plot_front, plot_importance
+from coilarray.viz import boards_figure, plot_convergence, plot_front
 
 _CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page always shows
 _MOST_REASONS = 5
@@ -51,9 +51,8 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
     path = Path(folder) / "report.html"
     make_folder(path.parent)
     chosen = chosen_designs(result)
-    parts = importance(result.goal, result.axes, result.trials)
     goal, several = result.goal, len(result.goal.objectives) > 1
-    fronts, important = _front_pictures(result, chosen), _importance_pictures(result, parts)
+    fronts = _front_pictures(result, chosen)
     trials, reasons = trial_table(result), reason_table(result)
     sections = [Section("Before and after", (
         Group("text", (quantity_table(result, chosen),)), Group("text", (variable_table(result, chosen),)),
@@ -68,7 +67,6 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
             *_convergence_pictures(result),
             *([f"No local solver: {result.polish_problem}"] if result.polish_problem else []),
         )),
-        Section("Importance", (_IMPORTANCE, *important) if important else (_NOT_IMPORTANT,)),
         Section(trials.title, (Details("All trials: `trials.csv`", (trials,), open=several),)),
     ]  # fmt: skip
     if reasons.rows:
@@ -85,14 +83,6 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
     )  # fmt: skip
     write_text(path, page)
     return path
-
-
-_IMPORTANCE = (
-    "How differently each variable is distributed among the best tenth of the feasible points than among all of them "
-    "(PED-ANOVA, Watanabe et al., IJCAI 2023), as a part of the sum over all variables. It describes the region "
-    "that was searched. A variable without importance may matter beside another one or outside."
-)
-_NOT_IMPORTANT = "Too few points keep all bounds to find out which variables matter."
 
 
 def _search_words(result: Optimization) -> str:
@@ -291,19 +281,6 @@ def _convergence_pictures(result: Optimization) -> list[Picture]:
 def _axis_label(objective: Objective) -> str:
     """Quantity of a score, whose name contains the unit."""
     return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
-
-
-def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, float]]) -> list[Picture]:
-    """Draw the importance of the variables."""
-    return [
-        draw(
-            f"importance_{k}",
-            f"Which variables set the best tenth of the points apart: {objective.wish}.",
-            plot_importance(part, title=objective.wish),
-        )
-        for k, (objective, part) in enumerate(zip(result.goal.objectives, parts, strict=True))
-        if part
-    ]
 
 
 def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Picture]:

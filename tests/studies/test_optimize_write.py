@@ -11,7 +11,7 @@ from support.optimize_points import StandIn
 from coilarray.design.model import build_design_file, load_design_file, parse_design_file
 from coilarray.report.optimization import write_optimization_report
 from coilarray.studies.optimize import optimize_with, parse_goal, write_optimization
-from coilarray.studies.optimize.write import LEAST_POINTS, importance, result_data, trial_text
+from coilarray.studies.optimize.write import result_data, trial_text
 from coilarray.studies.quantities import evaluate
 from coilarray.viz.plots.optimize import plot_convergence
 
@@ -131,16 +131,6 @@ def test_what_was_chosen_is_not_assumed(single):
     assert "assumed" not in trial_text(bare, single.best, "best")
 
 
-def test_importance(single, double):
-    (parts,) = importance(single.goal, single.axes, single.trials)
-    assert sum(parts.values()) == pytest.approx(1.0)
-    assert min(parts.values()) >= 0
-    assert min(parts, key=parts.get) == "array.layers"  # which do not enter the area
-    assert len(importance(double.goal, double.axes, double.trials)) == 2
-    few = [trial for trial in single.trials if trial.feasible][: LEAST_POINTS - 1]
-    assert importance(single.goal, single.axes, few) == [{}]
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_pictures")
 def test_page(single, double, tmp_path, monkeypatch):
@@ -150,12 +140,12 @@ def test_page(single, double, tmp_path, monkeypatch):
         assert "http" not in re.sub(r"<[^>]*>", "", page)
         assert not re.search(r"<(script|link|iframe)|src=\"(?!data:image/png;base64,)", page)
         assert "Smaller &amp; better" in page
-        for heading in ("Before and after", "Boards", "Convergence", "Importance", "Points that give no design"):
+        for heading in ("Before and after", "Boards", "Convergence", "Points that give no design"):
             assert f">{heading}</h2>" in page
         assert "is too much." in page
     one, two = pages
-    assert one.count("<img") == 3  # boards, convergence, importance
-    assert two.count("<img") == 6  # and the front; the others for both objectives
+    assert one.count("<img") == 2  # boards, convergence
+    assert two.count("<img") == 4  # and the front; the others for both objectives
     assert "<code>best.toml</code>" in one
     assert ">Pareto front</h2>" in two
     assert f"{single.best.quantities['span_mm']:.5g}" in one

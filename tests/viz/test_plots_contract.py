@@ -58,7 +58,7 @@ ARGUMENTS = {
 }  # fmt: skip
 
 # these take numbers of no particular result, and are tested with what they draw
-PLAIN_NUMBERS = {"plot_convergence", "plot_front", "plot_importance"}
+PLAIN_NUMBERS = {"plot_convergence", "plot_front"}
 DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS)
 
 # axes of texts, counts, pure numbers, and quantities whose names say the unit

@@ -1,4 +1,4 @@
-"""Figures of a search: convergence, importance of the variables, Pareto front, and boards."""
+"""Figures of a search: convergence, Pareto front, and boards."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.display_units import MM
 from coilarray.geometry.array import Array
-from coilarray.viz.palette import BLUE, GREEN, INK, PALE, SHADE, VERMILLION
+from coilarray.viz.palette import BLUE, INK, PALE, SHADE, VERMILLION
 from coilarray.viz.plots.board import plot_board
 from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, new_figure, styled
 
@@ -69,29 +69,6 @@ def plot_convergence(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     faint_grid(ax, "y")
     legend_above(ax, 5)
-    return ax
-
-
-@styled
-def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None = None) -> Axes:
-    """Draw the importance of every variable as a bar.
-
-    The bars are in the given order from the top.
-
-    Parameters
-    ----------
-    parts : mapping of str to float
-        Importance from 0 to 1 by the name of the variable, at least one.
-    title : str
-        Title of the axes: the quantity that the variables decide.
-    """
-    ax = ax or new_axes(6.0, 0.9 + 0.32 * len(parts))
-    rows = np.arange(len(parts))
-    ax.barh(rows, [100 * part for part in parts.values()], color=GREEN, height=0.6)
-    for row, part in zip(rows.tolist(), parts.values(), strict=True):
-        ax.annotate(f"{100 * part:.0f} %", (100 * part, row), xytext=(4, 0), textcoords="offset points", va="center")
-    ax.set_yticks(rows, list(parts))
-    ax.set(ylim=(len(parts) - 0.5, -0.5), xlim=(0, 110), xlabel="importance (%)", title=title)
     return ax
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -10,6 +9,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import tomlkit
 
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
@@ -91,33 +92,29 @@ class DerivedGoal:
 
     def text(self, head: str) -> str:
         """Return the goal as a commented file with the lines `head` at its top."""
-        document = self.goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
-        lines = [*(f"# {line}".rstrip() for line in head.splitlines()), ""]
-        lines += [f"{key} = {_value(value)}" for key, value in document.items() if key not in (*_TABLES, "search")]
-        for kind in _TABLES:
-            for table in document.get(kind, []):
-                lines += ["", f"[[{kind}]]"]
+        document = tomlkit.document()
+        for line in head.splitlines():
+            document.add(tomlkit.comment(line))
+        document.add(tomlkit.nl())
+        for kind, value in self.goal.model_dump(mode="json", by_alias=True, exclude_unset=True).items():
+            if kind not in _TABLES:
+                document.add(kind, value)
+                continue
+            rows = tomlkit.aot()
+            for table in value:
+                row = tomlkit.table()
                 if (kind, _name(table)) in self.comments:
-                    lines.append(f"# {self.comments[kind, _name(table)]}")
-                lines += _entries(table)
-        lines += ["", "[search]", *_entries(document.get("search", {}))]
-        return "\n".join(lines) + "\n"
+                    row.add(tomlkit.comment(self.comments[kind, _name(table)]))
+                for key in sorted(table, key=lambda key: key != "quantity"):  # of a bound it comes first
+                    if table[key] is not None:
+                        row.add(key, table[key])
+                rows.append(row)
+            document.add(kind, rows)
+        return tomlkit.dumps(document)
 
 
 def _name(table: Mapping[str, Any]) -> str:
     return str(table.get("entry") or table["quantity"])
-
-
-def _entries(table: Mapping[str, Any]) -> list[str]:
-    ordered = sorted(table, key=lambda key: key != "quantity")  # the quantity of a bound comes first
-    return [f"{key} = {_value(table[key])}" for key in ordered if table[key] is not None]
-
-
-def _value(value: Any) -> str:
-    """Return a plain value as TOML. Inner lists have one line each."""
-    if isinstance(value, list) and any(isinstance(part, list) for part in value):
-        return "[\n" + "".join(f"    {json.dumps(part, ensure_ascii=False)},\n" for part in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
 
 
 @dataclass(frozen=True)

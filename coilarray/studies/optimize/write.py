@@ -1,17 +1,12 @@
-"""Files of an optimization: every trial as CSV, everything as JSON, the chosen designs as design files.
-
-The importance of the variables is PED-ANOVA (S. Watanabe, A. Bansal, F. Hutter, IJCAI 2023): the Pearson divergence
-between the distribution of a variable among the best tenth of the points and its distribution among all points.
-"""
+"""Files of an optimization: every trial as CSV, everything as JSON, the chosen designs as design files."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,39 +16,10 @@ from coilarray.compute.files import make_folder, write_text
 from coilarray.design.model import DesignFile
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import file_text
-from coilarray.studies.optimize.goal import Goal, Trial
-from coilarray.studies.optimize.run import Optimization, quiet
-from coilarray.studies.optimize.space import Axis, distributions_of
+from coilarray.studies.optimize.goal import Trial
+from coilarray.studies.optimize.run import Optimization
 
-LEAST_POINTS = 30
-"""Smallest number of feasible points for an importance. The best tenth of fewer would be two points."""
 _DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
-
-
-def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
-    """Compute the importance of the variables for each objective, the largest share first.
-
-    Only feasible points of the search count. The points of the local solver lie too close together. Empty if there are
-    fewer than `LEAST_POINTS` such points, or if all are equal.
-    """
-    from optuna import create_study
-    from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
-    from optuna.trial import create_trial
-
-    points = [trial for trial in trials if trial.kind == "search" and trial.feasible]
-    if len(points) < LEAST_POINTS:
-        return [{} for _ in goal.objectives]
-    distributions = distributions_of(axes)
-    parts = []
-    for k, direction in enumerate(goal.directions):
-        with quiet():
-            study = create_study(direction=direction)
-        for point in points:
-            parameters = {axis.entry: axis.parameter(point.changes[axis.entry]) for axis in axes}
-            study.add_trial(create_trial(params=parameters, distributions=distributions, value=point.scores[k]))
-        found = get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
-        parts.append(found if all(math.isfinite(part) for part in found.values()) else {})
-    return parts
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
@@ -79,20 +45,17 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
             for name, trial in zip(names, result.front, strict=True)
         },
     }
-    for old in _written_before(folder) - set(texts):
-        (folder / old).unlink(missing_ok=True)
+    try:
+        front = json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]
+        before = [str(design["file"]) for design in front]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):  # no such file, or of another program
+        before = []
+    for old in before:
+        if old not in texts and _DESIGN_NAME.fullmatch(old):
+            (folder / old).unlink(missing_ok=True)
     for name, text in texts.items():
         write_text(folder / name, text)
     return tuple(folder / name for name in texts)
-
-
-def _written_before(folder: Path) -> set[str]:
-    """Return the names of an earlier search's designs, listed in its ``result.json``."""
-    try:
-        files = [design["file"] for design in json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):  # no such file, or of another program
-        return set()
-    return {name for name in files if isinstance(name, str) and _DESIGN_NAME.fullmatch(name)}
 
 
 def design_names(result: Optimization) -> tuple[str, ...]:
@@ -148,10 +111,6 @@ def result_data(result: Optimization) -> dict[str, Any]:
         "front": [
             {"file": name, **_record(trial, trial.changes)}
             for name, trial in zip(design_names(result), result.front, strict=True)
-        ],
-        "importance": [
-            {"objective": objective.wish, "parts": parts}
-            for objective, parts in zip(goal.objectives, importance(goal, result.axes, result.trials), strict=True)
         ],
     }
 
