@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.stats import qmc
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import FloatArray
@@ -90,9 +91,7 @@ class Axis:
             return [self.values[int(part * len(self.values))] for part in parts]
         low, high = self.values
         if whole:
-            first, last = math.ceil(low), math.floor(high)
-            if last < first:
-                raise GoalError(f"{self.key} takes whole numbers; there is none from {low} to {high}.")
+            first, last = self._whole()
             return [first + int(part * (last - first + 1)) for part in parts]
         return [low + part * (high - low) for part in parts]
 
@@ -100,12 +99,17 @@ class Axis:
         """Return an interval as values for a grid, from end to end. Raises GoalError as `sample`."""
         if not self.interval:
             return self
-        low, high = self.values
         if whole:
-            first, last = self.sample((0.0, 1.0 - 1e-12), whole=True)
-            values = np.unique(np.linspace(first, last, _STEPS).round()).astype(int).tolist()
+            values = np.unique(np.linspace(*self._whole(), _STEPS).round()).astype(int).tolist()
             return Axis(self.key, tuple(values))
-        return Axis(self.key, _evenly(low, high, _STEPS))
+        return Axis(self.key, _evenly(*self.values, _STEPS))
+
+    def _whole(self) -> tuple[int, int]:
+        """Return the first and last whole number of the interval."""
+        low, high = self.values
+        if math.floor(high) < math.ceil(low):
+            raise GoalError(f"{self.key} takes whole numbers; there is none from {low} to {high}.")
+        return math.ceil(low), math.floor(high)
 
 
 def parse_axis(text: str, option: str = "--vary") -> Axis:
@@ -162,16 +166,6 @@ class Sweep:
     requests: tuple[Request, ...]
     sampling: str = "grid"
     accuracy: Accuracy = "full"
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """Dimensions of the result: the entries, or "sample"."""
-        return tuple(axis.key for axis in self.axes) if self.sampling == "grid" else ("sample",)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Points along each dimension."""
-        return tuple(len(axis.values) for axis in self.axes) if self.sampling == "grid" else (len(self.points),)
 
 
 def sweep(
@@ -263,10 +257,12 @@ def plan_sweep(
     file = as_file(design)
     if samples is None:
         axes = [axis.stepped(whole=_is_whole(file.values.get(axis.key))) for axis in axes]
-        points, sampling = _grid(axes), "grid"
+        _check_number(math.prod(len(axis.values) for axis in axes))
+        rows, sampling = itertools.product(*(axis.values for axis in axes)), "grid"
     else:
-        points = _samples(file, axes, samples, seed)
+        rows = _samples(file, axes, samples, seed)
         sampling = f"{samples} points of a Sobol sequence, seed {seed}"
+    points = [dict(zip(keys, row, strict=True)) for row in rows]
     _check_designs(file, points, tuple(requests.values()))
     return Sweep(file, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
 
@@ -314,7 +310,9 @@ def is_read(result: xr.Dataset) -> xr.DataArray:
 
 def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:
     """Return values (quantities, points) and reasons as the dataset of `run_sweep`."""
-    dims, shape = plan.dims, plan.shape
+    grid = plan.sampling == "grid"
+    dims = tuple(axis.key for axis in plan.axes) if grid else ("sample",)
+    shape = tuple(len(axis.values) for axis in plan.axes) if grid else (len(plan.points),)
     variables = {
         one.key: (dims, row.reshape(shape), {"units": one.quantity.unit, "long_name": one.quantity.says})
         for one, row in zip(plan.requests, values, strict=True)
@@ -342,16 +340,8 @@ def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
     return xr.Variable(dim, np.array(values), attributes)
 
 
-def _grid(axes: Sequence[Axis]) -> list[dict[str, Any]]:
-    _check_number(math.prod(len(axis.values) for axis in axes))
-    keys = [axis.key for axis in axes]
-    return [dict(zip(keys, values, strict=True)) for values in itertools.product(*(axis.values for axis in axes))]
-
-
-def _samples(file: DesignFile, axes: Sequence[Axis], count: int, seed: int) -> list[dict[str, Any]]:
+def _samples(file: DesignFile, axes: Sequence[Axis], count: int, seed: int) -> Iterator[tuple[Any, ...]]:
     """Choose `count` points of a scrambled Sobol sequence."""
-    from scipy.stats import qmc
-
     _check_number(count)
     if seed < 0:
         raise GoalError(f"the seed must not be negative; got {seed}.")
@@ -362,8 +352,7 @@ def _samples(file: DesignFile, axes: Sequence[Axis], count: int, seed: int) -> l
         axis.sample(column, whole=_is_whole(file.values.get(axis.key)))
         for axis, column in zip(axes, parts.T.tolist(), strict=True)
     ]
-    keys = [axis.key for axis in axes]
-    return [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
+    return zip(*columns, strict=True)
 
 
 def _check_number(points: int) -> None:

@@ -88,7 +88,6 @@ BAD_REQUESTS = {
         "inductance",
         "there is no quantity 'inductance'; did you mean inductance_uH, effective_inductance_uH, target_inductance_uH?",
     ),
-    "its words": ("quality_factor", "there is no quantity 'quality_factor'; did you mean q, target_q?"),
     "too long": ("z" * 1000, f"there is no quantity '{79 * 'z'}…. coilarray optimize --list-quantities"),
     "nothing like it": ("zzzz", "there is no quantity 'zzzz'. coilarray optimize --list-quantities"),
     "no name": ("", "the name of a quantity is missing; there are board_area_mm2"),

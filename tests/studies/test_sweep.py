@@ -127,7 +127,7 @@ def test_samples_lie_in_their_axes_and_cover_them(starter):
     tank = Axis("circuit.tank", ("coil", "converter", "neither"))
     axes = [Axis(PITCH, (10.0, 20.0), interval=True), Axis(COLUMNS, (2, 5), interval=True), tank]
     plan = plan_sweep(starter, axes, ["span_mm"], samples=64, seed=3)
-    assert (plan.dims, plan.shape, plan.sampling) == (("sample",), (64,), "64 points of a Sobol sequence, seed 3")
+    assert (len(plan.points), plan.sampling) == (64, "64 points of a Sobol sequence, seed 3")
     pitch = np.sort([point[PITCH] for point in plan.points])
     # a power of two of a Sobol sequence has one point in each of as many equal parts of every axis
     np.testing.assert_array_equal(np.floor((pitch - 10) / 10 * 64), np.arange(64))

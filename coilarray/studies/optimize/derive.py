@@ -15,10 +15,18 @@ import tomlkit
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
 from coilarray.errors import GoalError, NetworkError
-from coilarray.geometry import Target
-from coilarray.studies.optimize import ranges
 from coilarray.studies.optimize.goal import GOALS, RULES, Goal, Variable, check_goal, parse_goal
-from coilarray.studies.optimize.ranges import Row, rounded
+from coilarray.studies.optimize.ranges import (
+    Row,
+    layer_choices,
+    neighbours,
+    pitch_ranges,
+    rounded,
+    size_ranges,
+    termination_choices,
+    trace_ranges,
+    turns_ranges,
+)
 from coilarray.studies.quantities import Evaluation, canonical, evaluate, request
 from coilarray.studies.sweep import UNREAD, Axis
 
@@ -29,7 +37,6 @@ _DIRECTED = re.compile(rf"(minimize|maximize)\s+{_QUANTITY}")
 _TARGET = re.compile(rf"{_QUANTITY}\s*=\s*{_NUMBER}")
 _BOUND = re.compile(rf"{_QUANTITY}\s*(>=|<=|≥|≤)\s*{_NUMBER}")
 _TABLES = ("variable", "objective", "constraint")
-_UNKNOWNS = 3  # of a position: x, y and the depth
 _WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
 _KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
 _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
@@ -199,7 +206,8 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
         one.needs(file.design)
     variables = [Row(variable_of(axis), "") for axis in vary] or [row for one in asked for row in one.variables(file)]
     if not variables:
-        raise GoalError(f"{_nothing_to_vary(wishes, file)}; name entries by --vary or in a goal file.")
+        nothing = f"{', '.join(wishes)} finds nothing to vary in {file.design.name}"
+        raise GoalError(f"{nothing}; name entries by --vary or in a goal file.")
     parts = [one.part(file) for one in asked]
     objectives = _by_name([part.objective for part in parts])
     constraints = _by_name([row for part in parts for row in part.constraints if _name(row.table) not in objectives])
@@ -250,14 +258,10 @@ def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
         try:
             named.needs(file.design)
             if not named.variables(file):
-                reasons[name] = f"{_nothing_to_vary([name], file)}."
+                reasons[name] = f"{name} finds nothing to vary in {file.design.name}."
         except GoalError as error:
             reasons[name] = str(error)
     return reasons
-
-
-def _nothing_to_vary(wishes: Sequence[str], file: DesignFile) -> str:
-    return f"{', '.join(wishes)} finds nothing to vary in {file.design.name}"
 
 
 def _named(wish: str) -> _Named:
@@ -271,7 +275,7 @@ def _named(wish: str) -> _Named:
             f"got {wish!r}."
         )
     objective["quantity"] = canonical(objective["quantity"])
-    return _Named(wish, lambda _: None, _sizes, lambda file: _Part(Row(objective, ""), [_fab(file)]))
+    return _Named(wish, lambda _: None, _COILS, lambda file: _Part(Row(objective, ""), [_fab(file)]))
 
 
 def _worst_k(file: DesignFile) -> _Part:
@@ -281,7 +285,7 @@ def _worst_k(file: DesignFile) -> _Part:
 
 def _decouple(file: DesignFile) -> _Part:
     """Goal of zero coupling between two neighbours in the middle."""
-    near = ranges.neighbours(file.design)
+    near = neighbours(file.design)
     reason = "two neighbours in the middle"
     if near.share_copper:
         reason += "; they lie on the same copper, where coils cannot overlap until k is zero"
@@ -292,10 +296,9 @@ def _decouple(file: DesignFile) -> _Part:
 def _three_states(design: Design) -> None:
     """Refuse a design with fewer states than unknowns."""
     _ = Evaluation(design).indentation  # there must be one
-    if len(design.plan) < _UNKNOWNS:
+    if len(design.plan) < 3:
         raise GoalError(
-            f"position_error needs {_UNKNOWNS} states of the scan for x, y and the depth; "
-            f"{design.name} has {len(design.plan)}."
+            f"position_error needs 3 states of the scan for x, y and the depth; {design.name} has {len(design.plan)}."
         )
 
 
@@ -306,34 +309,26 @@ def _position_error(file: DesignFile) -> _Part:
     return _Part(objective, [_fab(file), *_areas(file)], ["depth_error_mm"], trials=40, polish=0)
 
 
-def _target(design: Design) -> Target:
-    return Evaluation(design).target  # there must be one
-
-
-def _range(file: DesignFile) -> _Part:
-    return _of_target(file, "target_range_mm[{coil}]", "maximize", "δ with the noise budget")
-
-
-def _resolution(file: DesignFile) -> _Part:
-    distances = _target(file.design).distances
-    middle = f"{round(distances[len(distances) // 2] * 1e3, 6):g}"
-    quantity = f"target_deviation_um[{{coil}},distance_mm={middle}]"
-    return _of_target(file, quantity, "minimize", "in the middle of its distances")
-
-
-def _of_target(file: DesignFile, quantity: str, direction: str, says: str) -> _Part:
-    """Change size, turns and traces of the coils. The board does not grow."""
+def _of_target(file: DesignFile, *, finest: bool) -> _Part:
+    """Goal of the finest resolution in the middle of the distances, or of the largest range."""
     coil = file.design.array.middle_coil
+    if finest:
+        distances = Evaluation(file.design).target.distances
+        middle = f"{round(distances[len(distances) // 2] * 1e3, 6):g}"
+        quantity, direction = f"target_deviation_um[{coil},distance_mm={middle}]", "minimize"
+        says = "in the middle of its distances"
+    else:
+        quantity, direction, says = f"target_range_mm[{coil}]", "maximize", "δ with the noise budget"
     now = evaluate(file.design, ["board_area_mm2"])["board_area_mm2"]
     board = Row({"quantity": "board_area_mm2", "at_most": rounded(now, 3, up=True)}, "no more board than it is")
-    objective = Row({"quantity": canonical(quantity.format(coil=coil)), "direction": direction}, f"of {coil}; {says}")
+    objective = Row({"quantity": canonical(quantity), "direction": direction}, f"of {coil}; {says}")
     return _Part(objective, [_fab(file), board], [f"q[{coil}]", f"inductance_uH[{coil}]"], trials=40, polish=0)
 
 
 def _smallest(file: DesignFile) -> _Part:
     """Minimize the board area; inductance in the middle, coupling and most of Q are kept."""
     design = file.design
-    coil = design.array.names[0] if len(design.array.names) == 1 else ranges.neighbours(design).names[0]
+    coil = design.array.names[0] if len(design.array.names) == 1 else neighbours(design).names[0]
     wanted = {f"inductance_uH[{coil}]": (1.0, "at_least", "as much as it is; another one can be asked for here")}
     if len(design.array.names) > 1:
         wanted["worst_k"] = (1.0, "at_most", "no more coupling than it is")
@@ -371,46 +366,49 @@ def _areas(file: DesignFile) -> list[Row]:
     ]
 
 
-def _distances(file: DesignFile) -> list[Row]:
-    """Ranges of the pitch, or of the sizes if each coil has its own place."""
-    return ranges.pitch_ranges(file) or ranges.size_ranges(file)
+def _ranges_of(*kinds: Callable[[DesignFile], list[Row]]) -> Callable[[DesignFile], list[Row]]:
+    return lambda file: [row for kind in kinds for row in kind(file)]
 
 
-def _sizes(file: DesignFile) -> list[Row]:
-    return [*ranges.pitch_ranges(file), *ranges.size_ranges(file), *ranges.turns_ranges(file)]
-
-
-def _of_traces(file: DesignFile) -> list[Row]:
-    return [*ranges.size_ranges(file), *ranges.turns_ranges(file), *ranges.trace_ranges(file)]
-
-
+_COILS = _ranges_of(pitch_ranges, size_ranges, turns_ranges)
+_TRACES = _ranges_of(size_ranges, turns_ranges, trace_ranges)
 _NAMED: Mapping[str, _Named] = {
     "worst_k": _Named(
         "Less coupling between any two coils",
-        ranges.neighbours,
-        lambda file: [*_distances(file), *ranges.layer_choices(file)],
+        neighbours,
+        lambda file: [*(pitch_ranges(file) or size_ranges(file)), *layer_choices(file)],
         _worst_k,
     ),
-    "decouple": _Named("Neighbours without coupling", ranges.neighbours, _distances, _decouple),
+    "decouple": _Named(
+        "Neighbours without coupling",
+        neighbours,
+        lambda file: pitch_ranges(file) or size_ranges(file),  # of the sizes if each coil has its own place
+        _decouple,
+    ),
     "position_error": _Named(
         "Positions best resolved",
         _three_states,
-        lambda file: [*ranges.pitch_ranges(file), *ranges.turns_ranges(file), *ranges.termination_choices(file)],
+        _ranges_of(pitch_ranges, turns_ranges, termination_choices),
         _position_error,
     ),
     "smallest": _Named(
         "The smallest board for its inductance",
         lambda _: None,
-        lambda file: [
-            *ranges.size_ranges(file),
-            *ranges.pitch_ranges(file),
-            *ranges.turns_ranges(file),
-            *ranges.trace_ranges(file),
-        ],
+        _ranges_of(size_ranges, pitch_ranges, turns_ranges, trace_ranges),
         _smallest,
     ),
-    "range": _Named("Largest range of a target", _target, _of_traces, _range),
-    "resolution": _Named("Finest resolution of distance", _target, _of_traces, _resolution),
+    "range": _Named(
+        "Largest range of a target",
+        lambda design: Evaluation(design).target,
+        _TRACES,
+        lambda file: _of_target(file, finest=False),
+    ),
+    "resolution": _Named(
+        "Finest resolution of distance",
+        lambda design: Evaluation(design).target,
+        _TRACES,
+        lambda file: _of_target(file, finest=True),
+    ),
 }
 NAMES: Mapping[str, str] = {name: named.title for name, named in _NAMED.items()}
 """Goals that fit many designs, by name, each with a description. See `unfit_goals`."""

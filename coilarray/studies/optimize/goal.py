@@ -66,7 +66,12 @@ class Variable(Table):
         if self.choices is not None:
             if (self.low, self.high, self.step) != (None, None, None) or self.log:
                 raise ValueError("needs either low and high or choices, not both")
-            self._check_choices(self.choices)
+            try:
+                texts = [json.dumps(choice, allow_nan=False) for choice in self.choices]
+            except (TypeError, ValueError):
+                raise ValueError("needs choices that are numbers, texts, true, false or lists of them") from None
+            if len({json.dumps(_plain(choice)) for choice in self.choices}) != len(texts):
+                raise ValueError(f"needs choices that differ; got {', '.join(texts)}")
             return self
         if self.low is None or self.high is None:
             raise ValueError("needs low and high, or choices")
@@ -83,16 +88,6 @@ class Variable(Table):
             if abs(steps - round(steps)) > _WHOLE_STEPS * max(1.0, steps):
                 raise ValueError(f"needs a whole number of steps of {self.step:g} from low to high; got {steps:g}")
         return self
-
-    @staticmethod
-    def _check_choices(choices: list[Any]) -> None:
-        """Require choices that differ and can be written as JSON."""
-        try:
-            texts = [json.dumps(choice, allow_nan=False) for choice in choices]
-        except (TypeError, ValueError):
-            raise ValueError("needs choices that are numbers, texts, true, false or lists of them") from None
-        if len({json.dumps(_plain(choice)) for choice in choices}) != len(texts):
-            raise ValueError(f"needs choices that differ; got {', '.join(texts)}")
 
 
 def _plain(choice: Any) -> Any:
@@ -152,17 +147,11 @@ class Constraint(Bounds):
     def violations(self, value: float) -> dict[str, float]:
         """Return the violation of each bound, relative to it unless it is zero; at most 0 if kept."""
         broken = {}
-        if self.at_least is not None:
-            broken[f"{self.quantity} >= {self.at_least!r}"] = _excess(self.at_least - value, self.at_least)
-        if self.at_most is not None:
-            broken[f"{self.quantity} <= {self.at_most!r}"] = _excess(value - self.at_most, self.at_most)
+        for sign, relation, bound in ((1, ">=", self.at_least), (-1, "<=", self.at_most)):
+            if bound is not None:
+                excess = sign * (bound - value) / (abs(bound) or 1.0)  # so that different units add up
+                broken[f"{self.quantity} {relation} {bound!r}"] = 0.0 if abs(excess) < _ROUNDING else excess
         return broken
-
-
-def _excess(difference: float, bound: float) -> float:
-    """Scale a violation, so that different units add up. Rounding breaks no bound."""
-    scaled = difference / (abs(bound) or 1.0)
-    return 0.0 if abs(scaled) < _ROUNDING else scaled
 
 
 class Search(Table):

@@ -86,19 +86,13 @@ _SYMBOLS = {"L": "inductance_uH", "f": "frequency_MHz", "R": "effective_resistan
 
 
 def _meant(name: str) -> list[str]:
-    """Quantities with a similar name or the same words in name or description."""
+    """Quantities with a similar name."""
+    if name in _SYMBOLS:
+        return [_SYMBOLS[name]]
     text = name.casefold()
-    alike = [_SYMBOLS[name]] if name in _SYMBOLS else [key for key in QUANTITIES if key.casefold() == text]
-    within = [key for key in QUANTITIES if text in key.casefold()] if len(text) > 2 else []
-    close = difflib.get_close_matches(text, list(QUANTITIES), n=1)
-    words = text.replace("_", " ")
-    described = [key for key, one in QUANTITIES.items() if words in one.says.casefold()] if len(text) > 2 else []
-    found = alike or sorted(within, key=_order) or close or sorted(described, key=_order)
-    return found[:3]
-
-
-def _order(name: str) -> tuple[bool, int]:
-    return name.startswith("target_"), len(name)
+    within = [key for key in QUANTITIES if text == key.casefold() or (len(text) > 2 and text in key.casefold())]
+    close = within or difflib.get_close_matches(text, list(QUANTITIES), n=1)
+    return sorted(close, key=lambda key: (key.startswith("target_"), len(key)))[:3]
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:

@@ -59,11 +59,6 @@ def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return min(margins)
 
 
-def _k(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    first, second = (evaluation.coil(name) for name in options["coils"])
-    return float(evaluation.coupling[first, second])
-
-
 def _inductance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     place = evaluation.coil(options["coil"])
     return float(evaluation.inductance[place, place]) * 1e6
@@ -133,7 +128,8 @@ COILS = (
         lambda evaluation, _: float(np.abs(_pairs(evaluation)).max()),
     ),
     Quantity(
-        "k", "1", "coupling", "coupling coefficient of one pair, with its sign", _k,
+        "k", "1", "coupling", "coupling coefficient of one pair, with its sign",
+        lambda evaluation, options: float(evaluation.coupling[tuple(map(evaluation.coil, options["coils"]))]),
         (Option("coils", "the names of two coils", read_pair, "which pair", required=True, bare=True),),
     ),
     Quantity(
