@@ -17,9 +17,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-from coilarray.errors import HardwareError, shown
+from coilarray.compute.files import make_folder, write_text
+from coilarray.errors import HardwareError, OutputError, shown
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.wire.serial_ports import OpenSerialPort
 
@@ -176,8 +178,9 @@ class GcodeStage:
         limits: StageLimits,
         dialect: Dialect = "grbl",
         *,
-        confirm: Callable[[str], None],
+        confirm: Callable[[str], None] | None,
         home: bool = False,
+        identity: str = "",
         origin: tuple[float, float] = (0.0, 0.0),
         greeting: float = 3.0,
         patience: float = 5.0,
@@ -190,16 +193,21 @@ class GcodeStage:
         self._due = 0  # lines that were sent but not answered: several after an interrupt
         self._ready = False
         self._moved = False  # the first, slow move is over, and confirmed
-        self._confirm = confirm
+        self._identity, self._confirm = f"{dialect} {identity or port.name}", confirm
         try:
             if dialect not in get_args(Dialect):
                 raise HardwareError(f"the stage must speak {' or '.join(get_args(Dialect))}; got {dialect!r}.")
+            if confirm is None and self._identity not in _confirmed_machines():
+                raise HardwareError(
+                    f"a person must confirm the first move at the first use of the stage at {port.name}; "
+                    "leave out --yes this once."
+                )
             # most machines announce their start when the port is opened; the whole announcement is read
             greeted = any(_GREETING.search(answer) for answer in self._answers(now() + greeting))
             for _ in self._answers(now() + _QUIET):
                 pass
             if home:
-                confirm(f"The stage at {port.name} will now home itself with {_HOME[dialect]}.")
+                self._ask(f"The stage at {port.name} will now home itself with {_HOME[dialect]}.")
                 self._send(_HOME[dialect], longest)
             elif greeted:
                 raise self._restarted("when its port was opened")
@@ -234,11 +242,15 @@ class GcodeStage:
             return
         place = f"{_mm(self._limits.clearance)} mm over the contact at x = {_mm(at_x)}, y = {_mm(at_y)} mm on the board"
         slowly = f"will now go slowly to {place}. Keep a hand at its emergency stop."
-        self._confirm(f"The stage at {self._port.name} {slowly}")
+        self._ask(f"The stage at {self._port.name} {slowly}")
         for way in (up, across):
             self._go(f"G1 {way} F{_feed(_SLOW)}", 2 * _FARTHEST / _SLOW)
-        self._confirm(f"The indenter must now be {place}: is it there?")
+        self._ask(f"The indenter must now be {place}: is it there?")
         self._moved = True
+        if self._confirm is not None and self._identity not in (known := _confirmed_machines()):
+            with suppress(OutputError):
+                make_folder(_machines_file().parent)
+                write_text(_machines_file(), "\n".join(sorted({*known, self._identity})))
 
     def indent(self, depth: float, speed: float) -> None:
         """Indent to a depth in m."""
@@ -287,6 +299,11 @@ class GcodeStage:
                 raise self._restarted(f"at {line!r}")
         raise self._failed(f"did not answer {line!r} within {seconds + self._patience:.3g} s")
 
+    def _ask(self, text: str) -> None:
+        """Let a person confirm, unless nobody is asked."""
+        if self._confirm is not None:
+            self._confirm(text)
+
     def _restarted(self, when: str) -> HardwareError:
         return self._failed(
             f"restarted {when}, so it does not know where it is; home = true in the plan lets it home itself with "
@@ -312,6 +329,20 @@ class GcodeStage:
             self._rest = (self._rest + data)[-_LONGEST_LINE - _MOST_AT_ONCE :]
             if taken > _MOST_BYTES:
                 raise self._failed("sends without end; is it really a stage")
+
+
+def _machines_file() -> Path:
+    import platformdirs
+
+    return platformdirs.user_state_path("coilarray", appauthor=False) / "stages.txt"
+
+
+def _confirmed_machines() -> set[str]:
+    """Machines whose first move a person confirmed at this computer."""
+    try:
+        return set(_machines_file().read_text(encoding="utf-8").splitlines())
+    except (OSError, UnicodeDecodeError):  # no file yet
+        return set()
 
 
 def _mm(value: float) -> str:

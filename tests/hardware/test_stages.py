@@ -9,6 +9,7 @@ from support.recorded_boards import two_coil_wiring
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.record import stages as module
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
 
@@ -85,6 +86,12 @@ class Machine:
 
 def stage_of(machine, **options):
     return GcodeStage(machine, LIMITS, machine.dialect, **{"confirm": lambda text: None, "now": machine.now, **options})
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path, monkeypatch):
+    """No test knows the machines of this computer, or of another test."""
+    monkeypatch.setattr(module, "_machines_file", lambda: tmp_path / "state" / "stages.txt")
 
 
 @pytest.fixture
@@ -188,6 +195,18 @@ def test_what_nobody_confirms_is_not_done(number):
     machine, asked = Machine(greets=True), []
     refused(HardwareError, "not confirmed", moved)
     assert len(machine.path) == (0, 1, 3)[number]  # homed, and moved twice
+    refused(HardwareError, "a person must confirm the first move", stage_of, Machine(), confirm=None)
+
+
+def test_nobody_is_asked_where_a_person_has_confirmed_before(tmp_path):
+    known = {"identity": "/dev/ttyUSB0 1A86:7523"}
+    refused(HardwareError, "leave out --yes this once", stage_of, Machine(), confirm=None, **known)
+    stage_of(Machine(), **known).move(0.0, 0.0)
+    machine = Machine()
+    stage_of(machine, confirm=None, **known).move(0.0, 0.0)
+    assert [line[:2] for line in machine.lines[2::2]] == ["G1", "G1"]  # slow all the same
+    refused(HardwareError, "first use", stage_of, Machine(), confirm=None, identity="/dev/ttyUSB0 0403:6001")
+    refused(HardwareError, "first use", stage_of, Machine("marlin"), confirm=None, **known)
 
 
 @pytest.mark.parametrize(

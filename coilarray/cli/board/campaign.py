@@ -44,7 +44,7 @@ def campaign(
     ] = None,
     yes: Annotated[
         bool,
-        typer.Option("--yes", help="Move a G-code stage without asking."),
+        typer.Option("--yes", help="Move a G-code stage without asking; not at the first use of its port."),
     ] = False,
     ignore_self_test: Annotated[
         bool, typer.Option("--ignore-self-test", help="Continue even if the self-test fails.")
@@ -147,9 +147,16 @@ def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], 
     limits = StageLimits(
         (x_min * 1e-3, x_max * 1e-3), (y_min * 1e-3, y_max * 1e-3), stage.depth * 1e-3, stage.clearance * 1e-3
     )
-    port = OpenSerialPort(choose_serial_port(stage.port).name)
-    agree = (lambda text: None) if yes else _agree
-    return GcodeStage(port, limits, stage.machine, confirm=agree, home=stage.home, origin=origin)
+    found = choose_serial_port(stage.port)
+    return GcodeStage(
+        OpenSerialPort(found.name),
+        limits,
+        stage.machine,
+        confirm=None if yes else _agree,
+        home=stage.home,
+        identity=str(found),
+        origin=origin,
+    )
 
 
 def _ask(text: str) -> None:
