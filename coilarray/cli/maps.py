@@ -28,7 +28,9 @@ _RECORDING = ".sqlite"
 def is_map(source: str | None) -> bool:
     """Whether a response is a netCDF file, refused for a recording."""
     if source is not None and is_recording(source):
-        raise LocalizeError(f"{source} is a recording; convert it to a response: coilarray board info {source} --to nc")
+        raise LocalizeError(
+            f"{source} is a recording; convert it to a response: coilarray board info {source} --out map.nc"
+        )
     return source is not None and source.lower().endswith(".nc")
 
 

@@ -104,18 +104,9 @@ def test_a_recording_is_known_by_its_content(capsys, both):
     for name in ("renamed.db", "renamed.nc"):
         Path(name).write_bytes(both[0].read_bytes())
         assert answer(capsys, name, both[1])["scales"] == plain["scales"]
-        wanted = f"{name} is a recording; convert it to a response: coilarray board info {name} --to nc"
+        wanted = f"{name} is a recording; convert it to a response: coilarray board info {name} --out map.nc"
         assert wanted in fit_refused(capsys, name)
         assert wanted in locate_refused(capsys, "--model", name, "coil1=1e-4,coil2=1e-4")
-
-
-def test_emulated_maps_are_told_once(capsys, both):
-    with open_recording(both[0]) as recording:
-        save_dataset(recorded_response(recording), Path("emulated.nc"))
-    line = "[emulator] emulated.nc is of an emulated board: no real board was measured.\n"
-    assert locate(capsys, "--model", "emulated.nc", "coil1=1e-4,coil2=1e-4")[::2] == (0, line)
-    assert fit(capsys, "emulated.nc", "--coil", "coil1")[2].startswith(line)
-    assert locate(capsys, "--model", both[1], "coil1=1e-4,coil2=1e-4")[::2] == (0, "")
 
 
 def test_what_does_not_belong_together_is_told(capsys, files, both):

@@ -1,6 +1,5 @@
 """The command ``live`` against the emulator, recordings, broken boards, a terminal, and a reader that goes away."""
 
-import asyncio
 import contextlib
 import dataclasses
 import itertools
@@ -10,10 +9,8 @@ import pty
 import select
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import aiohttp
 import numpy as np
 import pytest
 from support import recorded_boards
@@ -28,13 +25,10 @@ from coilarray import load_design, noise_budget
 from coilarray.cli import maps
 from coilarray.cli.board import live as live_command
 from coilarray.cli.board import live_source
-from coilarray.cli.board.options import BoardOptions, opened_board
-from coilarray.errors import HardwareError
 from coilarray.hardware import emulator
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
-from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.wire.buses import DeviceLost
 from coilarray.response.map import response_map
 
@@ -149,53 +143,6 @@ def test_presses(capsys, recording):
 
 
 @pytest.mark.slow
-def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(capsys, tmp_path, board, monkeypatch):
-    """The page is read by a program that is no browser: it opens the connection, and closes it."""
-    monkeypatch.setenv("BROWSER", "true")
-    run_file = tmp_path / "run.sqlite"
-    options = (*board, "--no-locate", "--plot", "--out", run_file)
-    with command("board", "live", *map(str, options)) as process:
-        said = process.stdout.readline()
-        assert said.startswith("live display: http://127.0.0.1:")
-        asyncio.run(watched(said.split()[2], run_file))
-        _, err = process.communicate(timeout=10 * PATIENCE)
-    assert (process.returncode, err) == (0, "")
-    with open_recording(run_file) as recorded:
-        assert recorded.count() > 2
-    assert f"{run_file} exists" in refused(capsys, *options)
-
-
-def scans_of(path):
-    try:
-        with open_recording(path) as recorded:
-            return recorded.count()
-    except HardwareError:  # its session has not begun
-        return 0
-
-
-async def watched(url, lines):
-    """Open the page and its connection until there are scans in the recording."""
-    place, token = url.split("?")
-    async with aiohttp.ClientSession() as session:
-        async with session.post(f"{place}open/tab?{token}") as answer:
-            address = (await answer.json())["sessionURL"].replace("USE_HOST", url.split("/")[2])
-        async with session.ws_connect(f"{address}{'&' if '?' in address else '?'}{token}") as connection:
-            start = time.monotonic()
-            while not (lines.exists() and scans_of(lines) > 2):
-                assert time.monotonic() - start < 10 * PATIENCE  # so long only where nothing comes
-                with contextlib.suppress(TimeoutError):
-                    await connection.receive(timeout=0.1)  # it answers the server's pings
-                assert not connection.closed
-
-
-@pytest.mark.slow
-def test_a_replay_keeps_the_recorded_time(capsys, recording):
-    start = time.monotonic()
-    run(capsys, "--recording", recording, *settings(replay_speed=20.0), "--no-locate", "--scans", "41")
-    assert time.monotonic() - start > 40 / 10.3 / 20  # 0.0979 s a scan of two coils
-
-
-@pytest.mark.slow
 def test_positions_of_a_recording(capsys, recording, board, table):
     """The quick board's bells are no response of the design: what counts is that the library is asked and answers."""
     answers = answers_of(capsys, board[0], "--recording", recording, *FAST)
@@ -224,14 +171,6 @@ def test_the_emulator_is_located(capsys, board, table, monkeypatch):
         assert position["status"] == "located"
         near = min(abs(mode["x_m"] - x - 4e-3) + abs(abs(mode["y_m"] - y) - 2e-3) for mode in position["modes"])
         assert near < 0.5e-3  # two coils tell x and |y|
-
-
-@pytest.mark.slow
-def test_every_line_of_an_emulator_says_so(capsys, board):
-    first, *lines = ran(capsys, *board, *["--no-locate", "--rate", "30", "--scans", "10", *settings(baseline_scans=3)])
-    assert first.startswith("[emulator] emulator: emulator; LDC1614")
-    assert [line.startswith("[emulator] ") for line in lines] == [True] * 10
-    assert all("coil1 " in line for line in lines[3:])
 
 
 @pytest.mark.slow
@@ -270,33 +209,6 @@ def test_a_board_that_warms_is_at_room_temperature_when_it_is_opened(capsys, boa
     options = ("--no-locate", "--rate", "30", "--scans", "10", "--emulate", "drift=0.5")
     first, *_, last = [answer["temperature_C"] for answer in answers_of(capsys, *board, *options)]
     assert 25.0 <= first < last < 25.0 + 0.5 * PATIENCE
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("emulate", [None, ["press=0,0,1"]])
-def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate, monkeypatch):
-    options = BoardOptions(wiring=str(board[2]), rate=30, emulate=emulate)
-    opened = []
-
-    @contextlib.contextmanager
-    def remembered(*arguments, **keywords):
-        with opened_board(*arguments, **keywords) as (one, settings):
-            opened.append(one)
-            yield one, settings
-
-    monkeypatch.setattr(live_source, "opened_board", remembered)
-    with live_source.live_source(
-        live_source.LiveOptions(options), load_design(str(board[0])), locate=False, progress=lambda done, total: None
-    ):
-        (one,) = opened
-        assert "table" in vars(one.emulator.world)
-        assert one.emulator.place().depth == 0
-
-
-@pytest.mark.slow
-def test_a_finger_beside_the_sample_is_refused_before_the_first_scan(capsys, board):
-    line = refused(capsys, *board, "--no-locate", "--json", "--emulate", "press=500,0,1")
-    assert "x of the emulated indenter must be" in line
 
 
 GONE = DeviceLost("the port /dev/ttyACM0 is gone.")
@@ -464,3 +376,19 @@ def test_a_wrong_port_costs_no_table(capsys, monkeypatch, arguments):
 
     monkeypatch.setattr(maps, "stored_table", computed)
     assert arguments[1] in refused(capsys, "gast2020", *arguments)
+
+
+def test_a_window_serves_the_board_and_says_what_failed(capsys, board, monkeypatch):
+    def served(work, shelf, services, *_, ready, **__):
+        assert (services.alone, services.log, services.port) == (True, "touches.sqlite", "emulator")
+        ready("http://127.0.0.1:1/")
+        services.failed("the board is gone.")
+
+    monkeypatch.setattr("coilarray.viz.studio.server.serve", served)
+    monkeypatch.setattr(live_source.webbrowser, "open", lambda url: None)
+    options = (*board, "--no-locate", "--plot", "--out", "touches.sqlite")
+    code, out, err = run(capsys, *options)
+    assert (code, err) == (2, "coilarray: error: the board is gone.\n")
+    assert out.startswith("live display: http://127.0.0.1:1/")
+    Path("touches.sqlite").touch()
+    assert "touches.sqlite exists" in refused(capsys, *options)

@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 
@@ -140,8 +139,8 @@ def has_scans(path, count):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are for POSIX systems")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_broken_off_and_resumed(board, tmp_path, capsys, number):
+def test_broken_off_and_resumed(board, tmp_path, capsys):
+    """A kill by signal 9 is tested with the recorder, and Ctrl-C within a process."""
     path = tmp_path / "run.sqlite"
     # so long that it is not over before the signal, however late this process is to send it
     x, y = np.linspace(-6, 6, 200).tolist(), np.linspace(-4, 4, 100).tolist()
@@ -150,16 +149,15 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
     with started(board, *grid, "--emulate", "noise=0") as process:
         # it computes the physics of the board first
         until(lambda: process.poll() is not None or has_scans(path, 20), within=5 * PATIENCE)
-        process.send_signal(number)
+        process.terminate()
         _, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number], err
+    assert process.returncode == 143, err
     assert "Traceback" not in err
     with open_recording(path) as recording:
         recording.check()
         kept = recording.count()
-    if number != signal.SIGKILL:
-        assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume continues from there" in err
-        assert sorted(one.name for one in tmp_path.iterdir()) == ["plan.toml", "run.sqlite"]
+    assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume continues from there" in err
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["plan.toml", "run.sqlite"]
     code, out, _ = scan_info(capsys, path)
     assert (code, "of 20000 positions are measured" in out) == (0, True)
     assert "is not complete" in scan_info_refused(capsys, path, "--out", tmp_path / "run.nc")

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.quick_coils import series_tank
 
 from coilarray.hardware.emulator import (
     Drift,
@@ -197,13 +196,6 @@ def test_two_channels_take_turns_and_data_is_ready_after_both():
     assert codes == [round(f / REFERENCE * 2**28) for f in (2e6, 3e6)]
 
 
-def test_nothing_comes_without_a_clock_or_with_a_divider_0():
-    for config, registers in ((AWAKE | EXTERNAL, {}), (AWAKE, {"DIVIDERS0": 0x0002}), (AWAKE, {"DIVIDERS0": 0x1000})):
-        chip = Chip(strict=False).wake(config, wait=10, **registers)
-        assert chip.read(0x18) == 0
-        assert chip.misuse.notes
-
-
 @example(2e6, 1, 1, 0, 1000)
 @given(st.floats(1e4, 5e6), *(st.integers(*ends) for ends in ((1, 15), (1, 20), (0, 0xFFFF), (10, 0xFFFF))))
 def test_every_code_is_equation_6(frequency, fin, fref, offset, rcount):
@@ -250,16 +242,6 @@ def test_the_noise_is_what_is_stated_and_the_same_for_the_same_seed():
     first, same, other = (Chip(noise=1e-5, seed=seed).result() for seed in (1, 1, 2))
     assert first == same
     assert first[2] != other[2]
-
-
-def test_a_warmer_clock_makes_the_inductance_look_smaller():
-    def inductance(temperature):
-        chip = Chip(drift=Drift(start=temperature)).wake(wait=conversion(0xFFFF) * 1.001, RCOUNT0=0xFFFF)
-        return 1 / (2 * math.pi * chip.code() / 2**28 * REFERENCE) ** 2
-
-    slope = (inductance(45.0) / inductance(25.0) - 1) / 20
-    # −13e-6 of f twice; half a code is 4e-8/20
-    assert slope == pytest.approx(-26e-6, rel=1e-3)
 
 
 # cause, flags in DATA0_MSB, bits in STATUS, bits of ERROR_CONFIG that show the flags and the status bits
@@ -387,12 +369,6 @@ def test_what_must_not_be_converted_with(registers, config, bench, said):
         chip.read(0x18)
 
 
-def test_a_fast_sensor_must_be_divided():
-    chip = Chip(strict=False, sensors={0: replace(GOOD, frequency=8.76e6)}).converted()
-    chip.read(0x00)
-    assert any("FIN_DIVIDER0 must be at least 2" in note for note in chip.misuse.notes)
-
-
 def test_status_is_read_after_the_interrupt_and_data_before_sleep():
     """The data sheet: after conversions start in active mode, the first read of STATUS comes after INTB is asserted."""
     chip = Chip(strict=False).wake(wait=conversion() - 1e-6)
@@ -464,18 +440,6 @@ def test_faults_of_the_bus():
     bus.flip(0)
     bus.write(0x1B, 0x020C)
     assert bus.read(0x1B) == 0x020D
-
-
-@given(st.floats(1e-6, 1e-3), st.floats(10e-12, 1e-9), st.floats(0.1, 10.0))
-def test_a_coil_with_losses(L, C, R):
-    tank = series_tank(L, C, R)
-    w = 2 * math.pi * tank.frequency
-    Y = 1 / (R + 1j * w * L) + 1j * w * C
-    assert abs(Y.imag) < 1e-9 * w * C  # the resonance is where nothing reactive is left
-    assert 1 / Y.real == pytest.approx(tank.parallel_resistance)
-    critical = math.sqrt(L / C)  # where ω² = 1/(LC) − (R/L)² is 0: nothing oscillates with larger losses
-    assert series_tank(L, C, critical * (1 + 1e-9)) is None
-    assert series_tank(L, C, critical * (1 - 1e-9)).frequency > 0
 
 
 def test_a_paced_clock_counts_short_waits_exactly_and_keeps_pace(monkeypatch):

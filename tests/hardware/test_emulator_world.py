@@ -22,7 +22,7 @@ from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock, emulated_board
-from coilarray.hardware.emulator.conditions import LIFTED, Indenter, Place
+from coilarray.hardware.emulator.conditions import LIFTED, Place
 from coilarray.hardware.emulator.sensor_world import SensorWorld, response_table, spline_of_changes, table_axes
 from coilarray.hardware.scan.design_settings import board_network
 from coilarray.hardware.scan.wiring import load_wiring
@@ -143,15 +143,6 @@ def test_the_tank_and_the_readings_of_an_untouched_board_are_those_of_the_scan(n
     assert np.abs(read - scanned.frequency.values).max() <= 0.5001 * STEP  # rounding to a code
 
 
-def test_readings_scatter_as_stated(make, scanned):
-    # 20 scans of 6 coils: their standard deviation is known to 6.5 %, four times that is the tolerance
-    board = make(noise=1.4e-7, seed=5)
-    read = np.array([frequencies(board) for _ in range(20)])
-    error = read / scanned.frequency.values - 1
-    assert np.std(error) == pytest.approx(1.4e-7, rel=0.26)
-    assert abs(np.mean(error)) < 4 * 1.4e-7 / math.sqrt(error.size)
-
-
 @pytest.fixture(scope="module")
 def mapped(network):
     """The response map at positions between those of the table, in depths of 0.3 and 1 mm."""
@@ -240,27 +231,6 @@ def test_a_moving_indenter_is_averaged_over_a_conversion(make):
     # the middle of the path against the mean over it: second order in the 15 µm of depth it moves, 1e-8 of L
     assert abs(moving - still) < STEP
     assert abs(still / board.true_tank().frequency - 1) > 0.9e-4
-
-
-def test_the_indenter_stands_before_and_after_its_path():
-    indenter = Indenter()
-    indenter.follow([(1.0, 0.0, 0.0, 0.0), (2.0, 4e-3, -2e-3, 1e-3)])
-    assert indenter.at(0.0) == Place(0.0, 0.0, 0.0)
-    assert indenter.at(1.25) == pytest.approx((1e-3, -0.5e-3, 0.25e-3))
-    assert indenter.at(9.0) == Place(4e-3, -2e-3, 1e-3)
-    indenter.lift()
-    assert indenter.at(9.0) == Place(4e-3, -2e-3, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("path", "said"),
-    [([], "at least one point"), ([(0.0, math.nan, 0.0, 0.0)], "all finite"),
-     ([(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1e-3)], "times .* must rise"),
-     ([(0.0, 0.0, 0.0, -1e-3)], "must not be negative")],
-)  # fmt: skip
-def test_paths_that_cannot_be(path, said):
-    with pytest.raises(HardwareError, match=said):
-        Indenter().follow(path)
 
 
 @pytest.mark.parametrize(("place", "said"), [

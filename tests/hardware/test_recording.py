@@ -109,16 +109,6 @@ def test_every_bit_comes_back(tmp_path_factory, session, rows):
         recording.check()
 
 
-def test_damage_is_reported_in_one_line(path, session):
-    """SQLite's own check names a table of the file, whose name may have several lines."""
-    recorded(path, session, [raw_scan(session, k) for k in range(3)])
-    name = '"a\n        b\x1b[31m"'
-    changed(path, f"CREATE TABLE {name} (scan INTEGER REFERENCES scan (id)); INSERT INTO {name} VALUES (77)")
-    with pytest.raises(HardwareError, match="is damaged: a b") as caught, open_recording(path) as recording:
-        recording.check()
-    assert str(caught.value).isprintable()
-
-
 def test_self_tests_come_back(path, session, monkeypatch):
     days = iter([1.7e9, 1.8e9])  # the computer's own clock may be set back in between
     monkeypatch.setattr(recorder_module, "time", SimpleNamespace(time=lambda: next(days), monotonic=time.monotonic))
@@ -236,13 +226,6 @@ def test_wrong_files(path, session, name):
         before = path.read_bytes() if path.is_file() else None
         refused((HardwareError, OutputError), ".", recorded, path, session, resume=True)
         assert before is None or path.read_bytes() == before  # not touched
-
-
-SESSIONS = (
-    *("settings = '{}'", "identity = '[]'", "identity = '{}'", "identity = replace(identity, 'true', '3')"),
-    *("capacitances = '[1]'", f"capacitances = '{{\"coil1\": {'9' * 400}}}'"),
-    *("design_document = '7'", "started = 'yesterday'"),
-)
 
 
 @pytest.mark.slow
@@ -377,30 +360,3 @@ def test_positions(path, session):
         assert list(recording.positions().values()) == [places[0], places[2]]
         assert [one.place for one in recording.scans()] == places
         assert {one.depth for one in recording.scans()} == {0.0}
-
-
-SOMEBODY = """
-import os, sys
-from pathlib import Path
-from coilarray.errors import HardwareError, OutputError
-from coilarray.hardware.record.recorder import open_recorder
-from coilarray.hardware.record.recording import open_recording
-
-path = Path(sys.argv[1])
-with open_recording(Path(sys.argv[2])) as recording:  # imports everything, which the other user may not
-    recording.count()
-if os.geteuid() == 0:
-    os.seteuid(65534)
-else:
-    path.parent.chmod(0o555)
-try:
-    with open_recording(path) as recording:
-        print(recording.count(), "scans")
-except HardwareError as error:
-    print(error)
-try:
-    with open_recorder(path.parent / "new.sqlite"):
-        print("wrote")
-except OutputError as error:
-    print(error)
-"""
