@@ -3,8 +3,7 @@
 A reader does with a file what the commands do that take it, and returns what was read and computed: a design its
 values, the vertices of its conductors and the margins of its rules; a board of another program the conductors of the
 design that is imported; a recording its summary, series and response; a response a model and a position, its ellipses,
-or a comparison. Meshes and pictures are written, never read. The kept results of the package's own cache are no file of
-a user's: `tests/fuzz/test_flips.py` has them.
+or a comparison. Meshes and pictures are written, never read.
 
 An answer is silently wrong where
 
@@ -18,7 +17,6 @@ A changed number of any other text file is a good number all the same: people wr
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -28,10 +26,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 import xarray as xr
-from aiohttp import web
-from aiohttp.http_exceptions import HttpProcessingError
-from aiohttp.http_parser import HttpRequestParser
-from aiohttp.test_utils import make_mocked_request
 from support.board_text import board as kicad_text
 from support.board_text import path as tracks
 from support.emulated_reader import settings_of
@@ -74,7 +68,6 @@ from coilarray.studies.comparison import compare_responses
 from coilarray.studies.optimize.goal import GOALS, parse_goal
 from coilarray.studies.optimize.space import axes_of
 from coilarray.studies.tolerance.tolerances import contributors, load_tolerances, typical_text
-from coilarray.viz.studio import access, server
 from fuzz import mutations as change
 
 
@@ -508,60 +501,6 @@ def _imported(path: Path) -> Any:
     return [one.vertices for one in parse_design(text, "board").array.conductors()]
 
 
-# the studio
-
-
-_TOKEN = "a-token-of-24-letters"
-_REQUESTS = {
-    "page": "GET / HTTP/1.1\r\nHost: 127.0.0.1:8080\r\nSec-Fetch-Site: cross-site\r\nSec-Fetch-Dest: document\r\n\r\n",
-    "asset": "GET /assets/x.js?a=1 HTTP/1.1\r\nHost: localhost:8080\r\nOrigin: http://localhost:8080\r\n\r\n",
-    "session": f"POST /open/tab?token={_TOKEN} HTTP/1.1\r\nHost: lab.example:80\r\nSec-Fetch-Site: same-origin\r\n\r\n",
-    "cookie": f"GET /reports/a HTTP/1.1\r\nHost: lab.example\r\nCookie: coilarray_studio_8080={_TOKEN}\r\n\r\n",
-}
-
-
-def _request_files(folder: Path) -> list[Path]:
-    return _written(folder, ".txt", _REQUESTS)
-
-
-def _requested(path: Path) -> Any:
-    """What the studio of this computer and one for others say to a request: host, origin, path and token with it."""
-    parser = HttpRequestParser(None, None, 2**16)
-    try:
-        messages, _, _ = parser.feed_data(path.read_bytes())
-        (message, _), *_ = messages
-        request = make_mocked_request(message.method, message.path, headers=message.headers)
-    except (HttpProcessingError, ValueError) as error:  # answered by the web server itself, or cut off
-        raise CoilarrayError(f"no request: {type(error).__name__}.") from None
-    said = []
-    for alone in (True, False):
-        address = access.Address("127.0.0.1", 8080, alone, _TOKEN)
-        said.append(access.refusal(request, address, "coilarray_studio_8080"))
-    try:
-        file = server._file_of(Path(__file__).parent, request.path.removeprefix("/"))._path
-    except web.HTTPException:
-        file = None
-    asked = {name: request.headers.get(name) for name in ("Host", "Origin", "Sec-Fetch-Site", "Sec-Fetch-Dest")}
-    given = _TOKEN in (request.query.get("token"), request.cookies.get("coilarray_studio_8080"))
-    return {"alone": said[0], "shared": said[1], **asked, "path": request.path, "given": given, "file": file}
-
-
-def _let_in(answer: Any) -> str:
-    """Nobody comes in by another name, from another page, or without the token, and to no file beside the folder."""
-    host, origin, site = answer["Host"] or "", answer["Origin"], answer["Sec-Fetch-Site"]
-    name = re.sub(r":\d*$", "", host)
-    elsewhere = origin is not None and origin not in (f"http://{host}", f"https://{host}")
-    opened = answer["path"] == "/" and answer["Sec-Fetch-Dest"] == "document"
-    elsewhere |= site not in (None, "none", "same-origin") and not opened
-    strange = elsewhere or not answer["given"]
-    if not answer["alone"] and (strange or name not in ("127.0.0.1", "localhost", "[::1]")):
-        return "the studio of this computer lets a stranger in"
-    if not answer["shared"] and strange:
-        return "the studio for others lets a stranger in"
-    file = answer["file"]
-    return "a file outside is served" if file and Path(__file__).parent not in Path(file).resolve().parents else ""
-
-
 _LINES = (change.text_changed, change.bytes_changed, change.lines_changed, change.cut)
 _CSV = (change.text_changed, change.text_changed, change.bytes_changed)
 _DATABASE = (change.database_changed, change.database_changed, change.bytes_changed)
@@ -594,7 +533,6 @@ KINDS = (
     Kind("readings, CSV", ".csv", _readings_files(".csv", _OF_CSV), _CSV, _readings),
     Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", f"{_READING}\n[1, 2, 3]\n"), _CSV, _readings),
     Kind("KiCad board", ".kicad_pcb", _kicad_boards, _CSV, _imported, share=2),
-    Kind("request to the studio", ".txt", _request_files, _CSV, _requested, _let_in),
     Kind("Gerber archive", ".zip", _gerber_zips, _ZIP, _imported, share=2),
 )  # fmt: skip
 """Every kind, in the order of the table."""

@@ -6,7 +6,6 @@ import copy
 import io
 import json
 import sqlite3
-import struct
 import tempfile
 import tomllib
 import warnings
@@ -367,12 +366,6 @@ def zip_changed(random: np.random.Generator, data: bytes) -> bytes:
         where = int(random.integers(30, max(start, 31)))
         whole = whole[:where] + bytes([whole[where] ^ 0x55]) + whole[where + 1 :]
     return whole
-
-
-def extended_number(random: np.random.Generator, data: bytes) -> bytes:
-    """Overwrite eight bytes by a float64 of `NUMBERS`, as binary formats hold it."""
-    at = int(random.integers(max(1, len(data) - 8)))
-    return data[:at] + struct.pack("<d", float(_pick(random, NUMBERS))) + data[at + 8 :]
 
 
 def seed_of(name: str) -> int:

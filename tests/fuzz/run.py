@@ -2,8 +2,7 @@
 
 A case is a kind and a number; with `SEED` they decide which example is mutated and how. Its outcome is one of
 
-- refused: a `CoilarrayError` in one line of at most 300 characters, for kinds that have keys with the one that was
-  changed, or one of the same table
+- refused: a `CoilarrayError` in one line of at most 300 characters, for kinds that have keys with a key
 - same: an answer equal to that for the file as it was
 - changed: another answer, all of whose numbers are finite and which no check of its kind contradicts
 - traceback: any other exception, a warning that is not ours included, or a refusal that is not one clear line
@@ -128,11 +127,11 @@ class Bench:
         except Exception:
             return Outcome(name, number, "tracebacks", f"of the good {example.name}: {traceback.format_exc()}", 0.0)
         begun = time.process_time()
-        outcome, said = self.judge(kind, data, whole, example.read_bytes())
+        outcome, said = self.judge(kind, data, whole)
         return Outcome(name, number, outcome, said, time.process_time() - begun)
 
-    def judge(self, kind: Kind, data: bytes, whole: str = "", before: bytes | None = None) -> tuple[str, str]:
-        """Read bytes as a file of a kind, which was good `before`; the outcome, and what is said of it."""
+    def judge(self, kind: Kind, data: bytes, whole: str = "") -> tuple[str, str]:
+        """Read bytes as a file of a kind; the outcome, and what is said of it."""
         path = self._own / f"case{kind.suffix}"
         path.write_bytes(data)
         unraisable: list[str] = []
@@ -146,7 +145,7 @@ class Bench:
                 answer = kind.read(path)
         except CoilarrayError as error:
             said = str(error).replace(str(path), path.name)
-            problem = unclear(said, data if kind.keyed else None, before)
+            problem = unclear(said, data if kind.keyed else None)
             problem = problem or (f"on standard error: {unraisable[0]}" if unraisable else "")
             return ("tracebacks", f"{problem}: {said!r}") if problem else ("refused", said)
         except HangError:
@@ -196,55 +195,37 @@ def _not_finite(kind: Kind, answer: Any) -> str:
     return ""
 
 
-def unclear(message: str, keyed: bytes | None, before: bytes | None = None) -> str:
+def unclear(message: str, keyed: bytes | None) -> str:
     """Say what is wrong with an error: several lines, too long, empty, or without a key that `names_key` looks for."""
     if not message.strip():
         return "empty"
-    if any(not character.isprintable() for character in message):
+    if not message.isprintable():
         return "not one printable line"
     if len(message) > LONGEST_MESSAGE:
         return f"{len(message)} characters"
-    if keyed is not None and not names_key(message, keyed, before):
-        return "no key"
-    return ""
+    return "no key" if keyed is not None and not names_key(message, keyed) else ""
 
 
-def names_key(message: str, data: bytes, before: bytes | None = None) -> bool:
+def names_key(message: str, data: bytes) -> bool:
     """Whether an error names a key of the file, or one that the file lacks, or says that it is no text of its kind.
 
     A key is named by its dotted path in the file, with or without the numbers of list entries, as a key of the table
     at such a path, or alone where it stands at the top of the file or cannot be an English word: `gap_mm`. Of a key
     that is not there the message says that it is missing, or has it in brackets as the head of a table.
-
-    Where the file was good `before`, the key is one that has changed, one of the same table, or a table above or below;
-    or the message quotes what the changed entry says: a name that another table has no more.
     """
     if any(text in message for text in _NO_KEYS):
         return True
     said = message.lower()
-    now = dict(_entries_of(_tree_of(data)))
-    was = now if before is None else dict(_entries_of(_tree_of(before)))
-    paths = {path.lower() for path in now.keys() | was.keys()}
-    if changed := {path for path in now.keys() | was.keys() if now.get(path) != was.get(path)}:
-        if any(len(now.get(path, "")) > 2 and now[path] in said for path in changed):
-            return True
-        changed = {path.lower() for path in changed}
-        tables = {path.rpartition(".")[0] for path in changed}
-        paths = {
-            path
-            for path in paths
-            if path.rpartition(".")[0] in tables
-            or any(f"{one}.".startswith(f"{path}.") or path.startswith(f"{one}.") for one in changed)
-        }
+    paths = {path.lower() for path in _paths_of(_tree_of(data))}
     paths |= {re.sub(r"\.\d+(?=\.|$)", "", path) for path in paths}
-    alone = {path for path in paths if "." not in path}
-    alone |= {key for path in paths if "_" in (key := path.rpartition(".")[2])}
+    keys = {path.rpartition(".")[2] for path in paths} | _schema_keys()
+    known = paths | {key for key in keys if "_" in key}
     words = {word.strip(".-+") for word in re.findall(r"[\w.+-]+", said)}
     words |= {word.rstrip("0123456789") for word in words}  # of registers, which bear the names of keys
     lacking = re.findall(r"([\w.]+) is missing|\[(\w+)\]", said)
     return (
-        bool(words & (alone | {path for path in paths if "." in path}))
-        or any(repr(path).lower() in said for path in paths)  # of any characters
+        bool(words & known)
+        or any(repr(path) in said for path in paths)  # of any characters
         or any(word.rpartition(".")[0] in paths for word in words if "." in word)
         or any(key.rpartition(".")[2] in _schema_keys() for pair in lacking for key in pair)
     )
@@ -270,15 +251,12 @@ def _tree_of(data: bytes) -> Any:
     return {}
 
 
-def _entries_of(tree: Any, above: str = "") -> Iterator[tuple[str, str]]:
-    """Give the dotted path of every key and list entry, below `above`, and its value in lower case; of lists and tables
-    how many entries they have.
-    """
+def _paths_of(tree: Any, above: str = "") -> Iterator[str]:
+    """Give the dotted path of every key and list entry, below `above`."""
     items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     for key, value in items:
-        many = isinstance(value, dict | list)
-        yield f"{above}{key}", f"{len(value)} entries" if many else str(value).lower()
-        yield from _entries_of(value, f"{above}{key}.")
+        yield f"{above}{key}"
+        yield from _paths_of(value, f"{above}{key}.")
 
 
 def digest(answer: Any) -> str:
@@ -403,18 +381,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     kinds = [kind for kind in KINDS if given.kind is None or any(part in kind.name for part in given.kind)]
     outcomes = run_cases(list(cases(given.cases, kinds, given.first)), given.workers)
     bad = [one for one in outcomes if one.outcome in OUTCOMES[3:]]
-    seen: Counter[str] = Counter()
-    for one in sorted(bad, key=lambda one: (one.kind, one.number)):
+    for one in sorted(bad, key=lambda one: (one.kind, one.number))[: given.show]:
         lines = one.said.strip().splitlines() or [""]
         places = [line.strip() for line in lines if line.strip().startswith('File "') and "coilarray" in line]
-        last = f"{lines[-1][:400]} ({places[-1].split('/')[-1] if places else ''})"
-        key = f"{one.kind} {re.sub(r'[0-9.e+-]+', '#', last)[:90]}"
-        seen[key] += 1
-        if seen[key] == 1 and len(seen) <= given.show:
-            sys.stdout.write(f"{one.outcome} {one.kind} {one.number}: {last}\n")
-    for key, count in seen.most_common(10):
-        sys.stdout.write(f"{count:6d} × {key}\n")
-    slow = sorted(outcomes, key=lambda one: -one.seconds)[:5]
-    sys.stdout.write("slowest: " + ", ".join(f"{one.kind} {one.number} {one.seconds:.1f} s" for one in slow) + "\n")
+        where = f" ({places[-1].split('/')[-1]})" if places else ""
+        sys.stdout.write(f"{one.outcome} {one.kind} {one.number}: {lines[-1][:400]}{where}\n")
     sys.stdout.write(table(outcomes) + "\n")
     return 1 if bad else 0
