@@ -365,18 +365,13 @@ def _dataset(
     origin = indentation_of(design).origin_point
     centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
     dims, metres = ("state", "delta"), {"units": "m"}
+    published, effect = _published(states, levels), np.array(list(effects.values()))
     data: dict[str, object] = {}
-    for name in PARAMETERS:
-        pair = np.array([getattr(grounded, name), getattr(opened, name)])
-        data[name] = (("neighbours", *dims), pair, metres)
-        data[f"published_{name}"] = (dims, _published(name, states, levels), metres)
-    effect = np.array(list(effects.values()))
-    hidden = _published_undetermined(states, levels)
-    marks = np.array([grounded.undetermined, opened.undetermined])
-    described = {"long_name": "the window does not determine the ellipse"}
-    data["undetermined"] = (("neighbours", *dims), marks, described)
-    data["published_undetermined"] = (dims, hidden, described)
-    residual = grounded.determined_x0 - np.where(hidden, np.nan, _published("x0", states, levels))
+    for name in (*PARAMETERS, "undetermined"):
+        told = {"long_name": "the window does not determine the ellipse"} if name == "undetermined" else metres
+        data[name] = (("neighbours", *dims), np.array([getattr(grounded, name), getattr(opened, name)]), told)
+        data[f"published_{name}"] = (dims, getattr(published, name), told)
+    residual = grounded.determined_x0 - published.determined_x0
     data["effect"] = (("cause", *dims), effect, {**metres, "long_name": "what x0 loses without the cause"})
     data["rms"] = (("cause", "state"), _rms(effect), metres)
     data["rms_residual"] = ("state", _rms(residual), {**metres, "long_name": "predicted less published x0, rms"})
@@ -393,15 +388,16 @@ def _dataset(
     )
 
 
-def _published(name: str, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    known = {coil.name: np.polyval(getattr(coil, name), levels) for coil in published_model().coils}
-    return np.array([known.get(state, levels * np.nan) for state in states])
-
-
-def _published_undetermined(states: Sequence[str], levels: FloatArray) -> npt.NDArray[np.bool_]:
-    model = published_model()
-    none = np.zeros(len(levels), dtype=bool)
-    return np.array([undetermined_levels(model[s], levels) if s in model.names else none for s in states])
+def _published(states: Sequence[str], levels: FloatArray) -> EllipseCurves:
+    """Ellipses of Table A1, NaN for other states."""
+    curves = np.full((len(PARAMETERS), len(states), len(levels)), np.nan)
+    hidden = np.zeros((len(states), len(levels)), dtype=bool)
+    for coil in published_model().coils:
+        if coil.name in states:
+            row = list(states).index(coil.name)
+            curves[:, row] = [np.polyval(getattr(coil, name), levels) for name in PARAMETERS]
+            hidden[row] = undetermined_levels(coil, levels)
+    return EllipseCurves(*curves, hidden)
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -10,11 +10,11 @@ Details that the paper leaves open, and their interpretation here:
 
 - *Refined by cubic interpolation*: the paper gives neither the factor nor which of MATLAB's two cubic rules. Here every
   spacing of the grid is divided into 20, with the spline that has no free ends ("not a knot", MATLAB's ``'spline'``).
-- *A stepwise sweep*, threshold ±2e-5 and step 3e-5: all points of the refined map with |δ − d_k| at most 2e-5 belong
-  to the level d_k, and neighbouring levels share a quarter of their points. The levels are the multiples of the step.
-  The lowest, 3e-5, then reaches down to 1e-5 and leaves out δ = 0, where the map is flat. Points that are not connected
-  with the hill are left out by default. A map without noise has none of them. With noise of 1e-5 a few such points far
-  away move x0 by up to 6 mm.
+- *A stepwise sweep*, threshold ±2e-5 and step 3e-5: all points of the refined map with |δ − d_k| at most 2e-5 belong to
+  the level d_k, and neighbouring levels share a quarter of their points. The levels are the multiples of the step. The
+  lowest, 3e-5, then reaches down to 1e-5 and leaves out δ = 0, where the map is flat. Points that are not connected
+  with the hill are left out: no path with δ of at least d_k − 2e-5 connects them with the largest δ. A map without
+  noise has none of them. With noise of 1e-5 a few such points far away move x0 by up to 6 mm.
 - *The fit* follows Gal (2003): linear least squares of the conic's coefficients about the mean of the points. Gal's
   function also fits the terms xy and y. Eq. 3 does not have them, and they are left out.
 - *Which steps were kept* is not given. Here a step is refused if it has fewer than 6 points (twice the unknowns), if
@@ -183,9 +183,10 @@ def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArr
     if refinement < 1 or refinement != int(refinement):
         raise LocalizeError(f"refinement must be a positive integer; got {refinement}.")
     _check_map(delta)
-    x, y = delta.x.values, delta.y.values
+    y, x = axes = delta.y.values, delta.x.values
     values = delta.transpose("y", "x").values.astype(np.float64)
-    fine_x, fine_y = _divided(x, int(refinement)), _divided(y, int(refinement))
+    places = (np.arange((len(axis) - 1) * refinement + 1) / refinement for axis in axes)
+    fine_y, fine_x = (np.interp(at, np.arange(len(axis)), axis) for at, axis in zip(places, axes, strict=True))
     fine = RectBivariateSpline(y, x, values, s=0)(fine_y, fine_x)
     return xr.DataArray(fine, {"y": fine_y, "x": fine_x}, ("y", "x"))
 
@@ -198,8 +199,6 @@ def fit_ellipses(
     refinement: int = REFINEMENT,
     threshold: float = THRESHOLD,
     step: float = STEP,
-    lowest: float | None = None,
-    connected: bool = True,
 ) -> xr.Dataset:
     """Fit an ellipse to each level of a response.
 
@@ -218,12 +217,7 @@ def fit_ellipses(
     threshold : float
         Half width of a level in δ.
     step : float
-        Distance of neighbouring levels in δ.
-    lowest : float, optional
-        Lowest level in δ. By default one step.
-    connected : bool
-        Leave out the points of a level that do not belong to the hill. These are the points that no path with δ of at
-        least level − threshold connects with the largest δ. In a noisy map distant points may reach the lowest levels.
+        Distance of neighbouring levels in δ, and the lowest level.
 
     Returns
     -------
@@ -249,28 +243,26 @@ def fit_ellipses(
     """
     response = in_ellipse_window(response)
     delta = _delta(response, depth)
-    first = step if lowest is None else lowest
-    for name, value in (("threshold", threshold), ("step", step), ("lowest", first)):
+    for name, value in (("threshold", threshold), ("step", step)):
         require_positive(name, value, "", LocalizeError)
     wanted = _wanted(delta, states)
     _check_map(delta.sel(state=wanted))
-    chosen = _with_a_peak(delta.sel(state=wanted), first + 5 * step, required=states is not None)
+    chosen = _with_a_peak(delta.sel(state=wanted), 6 * step, required=states is not None)
     _check_axis(response, delta, chosen)
     points = len(chosen) * int(np.prod([(delta.sizes[axis] - 1) * refinement + 1 for axis in ("y", "x")]))
-    _require_few_levels(float(delta.sel(state=chosen).max()), first, step, points)
+    _require_few_levels(float(delta.sel(state=chosen).max()), step, points)
     maps = [refined_map(delta.sel(state=state), refinement) for state in chosen]
     peaks = np.array([float(fine.values.max()) for fine in maps])
-    _require_few_levels(float(peaks.max()), first, step, points)  # a spline overshoots beside a distant point
-    count = max(1, int(np.floor((peaks.max() - first) / step)) + 1)
-    levels = first + step * np.arange(count, dtype=np.float64)
+    _require_few_levels(float(peaks.max()), step, points)  # a spline overshoots beside a distant point
+    count = max(1, int(np.floor((peaks.max() - step) / step)) + 1)
+    levels = step + step * np.arange(count, dtype=np.float64)
     spacing = float(np.median(np.diff(delta.x.values)))
     rows = [
-        _fit_levels(fine.x.values, fine.y.values, fine.values, levels, threshold, connected, refinement, spacing)
-        for fine in maps
+        _fit_levels(fine.x.values, fine.y.values, fine.values, levels, threshold, refinement, spacing) for fine in maps
     ]
     for state, row in zip(chosen, rows, strict=True):
         if all(one.refused for one in row):
-            raise LocalizeError(f"no level of {state} is an ellipse: the map has no closed curves of δ ≥ {first:.3g}.")
+            raise LocalizeError(f"no level of {state} is an ellipse: the map has no closed curves of δ ≥ {step:.3g}.")
     return _dataset(chosen, levels, rows, peaks, threshold, response)
 
 
@@ -297,7 +289,6 @@ def _fit_levels(
     values: FloatArray,
     levels: FloatArray,
     threshold: float,
-    connected: bool,
     refinement: int,
     spacing: float,
 ) -> list[_Level]:
@@ -310,7 +301,8 @@ def _fit_levels(
             found.append(_Level(0, refused="above the largest δ"))
             continue
         within = np.abs(part - level) <= threshold
-        hill = _hill(part, level - threshold) if connected else np.ones_like(within)
+        regions, _ = label(part >= level - threshold)
+        hill = regions == regions.flat[np.argmax(part)]  # connected with the peak
         rows, columns = np.nonzero(within & hill)
         found.append(_fit_level(along, across, values, rows + top, columns + left, peak, refinement, spacing))
         of_rows, of_columns = (np.flatnonzero(hill.any(axis=axis)) for axis in (1, 0))
@@ -348,12 +340,6 @@ def _fit_level(
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
 
-def _hill(values: FloatArray, foot: float) -> npt.NDArray[np.bool_]:
-    """Points above `foot` that are connected with the peak."""
-    regions, _ = label(values >= foot)
-    return np.asarray(regions == regions.flat[np.argmax(values)])
-
-
 def _delta(response: xr.Dataset, depth: float | None) -> xr.DataArray:
     """δ(y, x, state) of a depth in m, of the first one for None."""
     delta = RESPONSE.checked(response, "a response")["delta"]
@@ -383,7 +369,8 @@ def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
 def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[str]:
     """States whose curves close within the map. If they are required, all of them must close."""
     largest = {state: float(delta.sel(state=state).max()) for state in delta.state.values.tolist()}
-    closed = [state for state in largest if not _peaks_at_edge(delta.sel(state=state))]
+    inner = delta.isel(x=slice(1, -1), y=slice(1, -1))
+    closed = [state for state in largest if float(inner.sel(state=state).max()) == largest[state]]
     for state in largest:
         if required and state not in closed:
             raise LocalizeError(f"the curves of {state} do not close: its largest δ is at the edge of the map.")
@@ -398,15 +385,9 @@ def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[s
     return states
 
 
-def _peaks_at_edge(delta: xr.DataArray) -> bool:
-    values = delta.transpose("y", "x").values
-    row, column = np.unravel_index(int(np.argmax(values)), values.shape)
-    return bool(row in (0, values.shape[0] - 1) or column in (0, values.shape[1] - 1))
-
-
-def _require_few_levels(largest: float, first: float, step: float, points: int) -> None:
-    """Refuse a sweep that needs too many points in all. The sweep runs from `first` to the largest δ."""
-    levels = (largest - first) / step + 1
+def _require_few_levels(largest: float, step: float, points: int) -> None:
+    """Refuse a sweep that needs too many points in all."""
+    levels = largest / step
     most = min(_MOST_LEVELS, _MOST_POINTS // points)
     if not levels <= most:
         raise LocalizeError(
@@ -431,26 +412,16 @@ def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) ->
 
 def _check_map(delta: xr.DataArray) -> None:
     """Refuse a map that is too small or not numeric."""
-    x, y = (_axis(delta, name) for name in ("x", "y"))
+    for name in ("x", "y"):
+        axis = delta[name].values
+        if len(axis) < _LEAST_SAMPLES:
+            raise LocalizeError(f"a map must have at least {_LEAST_SAMPLES} positions along {name}; got {len(axis)}.")
+        if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
+            raise LocalizeError(f"the map's {name} must be finite and rising.")
     bad = np.argwhere(~np.isfinite(delta.transpose("y", "x", ...).values))
     if len(bad):
-        row, column = bad[0][:2]
-        raise LocalizeError(f"a map must be finite; δ at ({x[column] * 1e3:.4g}, {y[row] * 1e3:.4g}) mm is not.")
-
-
-def _axis(delta: xr.DataArray, name: str) -> FloatArray:
-    """Return an axis that rises."""
-    axis = np.asarray(delta[name].values, dtype=np.float64)
-    if len(axis) < _LEAST_SAMPLES:
-        raise LocalizeError(f"a map must have at least {_LEAST_SAMPLES} positions along {name}; got {len(axis)}.")
-    if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
-        raise LocalizeError(f"the map's {name} must be finite and rising.")
-    return axis
-
-
-def _divided(axis: FloatArray, parts: int) -> FloatArray:
-    """Divide every spacing of an axis into equal parts."""
-    return np.interp(np.arange((len(axis) - 1) * parts + 1) / parts, np.arange(len(axis)), axis)
+        y, x = (float(delta[name][k]) * 1e3 for name, k in zip("yx", bad[0], strict=False))
+        raise LocalizeError(f"a map must be finite; δ at ({x:.4g}, {y:.4g}) mm is not.")
 
 
 def _dataset(

@@ -61,12 +61,8 @@ _KIND = "coilarray ellipse model"
 _CHECKSUM = "checksum"  # key of the file
 _RANGE = ("lowest", "highest", "centre")
 _ASTRAY = 2.0  # semi-axes between the centres of the highest determined and of an undetermined level: another hill
-_FARTHEST = (
-    1e3  # m, of a centre or semi-axis within the range of δ: a bound of their polynomials, which they rarely reach
-)
 _SHORTEST = 1e-9  # m, of a semi-axis
 _LARGEST_DELTA = 100.0
-_HUGE = 1e100  # of a coefficient, so that its bound stays finite
 _TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding, y is then within 3e-5 B of the axis
 _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis, where the equation is linear
 
@@ -103,13 +99,6 @@ class CoilEllipses:
             )
         if not 0 < self.centre < np.inf:
             raise LocalizeError(f"centre of {self.name} must be positive and finite; got {self.centre:g}.")
-        farthest = max(abs(self.lowest), abs(self.highest))
-        for key in PARAMETERS:
-            longest = float(np.polyval(np.minimum(np.abs(getattr(self, key)), _HUGE), farthest))
-            if longest > _FARTHEST:
-                raise LocalizeError(
-                    f"{key} of {self.name} must stay within {_FARTHEST:g} m; it may reach {longest:.3g} m."
-                )
 
     def curves(self, delta: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return x0, A and B in m at any δ. Each has the shape of `delta`. Nothing is checked."""
@@ -177,15 +166,7 @@ class EllipseModel:
         raise LocalizeError(f"the model has no coil {name!r}; it has {', '.join(self.names)}.")
 
     def with_semiaxis_addition(self, addition: float = SEMIAXIS_ADDITION) -> EllipseModel:
-        """Return the model with an `addition` to every A.
-
-        The addition is in m.
-
-        Returns
-        -------
-        EllipseModel
-            The changed model.
-        """
+        """Return the model with an `addition` in m to every A."""
         return EllipseModel(tuple(replace(coil, A=(*coil.A[:-1], coil.A[-1] + addition)) for coil in self.coils))
 
 
@@ -217,7 +198,14 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
     # the smallest ellipse determines the centre best
     kept.sort(key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)]))
-    return EllipseModel(tuple(_polynomials(fit) for fit in kept))
+    coils, threshold = [], float(fits.attrs["threshold"])
+    for fit in kept:
+        peak, delta = float(fit.peak), fit.delta.values
+        powers = peak ** np.arange(DEGREE, -1, -1)  # δ over its peak, or the equations are ill-conditioned
+        x0, A, B = (tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in PARAMETERS)
+        ends = float(delta.min()) - threshold, peak + threshold
+        coils.append(CoilEllipses(str(fit.state.item()), x0, A, B, *ends, CENTRE_SHARE * peak))
+    return EllipseModel(tuple(coils))
 
 
 def model_to_json(model: EllipseModel, source: str = "") -> str:
@@ -278,8 +266,19 @@ def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
     """
     middle = (first.x0 + second.x0) / 2
     length = max(first.A, second.A, first.B, second.B)
-    one, other = (Ellipse((e.x0 - middle) / length, e.A / length, e.B / length) for e in (first, second))
-    met = [(x, max(square, 0.0)) for x in _shared_x(one, other) if (square := _square(one, other, x)) is not None]
+    pair = [Ellipse((e.x0 - middle) / length, e.A / length, e.B / length) for e in (first, second)]
+    one, other = pair
+    (k1, k2), rounding = ((e.B / e.A) ** 2 for e in pair), _TOUCHING * max(one.B, other.B) ** 2
+    a, half = k1 - k2, k2 * other.x0 - k1 * one.x0
+    c = k1 * one.x0**2 - k2 * other.x0**2 - one.B**2 + other.B**2
+    under = half**2 - a * c
+    q = -(half + np.copysign(np.sqrt(max(under, 0.0)), half))  # of equal signs, nothing cancels (Numerical Recipes 5.6)
+    roots = {float(u / v) for u, v in ((q, a), (c, q)) if under >= 0 and abs(v) > abs(u) * _FLAT}
+    met = []
+    for x in sorted(roots):
+        squares = [e.B**2 * (1 - ((x - e.x0) / e.A) ** 2) for e in pair]  # y², below zero beyond an ellipse
+        if min(squares) >= -rounding:
+            met.append((x, 0.0 if min(squares) <= rounding else sum(squares) / 2))
     if len(met) > 1:
         met = [(x, square) for x, square in met if abs(x) <= abs(one.x0)] or met
     if not met:
@@ -354,12 +353,10 @@ def _reading(deltas: Mapping[str, float], name: str) -> float:
 
 def _coil_from(data: object) -> CoilEllipses:
     """Read one coil of a JSON file."""
-    keys = (*(f"{key}_m" for key in PARAMETERS), *_RANGE)
-    if not isinstance(data, dict) or not isinstance(data.get("name"), str):
+    if not isinstance(data, dict) or not isinstance(name := data.get("name"), str):
         raise LocalizeError("a coil of an ellipse model must have a name.")
-    name = data["name"]
-    missing = [key for key in keys if key not in data]
-    if missing:
+    keys = (*(f"{key}_m" for key in PARAMETERS), *_RANGE)
+    if missing := [key for key in keys if key not in data]:
         raise LocalizeError(f"{name} of an ellipse model must have {', '.join(keys)}; {missing[0]} is missing.")
     try:
         x0, A, B = np.array([data[key] for key in keys[:3]], dtype=np.float64).reshape(3, DEGREE + 1).tolist()
@@ -385,34 +382,3 @@ def _kept(fit: xr.Dataset) -> xr.Dataset:
             f"needs {DEGREE + 1}."
         )
     return kept
-
-
-def _polynomials(fit: xr.Dataset) -> CoilEllipses:
-    """Polynomials through the steps of one state."""
-    name, peak, delta = str(fit.state.item()), float(fit.peak), fit.delta.values
-    powers = peak ** np.arange(DEGREE, -1, -1)  # δ over its peak, or the equations are ill-conditioned
-    x0, A, B = (tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in PARAMETERS)
-    threshold = float(fit.attrs["threshold"])
-    return CoilEllipses(name, x0, A, B, float(delta.min()) - threshold, peak + threshold, CENTRE_SHARE * peak)
-
-
-def _shared_x(first: Ellipse, second: Ellipse) -> list[float]:
-    """Real roots of the quadratic equation for x."""
-    k1, k2 = (first.B / first.A) ** 2, (second.B / second.A) ** 2
-    a = k1 - k2
-    half = k2 * second.x0 - k1 * first.x0
-    c = k1 * first.x0**2 - k2 * second.x0**2 - first.B**2 + second.B**2
-    under = half**2 - a * c
-    if under < 0:
-        return []
-    q = -(half + np.copysign(np.sqrt(under), half))  # of the same signs, nothing cancels (Numerical Recipes, Sect. 5.6)
-    return sorted({float(top / bottom) for top, bottom in ((q, a), (c, q)) if abs(bottom) > abs(top) * _FLAT})
-
-
-def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
-    """Return y² where both ellipses are at x. None if one of them does not reach x, and 0 within rounding of it."""
-    squares = [e.B**2 * (1 - ((x - e.x0) / e.A) ** 2) for e in (first, second)]
-    rounding = _TOUCHING * max(first.B, second.B) ** 2
-    if min(squares) < -rounding:
-        return None
-    return 0.0 if min(squares) <= rounding else sum(squares) / 2

@@ -116,11 +116,6 @@ def undetermined_levels(
     A level is undetermined if too little of its ellipse at δ (n,) is in the window of the map. The window reaches over
     `x` and `y` in m, by default the paper's window, x ±26 and y ±6 mm. The points of each ellipse within it are judged
     like the points of a computed level, by `coilarray.paper.ellipse.closes`.
-
-    Examples
-    --------
-    >>> undetermined_levels(published_model()["coil1"], [1e-4, 2e-4, 3e-4, 1e-3])
-    array([ True,  True, False, False])
     """
     angle = np.linspace(0, 2 * np.pi, _ANGLES)
     marks = []

@@ -135,7 +135,7 @@ def _ellipse_model(model: ForwardModel, depth: float, row: tuple[float, float]) 
         delta = model.delta(points)
         coords = {"depth": [depth], "y": y - row[1], "x": x - row[0], "state": list(model.states)}
         map_ = xr.Dataset({"delta": (("depth", "y", "x", "state"), delta[None])}, coords)
-        return ellipse_model(fit_ellipses(map_, refinement=_REFINEMENT, connected=False))
+        return ellipse_model(fit_ellipses(map_, refinement=_REFINEMENT))
     except LocalizeError as error:
         return str(error)
 
