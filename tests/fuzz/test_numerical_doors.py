@@ -23,7 +23,6 @@ from coilarray import (
     coupling_matrix,
     dc_resistance,
     geometry,
-    grid_points,
     inductance_matrix,
     magnetic_field,
     mutual_inductance,
@@ -33,6 +32,7 @@ from coilarray import (
 from coilarray.circuit.coupling import operating_currents
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.capacitance import coil_capacitance, elastomer_effect
+from coilarray.electromagnetics.field import grid_points
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
 from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import CoilarrayError, GeometryError
