@@ -13,9 +13,9 @@ from coilarray import (
     coupling_matrix,
     inductance_matrix,
     load_design,
-    operating_currents,
     operating_field,
 )
+from coilarray.circuit.coupling import operating_currents
 from coilarray.errors import GeometryError
 
 

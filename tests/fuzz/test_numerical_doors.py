@@ -314,7 +314,7 @@ def _with(value, bad):
 @pytest.mark.parametrize("value", _VALUES, ids=lambda value: type(value).__name__)
 def test_no_value_takes_a_number_that_is_not_finite(value):
     tried = 0
-    for entry in dataclasses.fields(value):
+    for entry in (one for one in dataclasses.fields(value) if one.name != "rest"):  # which may be infinite
         for bad in _NUMBERS:
             for new in _with(getattr(value, entry.name), bad):
                 tried += 1
