@@ -247,7 +247,7 @@ def with_tank(capacitance):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("capacitance", [20, 60, 3300, 1e6])
+@pytest.mark.parametrize("capacitance", [20, 60, 3300])
 def test_the_quick_look_at_a_board_says_what_its_scan_says(capacitance):
     design = with_tank(capacitance)
     quick, whole = resonators(design), scan_design(design, elastomer=False, accuracy="screen")

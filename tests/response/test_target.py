@@ -222,7 +222,7 @@ def test_a_staggered_target_is_located_along_the_coils():
     """
     design = ca.load_design("linear_position")
     table, places = np.arange(-12, 13, 3) * 1e-3, np.array([-10.3, -2.2, 6.9]) * 1e-3
-    both = target_map(design, distances=[2e-3], x=np.sort(np.r_[table, places]), y=[0.0])
+    both = target_map(design, distances=[2e-3], x=np.sort(np.r_[table, places]), y=[0.0], accuracy=0.5)
     model = forward_model(both.sel(x=table))
     assert (model.free, model.parameters) == ([0], ("x", "y", "distance"))
     random, noise = np.random.default_rng(1), 1e-4

@@ -8,7 +8,7 @@ from coilarray import inductance_matrix, load_design, magnetic_field, vector_pot
 from coilarray.circuit.impedance import sweep_design
 from coilarray.design.vary import vary
 from coilarray.elastomer.scattering import LayerMesh
-from coilarray.response.map import response_map
+from coilarray.response.map import MapAccuracy, response_map
 
 POINTS = np.random.default_rng(5).uniform(-30e-3, 30e-3, (6000, 3))
 MESH = LayerMesh(harmonics=4, width=0.7, rows=2)
@@ -21,7 +21,7 @@ def results():
         {"coils.hexagon.turns_per_layer": 4, "array.columns": 2, "indentation.strain": "linear"},
     )
     sweep = sweep_design(design, [1e6, 3e6])
-    response = response_map(design, x=[-5e-3, 0.0], y=[0.0], accuracy=MESH)
+    response = response_map(design, x=[-5e-3, 0.0], y=[0.0], accuracy=MapAccuracy(mesh=MESH))
     return {
         "B": magnetic_field(design.array, POINTS, [1.0, 2.0]),
         "A": vector_potential(design.array, POINTS, [1.0, 2.0]),
