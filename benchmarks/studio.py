@@ -32,7 +32,7 @@ _WATCH = """() => {
   });
   cells.observe(matrix, {attributes: true, characterData: true, childList: true, subtree: true});
   const picture = document.querySelector("#scene img");
-  const frame = document.querySelector("#scene .studio-half");
+  const frame = document.querySelector("#scene .studio-view");
   let stale = false, decoded = null;
   const pictures = new MutationObserver(() => {
     decoded = picture.decode().catch(() => {});

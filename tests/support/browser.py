@@ -354,7 +354,7 @@ def slow_report(document, name, folder, progress):
 
 
 def steady_board(request, link):
-    """A board that is pressed at one place for one second in two, after a baseline of two scans."""
+    """A board that is pressed at one place for half of the time, after a baseline of two scans."""
     from coilarray.localize.forward import forward_model
     from coilarray.localize.inverse import locate
     from coilarray.localize.presses import Press
@@ -372,18 +372,18 @@ def steady_board(request, link):
             return
         if ZERO in asked:
             zero = k + 8  # a baseline that is long enough to be seen
-        waiting, at = max(0, zero + 2 - k), 0.25 * k
+        waiting, at = max(0, zero + 2 - k), 0.1 * k
         values = [None] * len(model.states) if waiting else delta.tolist()
-        begin = 2.0 * (k // 8)
+        begin = 0.8 * (k // 8)
         press = None if waiting else Press(k // 8 + 1, begin, at if k % 8 == 4 else None, delta.max(), location)
         link.send([
             BoardFrame(
                 f"[emulator] {request.port}: a stand-in", True, k, dict(zip(model.states, values, strict=True)),
-                {design.array.names[0]: "doubtful: amplitude"}, waiting, None if waiting else location, "", 4.0, 0,
+                {design.array.names[0]: "doubtful: amplitude"}, waiting, None if waiting else location, "", 10.0, 0,
                 at, press if k % 8 <= 4 else None, 25.5,
             )
         ])  # fmt: skip
-        time.sleep(0.25)
+        time.sleep(0.1)
 
 
 def main():

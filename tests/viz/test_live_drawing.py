@@ -5,21 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from coilarray import load_design
 from coilarray.localize.inverse import Location, Mode
 from coilarray.localize.presses import Press
-from coilarray.viz.studio.drawing import top_view
-from coilarray.viz.studio.live import (
-    BINS,
-    SPANS,
-    TAB,
-    History,
-    curves,
-    nearest_place,
-    press_places,
-    press_row,
-    trail_lines,
-)
+from coilarray.viz.studio import live
+from coilarray.viz.studio.live import BINS, SPANS, TAB, History, curves, press_row
 
 NAMES = ("a", "b")
 
@@ -52,18 +41,20 @@ def test_every_span_has_the_least_and_largest_of_each_time():
 
 
 def test_a_spike_of_one_scan_in_an_hour_is_shown():
-    """An hour of 100 scans/s in steps of a second, and one second of all: the memory is that of the spans."""
-    history = History(NAMES)
-    held = history._least.nbytes + history._largest.nbytes
-    for k in range(3600):
-        history.add(float(k), dict.fromkeys(NAMES, 0.0))
-        if k == 1000:
-            history.add(k + 0.5, {"a": 1e-3, "b": 0.0})
-    assert history._least.nbytes + history._largest.nbytes == held < 100_000
+    history = filled(3600, rate=1.0, values=lambda k: (1e-3 if k == 1000 else 0.0, 0.0))
     (curve, _) = curves(history, 3600.0, {}, ())["curves"]
     low, high = points(curve["path"])[:, 1].min(), points(curve["path"])[:, 1].max()
     assert low == pytest.approx(16.0 + 240.0 * 0.06 / 1.12, abs=0.2)  # the range is used: 6 % of it are left above
     assert high == pytest.approx(256.0 - 240.0 * 0.06 / 1.12, abs=0.2)  # and below
+
+
+def test_the_oldest_scans_are_forgotten(monkeypatch):
+    monkeypatch.setattr(live, "_KEPT", 40)  # values, of 20 scans
+    history = filled(95, rate=10.0, values=lambda k: (1e-3 * k, 0.0))
+    times, least, largest = history.values(10.0)
+    assert (largest[0].max(), history.end) == pytest.approx((94e-3, 9.4))
+    assert 10 <= len(times) <= 20
+    assert least[0].min() == pytest.approx(1e-3 * (95 - len(times)))
 
 
 def test_a_state_without_values_breaks_its_curve_and_a_pause_between_scans_does_not():
@@ -98,27 +89,8 @@ def test_ticks_and_presses_are_where_the_curves_are():
     assert last["x"] + last["width"] == pytest.approx(TAB[0] - 10, abs=0.1)  # it lasts
 
 
-def place(x, y, information=(1e10, 4e10, 1e2)):
-    return Mode(x, y, 5e-4, np.diag(information), 0.0)
-
-
-def test_a_press_in_words_and_on_the_board():
-    press = Press(4, 12.345, 13.0, -2.5e-4, Location("found", modes=(place(1e-3, -2e-3),)))
-    assert press_row(press) == {
-        "number": 4, "begin": "12.35", "lasted": "0.65", "place": "1.00 ± 0.01, −2.00 ± 0.01", "depth": "0.50",
-        "delta": "−250",
-    }  # fmt: skip
-    lasting = press_row(Press(5, 1.0, None, 1e-4, None))
-    assert (lasting["lasted"], lasting["place"], lasting["depth"]) == ("…", "–", "–")
-    view = top_view(load_design("gast2020"))
-    assert press_places(view, [press, Press(5, 1.0, None, 1e-4, None)]) == [{"number": 4, "x": 1.0, "y": 2.0}]
-
-
-def test_a_trail_follows_one_of_two_places_and_ends_with_the_press():
-    both = Location("found", modes=(place(1e-3, -2e-3), place(1e-3, 2e-3)))
-    assert nearest_place(both, None) == (1e-3, -2e-3)
-    assert nearest_place(both, (0.0, 1e-3)) == (1e-3, 2e-3)
-    view = top_view(load_design("gast2020"))
-    first, second = trail_lines(view, [(1, 0.0, 0.0), (1, 1e-3, 0.0), (2, 5e-3, 0.0), (2, 5e-3, 1e-3)])
-    assert (first["x1"], first["x2"], second["x1"], second["y2"]) == (0.0, 1.0, 5.0, -1.0)
-    assert first["opacity"] < second["opacity"]
+def test_a_press_in_words():
+    place = Mode(1e-3, -2e-3, 5e-4, np.diag((1e10, 4e10, 1e2)), 0.0)
+    press = Press(4, 12.345, 13.0, -2.5e-4, Location("found", modes=(place,)))
+    assert press_row(press) == ["4", "12.35", "0.65", "1.00 ± 0.01, −2.00 ± 0.01", "0.50", "−250"]
+    assert press_row(Press(5, 1.0, None, 1e-4, None))[2:5] == ["…", "–", "–"]

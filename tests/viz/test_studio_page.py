@@ -1,16 +1,13 @@
 """The studio in a real browser: what a user does on the page, and that the numbers there are the library's."""
 
-import io
 import os
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
-from itertools import pairwise
 from threading import Thread
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from PIL import Image
 from support import browser
 from support.browser import expect
 from support.patience import until
@@ -21,10 +18,11 @@ from coilarray.circuit.network import resonate
 from coilarray.design import bundled
 from coilarray.design.model import build_design, load_design_file
 from coilarray.design.vary import vary
+from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.localize.forward import forward_model
-from coilarray.viz.studio.metal import moved, target_rows
+from coilarray.viz.studio.metal import moved, target_table
 from coilarray.viz.studio.numbers import numbers_of
-from coilarray.viz.studio.switches import state_of
+from coilarray.viz.studio.switches import reading_table, state_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "chromium")]
 
@@ -49,7 +47,6 @@ def served_page(**environment):
 
 with_scenes, without_scenes = served_page(), served_page(COILARRAY_NO_RENDERING="1")
 BOXES = "all => all.map(one => one.getBoundingClientRect()).map(one => [one.left, one.top, one.right, one.bottom])"
-CUT = "all => all.filter(one => one.scrollWidth > one.clientWidth).length"
 ALERTS = "[role=alert]:not(#scene-problem)"
 # scenes cost more than all the rest: only tests with this mark have them
 scenes = pytest.mark.parametrize("shared", ["with_scenes"], indirect=True)
@@ -89,6 +86,10 @@ def page(shared):
 def changed(**entries):
     """The starter design with other entries."""
     return vary(load_design("starter"), {key.replace("__", "."): value for key, value in entries.items()})
+
+
+def k_of(design):
+    return coupling_matrix(numbers_of(design).inductance)
 
 
 def save(page, name):
@@ -135,26 +136,6 @@ def answering(port, text=b"here again"):
         server.shutdown()
 
 
-def entered(page, pitch, columns):
-    """Expect two entries."""
-    expect(browser.field(page, "array.pitch_mm")).to_have_value(pitch)
-    expect(browser.field(page, "array.columns")).to_have_value(columns)
-
-
-def laid_out(page, selector):
-    """Boxes of parts of the page, when two pictures of it after one another have them in the same places."""
-    page.evaluate(browser.TWO_FRAMES)
-    boxes = []
-
-    def same():
-        boxes.append(page.locator(selector).evaluate_all(BOXES))
-        page.evaluate(browser.TWO_FRAMES)
-        return boxes[-2:-1] == boxes[-1:]
-
-    until(same)
-    return boxes[-1]
-
-
 def press_at(page, axis, text):
     page.fill(f"[data-axis={axis}] input", text)
     page.press(f"[data-axis={axis}] input", "Enter")
@@ -165,7 +146,7 @@ def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     page.evaluate("trame.trigger('open_design', ['gast2020'])")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 36")
     browser.at_rest(page)
-    np.testing.assert_array_equal(browser.matrix(page), numbers_of(load_design("gast2020")).k)
+    np.testing.assert_array_equal(browser.matrix(page), k_of(load_design("gast2020")))
     expect(browser.field(page, "array.pitch_mm")).to_have_value("13.28")
     clipped = "inputs => inputs.filter(one => one.scrollWidth > one.clientWidth).map(one => one.value)"
     shown = page.locator(".studio-entry input[type=text]:visible")
@@ -178,12 +159,12 @@ def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     browser.at_rest(page)
     pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert 13.28 < pitch < 13.5
-    wider = numbers_of(vary(load_design("gast2020"), {"array.pitch_mm": pitch}))
-    np.testing.assert_array_equal(browser.matrix(page), wider.k)
+    wider = vary(load_design("gast2020"), {"array.pitch_mm": pitch})
+    np.testing.assert_array_equal(browser.matrix(page), k_of(wider))
     browser.redrawn(page, before)
     page.click("#show-L")
     page.wait_for_selector("#matrix td[title^=L]")
-    np.testing.assert_array_equal(browser.matrix(page), wider.inductance)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(wider).inductance)
     page.click("#show-k")
 
 
@@ -191,7 +172,7 @@ def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     # they may stand there for a moment only: what was there is written down, and the slider moves until it was
     page.evaluate(
         "window.told = []; window.telling = new MutationObserver(() => {"
-        " const chip = document.querySelector('#accuracy'), pale = document.querySelectorAll('.stale #coils').length;"
+        " const chip = document.querySelector('#accuracy'), pale = document.querySelectorAll('#coils.stale').length;"
         " told.push(chip?.dataset.accuracy);"
         " if (pale) told.push(`pale, ${chip?.innerText}`) });"
         "telling.observe(document.body,"
@@ -215,7 +196,7 @@ def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     assert "pale, full accuracy" not in told  # and never called accurate
     pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch > 11.5
-    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
+    np.testing.assert_array_equal(browser.matrix(page), k_of(changed(array__pitch_mm=pitch)))
 
 
 def test_a_wrong_value_is_told_at_its_field_and_a_broken_rule_is_red(page):
@@ -237,7 +218,7 @@ def test_a_wrong_value_is_told_at_its_field_and_a_broken_rule_is_red(page):
     page.wait_for_selector("#changed")
     browser.at_rest(page)
     expect(browser.field(page, "array.columns")).to_have_value("2.5")
-    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
+    np.testing.assert_array_equal(browser.matrix(page), k_of(changed(array__pitch_mm=12)))
 
 
 def test_rules_that_break_are_red(page):
@@ -246,19 +227,14 @@ def test_rules_that_break_are_red(page):
     browser.enter(page, "coils.hexagon.gap_mm", "0.05")
     page.wait_for_selector("#rules:has-text('rules broken')")
     browser.at_rest(page)
-    green = "all => all.filter(one => /green/.test(one.className)).map(one => one.innerText)"
     expect(page.locator("#verdict")).to_have_count(0)
-    until(lambda: page.locator(".v-app-bar .v-chip").evaluate_all(green) == [])  # nothing reads as if all were well
-    expect(page.locator("#margins tr.broken").first).to_contain_text("spacing within net")
+    expect(page.locator(".v-app-bar .v-chip.text-green")).to_have_count(0)  # nothing reads as if all were well
+    expect(page.locator("#margins tr.mark").first).to_contain_text("spacing within net")
     browser.picture(page, "broken_rules")
     page.click("#tab-build")
     page.wait_for_selector("#broken >> text=The board house's limit of spacing within net is broken at coil")
-    browser.enter(page, "array.pitch_mm", "7")
-    page.wait_for_selector(r"#broken >> text=/The copper of coil\d and coil\d overlaps on L\d, by up to /")
     place = page.locator("[data-coil=coil3] input").first
     place.fill(page.locator("[data-coil=coil1] input").first.input_value())  # where both have no inductances
-    page.evaluate("trame.trigger('add_sheet')")  # as a change whose answer comes while the next one is typed
-    page.wait_for_selector("#sheet-list tr >> nth=2")
     place.press("Enter")
     page.wait_for_selector("#broken [role=alert]:has-text('two coils are in the same place')")
     expect(page.locator("#accuracy")).to_have_text("not computed")
@@ -274,19 +250,21 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
     design = load_design("starter")
     network = design_circuit(design, ideal=True)
     settings = dict(zip(design.array.names, ("ground", "measure", "ground"), strict=True))
-    sees = "value => Number(document.querySelector('#switched [data-name=L_eff] td + td')?.title) === value"
-    page.wait_for_function(sees, arg=resonate(network, state_of(settings)).effective_inductance)
+
+    def seen():
+        (cells,) = reading_table(resonate(network, state_of(settings))).cells()
+        expect(page.locator("#switched tbody td")).to_have_text(cells)
+
+    seen()
     for coil, setting in (("coil1", "measure"), ("coil3", "open")):
         page.click(f"[data-coil={coil}] button[value={setting}]")
         settings[coil] = setting
-        page.wait_for_function(sees, arg=resonate(network, state_of(settings)).effective_inductance)
+        seen()
     browser.redrawn(page, before)
     browser.picture(page, "switches")
     for coil in ("coil1", "coil2"):
         page.click(f"[data-coil={coil}] button[value=ground]")
     expect(page.locator("#switch-problem")).to_have_text("at least one coil must be measured.")
-    page.click("[data-coil=coil2] button[value=measure]")
-    page.wait_for_selector("#switched td")
 
 
 @scenes
@@ -314,7 +292,6 @@ def test_the_indenter_is_dragged_and_located(page):
     located = page.inner_text("#located").replace("−", "-")
     assert located.startswith("found\nlocated: x = ")
     assert float(located.partition("located: x = ")[2].split()[0]) == pytest.approx(place[0], abs=0.05)
-    assert "ellipses of " in located
     page.wait_for_selector("#scene :text('hemisphere')")
     browser.picture(page, "touch")
     press_at(page, "depth", "deep")
@@ -338,18 +315,12 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.wait_for_selector("#file:has-text('better.toml')")
     page.wait_for_selector("#changed", state="detached")
     better = load_design_file(folder / "better.toml")
-    assert better.values["array.pitch_mm"] == 12.5
     # a copy is not called as what it was made of
-    assert (better.design.name, better.values["title"]) == ("better", "")
+    assert (better.values["array.pitch_mm"], better.design.name, better.values["title"]) == (12.5, "better", "")
     page.click("#save")
-    expect(page.locator("#save-title")).to_have_value("")
     page.fill("#save-title", "Twelve and a half")
     page.click("#save-now")
     page.wait_for_selector(".v-overlay--active .v-card", state="detached")
-    assert load_design(folder / "better.toml").title == "Twelve and a half"
-    page.click("#undo")
-    page.click("#redo")
-    browser.heard(page)
     assert load_design(folder / "better.toml").title == "Twelve and a half"
     (folder / "other.toml").write_text("another's", encoding="utf-8")
     save(page, "other.toml")
@@ -358,31 +329,22 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('other.toml')")
     assert load_design_file(folder / "other.toml").values["array.pitch_mm"] == 12.5
-    page.click("#save")
-    page.fill("#save-title", "Mine")
-    page.fill("#save-name", "better.toml")  # a title that is typed stays
-    page.click("#save-now")
-    page.click("#save-now:has-text('Replace')")
-    page.wait_for_selector("#file:has-text('better.toml')")
-    assert load_design(folder / "better.toml").title == "Mine"
     browser.field(page, "array.columns").fill("2")
     browser.field(page, "array.columns").press("Tab")  # to leave a field enters it too
     page.wait_for_selector("#changed")
     page.reload()
     browser.at_rest(page)
-    entered(page, pitch="12.5", columns="2")
-    expect(page.locator("#file")).to_contain_text("better.toml")
-    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12.5, array__columns=2)).k)
+    expect(browser.field(page, "array.pitch_mm")).to_have_value("12.5")
+    expect(browser.field(page, "array.columns")).to_have_value("2")
+    expect(page.locator("#file")).to_contain_text("other.toml")
+    np.testing.assert_array_equal(browser.matrix(page), k_of(changed(array__pitch_mm=12.5, array__columns=2)))
     page.click("#open")
-    page.wait_for_selector("#shelf >> text=better.toml")
-    browser.picture(page, "open")
     page.click("#shelf >> text=better.toml")
-    page.wait_for_selector("#open-problem:has-text('The changes of better.toml are not saved')")
+    page.wait_for_selector("#open-problem:has-text('The changes of other.toml are not saved')")
     expect(browser.field(page, "array.columns")).to_have_value("2")
     browser.picture(page, "discard")
     page.click("#discard")
     page.wait_for_selector("#changed", state="detached")
-    page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
     expect(browser.field(page, "array.columns")).to_have_value("3")
 
 
@@ -390,36 +352,22 @@ def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page
     (folder / "there.toml").write_text("another's", encoding="utf-8")
     change(page, "array.pitch_mm", "12")
     page.click("#new")
-    page.fill("#new-name", "two words")
-    page.click("#make")
-    page.wait_for_selector("#new-problem:has-text('name must have letters, ')")
-    page.fill("#new-name", "there")
-    page.click("#make")
-    page.wait_for_selector("#new-problem:has-text('there.toml is there already; give the new design another name.')")
+    for name, problem in (("two words", "plain, short name"), ("there", "there.toml is there already")):
+        page.fill("#new-name", name)
+        page.click("#make")
+        page.wait_for_selector(f"#new-problem:has-text('{problem}')")
     assert (folder / "there.toml").read_text(encoding="utf-8") == "another's"
     page.fill("#new-name", "pair")
     page.fill("#new-coils", "2")
     page.click("#make")
     page.wait_for_selector("#new-problem:has-text('The changes of starter are not saved')")
-    page.fill("#new-size", "wide")
-    page.click("#make:has-text('Discard and make')")
-    page.wait_for_selector(
-        "#new-problem:has-text(\"size must be a width, as 16, or width and height, as 20x12; got 'wide'.\")"
-    )
     browser.picture(page, "new")
-    page.fill("#new-size", "16")
-    page.click("#make:has-text('Make')")
     page.click("#make:has-text('Discard and make')")
     page.wait_for_selector("#file:has-text('pair.toml')")
     page.wait_for_selector("#changed")  # it is in no file yet
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 4")
     assert not (folder / "pair.toml").exists()
-    compare = page.locator(":disabled:is(#compare, #beside)")  # with nothing
-    expect(compare).to_have_count(2)
-    why = "pair.toml is not saved yet: there is nothing to compare with"
-    until(lambda: compare.evaluate_all("all => all.map(one => one.parentElement.title)") == [why] * 2)
-    page.reload()
-    page.wait_for_selector("#compare:disabled")
+    page.wait_for_selector("#compare:disabled")  # with nothing
 
 
 def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
@@ -428,30 +376,22 @@ def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
     try:
         for width, height in ((1280, 720), (1024, 700)):
             page.set_viewport_size({"width": width, "height": height})
-            scene, side = laid_out(page, "#scene, .studio-side")
-            assert scene[2] - scene[0] > 400
-            assert scene[3] - scene[1] > 300
-            assert scene[2] <= side[0] or scene[3] <= side[1]  # neither lies over the other,
-            assert side[2] <= width  # and all of it is in the window
+
+            def roomy(width=width):
+                scene, side = page.locator("#scene, .studio-side").evaluate_all(BOXES)
+                apart = scene[2] <= side[0] or scene[3] <= side[1]  # neither lies over the other,
+                # and all of it is in the window
+                return apart and side[2] <= width and scene[2] - scene[0] > 400 and scene[3] - scene[1] > 300
+
+            until(roomy)
             browser.picture(page, f"16_coils_{width}")
         box = "#matrix", "one => [one.scrollWidth, one.parentElement.clientWidth]"
         until(lambda: np.less_equal(*page.eval_on_selector(*box)))  # the matrix as colours, all of it,
         expect(page.locator("#matrix tbody tr >> nth=0 >> td >> nth=1")).to_have_text("")
         page.click("#digits")  # and in numbers where they are asked for
-        page.wait_for_function(
-            "document.querySelector('#matrix td + td').innerText"
-            " === Number(document.querySelector('#matrix td + td').title.split(' = ')[1]).toFixed(4).replace('-', '−')"
-        )
         until(lambda: np.greater(*page.eval_on_selector(*box)))
+        expect(page.locator("#matrix tbody tr >> nth=0 >> td >> nth=1")).not_to_have_text("")
         page.click("#digits")
-        page.set_viewport_size({"width": 1280, "height": 720})
-        for tab, below in (("switches", "#switched"), ("build", "#add-sheet")):  # not under a list of all coils
-            page.click(f"#tab-{tab}")
-            page.wait_for_selector(below)
-            (box,) = laid_out(page, below)
-            assert box[3] < 720
-        page.click("#tab-switches")
-        expect(page.locator("#measured")).to_have_text("coil2")  # as before there were more
     finally:
         page.set_viewport_size(browser.SIZE)
 
@@ -465,25 +405,25 @@ def test_dialogs_are_worked_by_keys_alone(page, folder):
         page.wait_for_selector(".v-overlay--active .v-card")
         if first is not None:
             page.wait_for_function(focus, arg=first)
-            # as Vuetify does where the dialog appears before its field can be seen
-            page.eval_on_selector(".v-overlay--active .v-overlay__content", "one => one.focus()")
-            page.wait_for_function(focus, arg=first)
-        if name == "new":
-            page.focus("#new-connector")
-            page.keyboard.press("Enter")  # which opens its list, and makes nothing
-            page.wait_for_function("document.activeElement.matches('.v-list-item')")
-            page.keyboard.press("Escape")
-            page.wait_for_function(focus, arg="new-connector")
-            expect(page.locator(".v-overlay--active .v-card")).to_have_count(1)
         page.keyboard.press("Escape")
         page.wait_for_function(focus, arg=name)
         page.wait_for_selector(".v-overlay--active .v-card", state="detached")
-    change(page, "array.pitch_mm", "12")
+    pitch = browser.field(page, "array.pitch_mm")
+    change(page, "array.pitch_mm", "12")  # which leaves the focus in the field
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("#changed", state="detached")
+    expect(pitch).to_have_value("11")
+    page.keyboard.press("Control+y")
+    page.wait_for_selector("#changed")
+    page.keyboard.type("3")
+    expect(pitch).to_have_value("123")
+    page.keyboard.press("Control+z")  # of its own text, until the design has it
+    expect(pitch).to_have_value("12")
     page.keyboard.press("Control+s")
     page.wait_for_function(focus, arg="save-name")
+    page.keyboard.press("Control+z")  # not of the design behind
     page.keyboard.press("Control+a")
     page.keyboard.type("keys.toml")
-    expect(page.locator("#save-name")).to_have_value("keys.toml")
     page.keyboard.press("Enter")
     page.wait_for_selector("#file:has-text('keys.toml')")
     assert load_design_file(folder / "keys.toml").values["array.pitch_mm"] == 12
@@ -491,46 +431,6 @@ def test_dialogs_are_worked_by_keys_alone(page, folder):
     page.keyboard.press("Control+s")
     page.wait_for_selector("#save-wrong")
     page.keyboard.press("Escape")
-
-
-def test_a_field_undoes_its_own_text_until_the_design_has_it(page):
-    pitch = browser.field(page, "array.pitch_mm")
-    change(page, "array.pitch_mm", "12")  # which leaves the focus in the field
-    page.keyboard.press("Control+z")
-    page.wait_for_selector("#changed", state="detached")
-    expect(pitch).to_have_value("11")
-    page.keyboard.press("Control+Shift+z")
-    page.wait_for_selector("#changed")
-    page.keyboard.press("Control+z")
-    page.wait_for_selector("#changed", state="detached")
-    page.keyboard.press("Control+y")
-    page.wait_for_selector("#changed")
-    expect(pitch).to_have_value("12")
-    page.keyboard.type("3")
-    expect(pitch).to_have_value("123")
-    page.keyboard.press("Control+z")
-    expect(pitch).to_have_value("12")
-    page.keyboard.press("Control+s")
-    page.wait_for_selector(".v-overlay--active #save-name")
-    page.keyboard.press("Control+z")  # not of the design behind
-    page.keyboard.press("Escape")
-    browser.heard(page)
-    expect(page.locator("#changed")).to_have_count(1)
-
-
-def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
-    with browser.opened(chromium, studio.url) as other:
-        change(page, "array.pitch_mm", "13")
-        change(other, "array.columns", "2")
-        page.click("#tab-switches")
-        browser.at_rest(other)
-        browser.at_rest(page)
-        expect(other.locator("#matrix")).to_be_visible()
-        entered(page, pitch="13", columns="3")
-        entered(other, pitch="11", columns="2")
-        page.click("#tab-numbers")
-        np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=13)).k)
-        np.testing.assert_array_equal(browser.matrix(other), numbers_of(changed(array__columns=2)).k)
 
 
 def test_goals_that_do_not_fit_say_why_and_a_failed_search_is_said_once(page):
@@ -548,9 +448,6 @@ def test_goals_that_do_not_fit_say_why_and_a_failed_search_is_said_once(page):
     page.evaluate("trame.trigger('start_run', ['decouple', '4'])")  # of which the list did not know yet
     page.wait_for_selector("#problem:has-text('decouple of starter: the design starter has only one coil')")
     expect(page.locator(ALERTS)).to_have_count(1)
-    page.evaluate("trame.trigger('start_study', ['sweep', trame.state.get('sweep_axes'), ['k[a,b]'], '', ''])")
-    page.wait_for_selector("#problem:has-text('sweep of starter: ')")
-    expect(page.locator(ALERTS)).to_have_count(1)
     page.click("#problem .v-alert__close button")
     page.wait_for_selector("#problem", state="detached")
 
@@ -559,7 +456,6 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     pytest.importorskip("optuna")
     result = browser.quick_run(folder / "found")
     page.click("#tab-runs")
-    page.click("#look-for-runs")
     browser.heard(page)
     page.click("#run-folder-box .v-field")
     page.click(".v-overlay >> text=found")
@@ -596,21 +492,39 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
 
 
 @scenes
-def test_a_board_is_watched_and_stopped(page, studio):
+def test_a_board_is_watched_held_zeroed_and_stopped(page, studio):
     before = set(studio.children())
     page.click("#tab-live")
+    page.fill("#live-log", "../run.csv")
+    page.click("#start-board")
+    page.wait_for_selector("#live-problem:has-text('a file must have a plain, short name')")
+    page.fill("#live-log", "")
     page.click("#start-board")
     page.wait_for_selector("#live-lines:has-text('located')")
     expect(page.locator("#live-line")).to_contain_text("[emulator] emulator")
-    expect(page.locator("#live-lines")).to_contain_text("4.00 scans/s, 0 lost")
+    expect(page.locator("#live-lines")).to_contain_text("10.00 scans/s, 0 lost")
     expect(page.locator("#live-temperature")).to_have_text("25.50 °C")
     page.wait_for_selector("#scene :text('δ')")
     page.wait_for_selector("#live-presses tbody tr >> nth=1")
+    page.wait_for_selector("#live-curves [data-press='1']")
+    path = "#live-curves path[data-curve]"
+    expect(page.locator(path)).to_have_count(3)
     browser.picture(page, "live", rests=False)
+    page.click("#pause-board")
+    page.wait_for_selector("#pause-board:has-text('Go on')")
+    browser.heard(page)
+    held = page.get_attribute(path, "d")
+    page.wait_for_timeout(500)  # five scans, or fewer where others compute
+    assert page.get_attribute(path, "d") == held
+    page.click("#live-span button:has-text('10 s')")  # which draws
+    page.wait_for_function(f"held => document.querySelector('{path}').getAttribute('d') !== held", arg=held)
+    page.click("#pause-board")
+    page.keyboard.press("z")
+    page.wait_for_selector("#live-lines:has-text('baseline: ')")
     (child,) = until(lambda: set(studio.children()) - before)
     box = page.get_attribute("#live-view", "viewBox")
     change(page, "array.pitch_mm", "13")  # the board that runs stays what it is
-    wait_for_scans(page, 2)
+    page.wait_for_selector("#live-other")
     assert page.get_attribute("#live-view", "viewBox") == box
     page.click("#stop-board")
     page.wait_for_selector("#start-board")
@@ -619,57 +533,19 @@ def test_a_board_is_watched_and_stopped(page, studio):
     expect(page.locator("#live-lines")).to_have_text("")  # it was of another board
 
 
-def wait_for_scans(page, count):
-    """Wait until the page shows a scan so many later."""
-    scan = int(page.get_attribute("#live-line", "data-scan"))
-    page.wait_for_function("n => Number(document.querySelector('#live-line').dataset.scan) >= n", arg=scan + count)
-
-
-def test_the_live_curves_are_held_zeroed_and_of_any_span(page):
-    page.click("#tab-live")
-    page.click("#start-board")
-    path = "#live-curves path[data-curve]"
-    page.wait_for_selector("#live-curves [data-press='1']")
-    expect(page.locator(path)).to_have_count(page.locator("#live-view polygon").count())
-    before = page.get_attribute(path, "d")
-    page.wait_for_function(f"before => document.querySelector('{path}').getAttribute('d') !== before", arg=before)
-    page.click("#pause-board")
-    page.wait_for_selector("#pause-board:has-text('Go on')")
-    browser.heard(page)
-    held = page.get_attribute("#live-line", "data-scan")
-    page.wait_for_timeout(1000)  # four scans, or fewer where others compute
-    expect(page.locator("#live-line")).to_have_attribute("data-scan", held)
-    page.click("#live-span button:has-text('10 s')")  # which draws
-    page.wait_for_function("() => document.querySelectorAll('#live-curves g text').length > 0")
-    page.click("#pause-board")
-    wait_for_scans(page, 3)
-    page.keyboard.press("z")
-    page.wait_for_selector("#live-lines:has-text('baseline: ')")
-    page.click("#stop-board")
-    page.wait_for_selector("#start-board")
-    expect(page.locator("#live-presses tbody tr")).not_to_have_count(0)  # what was measured stays on the page
-
-
-def test_a_log_of_another_folder_is_refused(page):
-    page.click("#tab-live")
-    page.fill("#live-log", "../run.csv")
-    page.click("#start-board")
-    page.wait_for_selector("#live-problem:has-text('a file must have a plain, short name')")
-    page.fill("#live-log", "")
-
-
-def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):
+def test_a_report_is_written_beside_the_page_cancelled_and_ended_with_it(page, chromium, studio, folder):
+    before = set(studio.children())
+    with browser.opened(chromium, studio.url) as other:  # and neither page disturbs the other one
+        other.click("#report")
+        other.wait_for_selector("#job [role=progressbar][aria-valuenow]")
+        (child,) = until(lambda: set(studio.children()) - before)
+        change(other, "array.columns", "2")
+    browser.wait_until_gone([child])
+    expect(browser.field(page, "array.columns")).to_have_value("3")
     page.click("#report")
     page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
     change(page, "array.pitch_mm", "12")  # the page goes on meanwhile
     browser.picture(page, "job")
-    for width in (1024, 1280):  # with progress in it the bar at the top is as full as it gets
-        page.set_viewport_size({"width": width, "height": 700})
-        parts = laid_out(page, ".v-app-bar .v-toolbar__content > :not(.v-spacer)")
-        assert all(left[2] <= right[0] + 0.5 for left, right in pairwise(parts))
-        assert parts[-1][2] <= width
-        until(lambda: page.locator(".v-app-bar .v-chip").evaluate_all(CUT) == 0)
-    page.set_viewport_size(browser.SIZE)
     page.click("#cancel")
     page.wait_for_selector("#job", state="detached")
     until(lambda: not (folder / "starter-report").exists())
@@ -683,20 +559,6 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     report.wait_for_selector("text=A report.")
     expect(report).to_have_title("starter")  # its script has not run
     report.close()
-    assert page.request.get(f"{studio.root}files/starter-report/report.html").status == 404
-
-
-def test_a_client_that_leaves_in_the_middle_of_a_run_takes_its_run_along(page, chromium, studio, folder):
-    (folder / browser.QUICK).unlink(missing_ok=True)
-    before = set(studio.children())
-    with browser.opened(chromium, studio.url) as other:
-        other.click("#report")
-        other.wait_for_selector("#job [role=progressbar][aria-valuenow]")
-        (child,) = until(lambda: set(studio.children()) - before)
-    browser.wait_until_gone([child])
-    change(page, "array.pitch_mm", "12")  # the others go on
-    browser.at_rest(page)
-    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
 
 
 ATTACK = """
@@ -761,26 +623,13 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     page.wait_for_selector("#scene button.off:has-text('copper L1')")
     browser.redrawn(page, turned)
     browser.picture(page, "turned")
-    page.click("#beside")
-    page.wait_for_selector("#saved-picture")
-    shown = browser.drawn(page)
-    saved = page.locator("#saved-picture").screenshot()
-    # squares of 4 pixels, as one of both is a JPEG with smoother lines, below the words at the top
-    a, b = (np.asarray(Image.open(io.BytesIO(png)).convert("L").reduce(4), dtype=float)[8:] for png in (shown, saved))
-    # the same design, turned as far and with as little copper
-    assert np.abs(a - b).mean() < 0.1 * np.abs(a - 255).mean()
     page.click("#scene button:has-text('oblique')")
-    browser.redrawn(page, shown)
-    until(lambda: page.locator("#saved-picture").screenshot() != saved)
-    page.click("#beside")
     page.click("#scene button:has-text('copper L1')")
 
 
-@pytest.mark.parametrize("host", [(), ("--host", "127.0.0.1")], ids=["alone", "host"])
-def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path, host):
-    arguments = ("starter", "--linger", "0.5", *host)
+def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):
     said = {"COILARRAY_CACHE": str(tmp_path / "cache"), "COILARRAY_NO_RENDERING": "1"}
-    with browser.served(*arguments, program=True, cwd=tmp_path, **said) as started:
+    with browser.served("starter", "--linger", "0.5", program=True, cwd=tmp_path, **said) as started:
         context = browser.profile(chromium)
         refused = context.new_page()
         assert refused.goto(started.url.partition("?")[0]).status == 403
@@ -809,7 +658,7 @@ def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_pat
         page.goto(started.url)
         page.wait_for_selector("#scene-problem:has-text('COILARRAY_NO_RENDERING')")
         browser.at_rest(page)
-        np.testing.assert_array_equal(browser.matrix(page), numbers_of(load_design("starter")).k)
+        np.testing.assert_array_equal(browser.matrix(page), k_of(load_design("starter")))
         browser.picture(page, "no_rendering")
         behind_proxy = context.new_page()
         behind_proxy.add_init_script(NO_SOCKETS)
@@ -829,29 +678,26 @@ def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_pat
 
 def test_metal_is_added_moved_and_removed(page):
     page.click("#tab-metal")
-    form = page.locator("#body-form")
     browser.picture(page, "metal_none")
     page.evaluate(
         "trame.trigger('add_body', [{kind: 'target', shape: 'sphere', material: 'steel', size: '8', distance: '1, 4'}])"
     )
-    page.wait_for_function("document.querySelectorAll('#target-rows tbody tr').length === 3")
-    browser.at_rest(page)
-    page.wait_for_function("!document.querySelector('#target-rows').closest('.stale')")
-    pale = "!!document.querySelector('#target-rows')?.closest('.stale')"
-
-    def rows():
-        lines = page.evaluate("[...document.querySelectorAll('#target-rows tbody tr')].map(row => row.innerText)")
-        return [line.split("\t") for line in lines]
-
     document = {**load_design_file("starter").document}
     document["target"] = {"shape": "sphere", "material": "steel", "diameter_mm": 8.0, "distances_mm": [1.0, 4.0]}
     expected = moved(build_design(document), None)
-    until(lambda: rows() == target_rows(expected, 0))
-    page.evaluate(f"trame.trigger('move_target', [{len(expected.distances) - 1}])")
+    last = len(expected.distances) - 1
+
+    def shown(found, step):
+        cells = target_table(found, step).cells()
+        expect(page.locator("#target-table tbody td")).to_have_text([cell for row in cells for cell in row])
+
+    shown(expected, 0)
+    page.evaluate(f"trame.trigger('move_target', [{last}])")
     page.wait_for_function("document.querySelector('#distance').innerText === 'target at 4 mm'")
-    until(lambda: rows() == target_rows(expected, len(expected.distances) - 1))
+    shown(expected, last)
     # another size: what stands there is pale, perhaps for a moment only, until it is that of the new one
     page.get_by_role("button", name="Target", exact=True).click()
+    pale = "!!document.querySelector('#target-table.stale')"
     page.evaluate(
         f"window.pales = 0; new MutationObserver(() => {{ pales += {pale} }})"
         ".observe(document.body, { attributes: true, subtree: true, attributeFilter: ['class'] })"
@@ -860,12 +706,11 @@ def test_metal_is_added_moved_and_removed(page):
     page.wait_for_function("pales > 0")
     page.wait_for_function(f"!{pale}")
     document["target"]["diameter_mm"] = 4.0
-    smaller = target_rows(moved(build_design(document), None), len(expected.distances) - 1)
-    until(lambda: rows() == smaller)
-    form.get_by_label("distances").fill("far")
+    shown(moved(build_design(document), None), last)
+    page.locator("#body-form").get_by_label("distances").fill("far")
     page.click("#add-body")
     page.wait_for_selector("#body-problem")
     expect(page.locator("#body-problem")).to_have_text("distances_mm must be a number; got 'far'.")
     browser.picture(page, "metal")
     page.evaluate("trame.trigger('remove_body', ['target'])")
-    page.wait_for_function("!document.querySelector('#target-rows')")
+    page.wait_for_function("!document.querySelector('#target-table')")

@@ -1,10 +1,10 @@
-"""Boards as the studio draws them: from above as plain values, and in pieces for scenes."""
+"""Boards as the studio draws them: from above as SVG, and in pieces for scenes."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,33 +13,40 @@ import numpy.typing as npt
 from coilarray.compute.display_units import number_text
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
-from coilarray.viz.datasets.results import semi_axis_factor
+from coilarray.viz.datasets.results import uncertainty_ellipse
 from coilarray.viz.palette import INK, coil_colours
 from coilarray.viz.scenes.board import CoilColours, recoloured
 from coilarray.viz.scenes.results import CONFIDENCE, colours_of_delta
 from coilarray.viz.scenes.scene import Part, Scene
 from coilarray.viz.scenes.touch import first_states
 
+LEAST = 1e-4
+"""Smallest δ at which bars and colours of a measurement are full."""
+RED = "#D55E00"
+"""Colour of positions that are found."""
+
 _RIM = 0.02  # width of the rim over the width of the board
-_DIGITS = 3  # of lengths in mm
 _LETTER = 0.035  # largest height of letters over the width of the drawing
 _LETTER_OF_PITCH = 0.22  # and over the distance of neighbours, so that names of six letters do not overlap
-_LEAST = 0.35  # least semi-axis of an ellipse in mm
+_NAME = 'text-anchor="middle" dominant-baseline="central" fill="#202020" stroke="#fff" paint-order="stroke"'
 
 
 @dataclass(frozen=True)
 class TopView:
-    """Rectangle of a drawing in mm, whose y is minus the board's."""
+    """Drawing of a board from above in mm, whose y is minus the board's."""
 
     left: float
     top: float
     width: float
     height: float
 
-    def place(self, across: float, down: float) -> tuple[float, float]:
-        """Place on the board in m for a drawn point.
+    @property
+    def line(self) -> float:
+        """Width of a thin line."""
+        return round(0.0022 * self.width, 3)
 
-        The point is given as shares of the drawing's sides.
+    def place(self, across: float, down: float) -> tuple[float, float]:
+        """Place on the board in m for a point that is given as shares of the drawing's sides.
 
         Examples
         --------
@@ -47,10 +54,6 @@ class TopView:
         (0.005, 0.0025)
         """
         return (self.left + across * self.width) * 1e-3, -(self.top + down * self.height) * 1e-3
-
-    def point(self, x: float, y: float) -> tuple[float, float]:
-        """Drawn point in mm for a place in m."""
-        return _mm(x), -_mm(y)
 
 
 def top_view(design: Design) -> TopView:
@@ -60,26 +63,53 @@ def top_view(design: Design) -> TopView:
     return TopView(x_min - rim, -y_max - rim, x_max - x_min + 2 * rim, y_max - y_min + 2 * rim)
 
 
-def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
-    """Edge and coils of a board in mm."""
-    x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
-    colours = coil_colours(design.array.names, design.array.centres)
-    coils = []
-    for place in design.array.placements:
-        outline = place.to_board(place.coil.outline) * 1e3
-        x, y = design.array.centres[design.array.names.index(place.name)] * 1e3
-        points = " ".join(f"{round(px, _DIGITS)},{round(-py, _DIGITS)}" for px, py in outline.tolist())
-        coils.append(
-            {"name": place.name, "points": points, "colour": colours[place.name], "x": float(x), "y": -float(y)}
-        )
+def drawing(design: Design, delta: Mapping[str, float | None], marks: str = "", least: float = 0.0) -> dict[str, Any]:
+    """Drawing of a board, its coils coloured by δ as by `colours_of_delta`, with marks over them, as SVG."""
+    view, array = top_view(design), design.array
+    colours = coil_colours(array.names, array.centres)
+    edges = [(x, y) for x in array.bounds[::2] for y in array.bounds[1::2]]
+    parts = [polygon(np.array(edges)[[0, 1, 3, 2]], f'fill="#eef5ee" stroke="#3F8F4F" stroke-width="{view.line}"')]
+    fills = ["none"] * len(array.names)
+    if delta:
+        of_coils = colours_of_delta(_delta_by_coil(design, delta), least)
+        fills = [f"rgb{tuple(one)}" for one in of_coils.scale.colours_of(of_coils.values).tolist()]
+    for place, fill in zip(array.placements, fills, strict=True):
+        stroke = f'stroke="{colours[place.name]}" stroke-width="{1.5 * view.line:g}"'
+        parts.append(polygon(place.to_board(place.coil.outline), f'fill="{fill}" fill-opacity="0.75" {stroke}'))
+    letter = min(_LETTER * view.width, _LETTER_OF_PITCH * array.least_distance * 1e3)
+    look = f'{_NAME} font-size="{letter:.3f}" stroke-width="{1.5 * view.line:g}" font-weight="600"'
+    for name, (x, y) in zip(array.names, array.centres * 1e3, strict=True):
+        parts.append(f'<text x="{x:.3f}" y="{-y:.3f}" {look}>{escape(name)}</text>')
     return {
         "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
         "ratio": round(view.width / view.height, 4),
-        "board": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
-        "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * design.array.least_distance * 1e3), 3),
-        "line": round(0.0022 * view.width, 3),
-        "coils": coils,
+        "svg": "".join(parts) + marks,
     }
+
+
+def polygon(points: npt.ArrayLike, look: str, kind: str = "polygon") -> str:
+    """Polygon or polyline through points on the board in m, shape (n, 2)."""
+    corners = " ".join(f"{x:.3f},{-y:.3f}" for x, y in np.asarray(points) * 1e3)
+    return f'<{kind} points="{corners}" {look}/>'
+
+
+def circle(x: float, y: float, radius: float, look: str) -> str:
+    """Circle at a place on the board in m, with its radius in mm."""
+    return f'<circle cx="{x * 1e3:.3f}" cy="{-y * 1e3:.3f}" r="{radius:.3f}" {look}/>'
+
+
+def location_marks(view: TopView, location: Location) -> str:
+    """Possible positions of a location with 95 % ellipses."""
+    marks = []
+    stroke = f'stroke="{RED}" stroke-width="{view.line}"'
+    for k, mode in enumerate(location.modes):
+        covariance = mode.covariance[:2, :2]
+        if np.isfinite(covariance).all():
+            ellipse = np.asarray(uncertainty_ellipse((mode.x, mode.y), covariance, CONFIDENCE).points) * 1e-3
+            marks.append(polygon(ellipse[:, :2], f'class="ellipse" fill="{RED}" fill-opacity="0.15" {stroke}'))
+        fill = "#fff" if k else RED
+        marks.append(circle(mode.x, mode.y, 4 * view.line, f'class="pin" fill="{fill}" {stroke}'))
+    return "".join(marks)
 
 
 def state_colours(design: Design) -> dict[str, str]:
@@ -88,38 +118,10 @@ def state_colours(design: Design) -> dict[str, str]:
     return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
 
 
-def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
-    """Possible positions of a location with 95 % ellipses."""
-    marks = []
-    for k, mode in enumerate(location.modes):
-        x, y = view.point(mode.x, mode.y)
-        mark: dict[str, Any] = {"x": x, "y": y, "best": k == 0, "rx": 0.0, "ry": 0.0, "turn": 0.0}
-        covariance = mode.covariance[:2, :2]
-        if np.isfinite(covariance).all():
-            values, vectors = np.linalg.eigh(covariance)
-            half = semi_axis_factor(CONFIDENCE) * np.sqrt(np.maximum(values, 0.0)) * 1e3
-            longest = 2 * max(view.width, view.height)
-            mark["ry"], mark["rx"] = (float(min(max(axis, _LEAST), longest)) for axis in half)
-            mark["turn"] = -math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
-        marks.append(mark)
-    return marks
-
-
-def delta_fills(design: Design, delta: Mapping[str, float | None], least: float = 0.0) -> dict[str, str]:
-    """Colour of each coil by its δ, see `colours_of_delta`."""
-    colours = colours_of_delta(delta_by_coil(design, delta), least)
-    red_green_blue = colours.scale.colours_of(colours.values).tolist()
-    return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}
-
-
-def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
+def _delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
     """δ of the first state that measures each coil, or NaN."""
     states = first_states(design)
     return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
-
-
-LEAST = 1e-4
-"""Smallest δ at which bars and colours of a measurement are full."""
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) -> list[dict[str, Any]]:
@@ -137,10 +139,6 @@ def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) ->
     return bars
 
 
-def _mm(value: float) -> float:
-    return round(value * 1e3, _DIGITS)
-
-
 @dataclass(frozen=True, eq=False)
 class BoardParts:
     """Board in pieces."""
@@ -153,7 +151,6 @@ class BoardParts:
         """Colour the copper by values of the coils."""
         return Scene(recoloured(self.copper, colours)) + self.rest
 
-
-def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None], least: float = 0.0) -> Scene:
-    """Board with its copper coloured by δ, see `colours_of_delta`."""
-    return board.coloured(colours_of_delta(delta_by_coil(board.design, delta), least))
+    def by_delta(self, delta: Mapping[str, float | None], least: float = 0.0) -> Scene:
+        """Colour the copper by δ, see `colours_of_delta`."""
+        return self.coloured(colours_of_delta(_delta_by_coil(self.design, delta), least))

@@ -6,16 +6,16 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from coilarray.circuit.readability import with_reasons
-from coilarray.compute.display_units import MM, true_minus
+from coilarray.compute.display_units import KILOHM, MM, DisplayUnit
+from coilarray.compute.table import Table, dataset_table
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
-from coilarray.errors import CoilarrayError, DesignError, shown
+from coilarray.errors import CoilarrayError, DesignError
 from coilarray.geometry import MATERIALS, Plate
 from coilarray.response.setup import target_of
 from coilarray.viz.scenes.board import scene_of_sheets
@@ -38,10 +38,6 @@ from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Circuit, Panel, Session
 from coilarray.viz.studio.structure import without_entry
 
-if TYPE_CHECKING:
-    from coilarray.viz.studio.work import Work
-
-
 KINDS = ("plate above", "plate below", "target")
 """Kinds of a new body."""
 SIZES: Mapping[str, tuple[str, ...]] = {
@@ -49,7 +45,7 @@ SIZES: Mapping[str, tuple[str, ...]] = {
     "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
 }  # fmt: skip
 """Keys of the sizes of each shape of a new body."""
-FIRST = {
+FIRST: Mapping[str, str] = {
     "kind": "target", "shape": "disc", "material": "aluminium", "thickness": "1", "distance": "0.5, 1, 2, 5, 10",
     "size": "20", "second": "10",
 }  # fmt: skip
@@ -80,36 +76,25 @@ def moved(design: Design, place: tuple[float, float] | None) -> Moved:
     return Moved(design, at, target_at(design, at, steps_of(design)))
 
 
-def target_rows(moved: Moved, step: int) -> list[list[str]]:
-    """Rows of name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz at one distance."""
-    at = with_reasons(moved.numbers.isel(distance=step, x=0, y=0))[0]
-    return [
-        [
-            f"{state}{f' (not readable: {one.broken_limit.item()})' if not one.get('readable', True) else ''}",
-            true_minus(f"{float(one.delta) * 100:+.4g} %"),
-            f"{float(one.effective_inductance) * 1e6:.4f}",
-            f"{float(one.effective_resistance):.3f}",
-            f"{float(one.quality_factor):.2f}",
-            f"{float(one.parallel_resistance) * 1e-3:.3f}" if np.isfinite(one.parallel_resistance) else "∞",
-            f"{float(one.frequency) * 1e-6:.5f}",
-        ]
-        for state, one in ((name, at.sel(state=name)) for name in at.state.values)
-    ]
+def target_table(moved: Moved, step: int) -> Table:
+    """Return the readings of every state at one distance."""
+    at, read = with_reasons(moved.numbers.isel(distance=step, x=0, y=0))
+    names = (
+        "state", "delta", "effective_inductance", "effective_resistance", "quality_factor", "parallel_resistance",
+        "frequency",
+    )  # fmt: skip
+    return dataset_table("target", "", at, (*names, *read), {"delta": _DELTA, "parallel_resistance": KILOHM})
 
 
 def body_rows(design: Design) -> list[dict[str, str]]:
     """Rows of the bodies of a design."""
-    rows = [
-        {
-            "key": str(number),
-            "text": f"plate {plate.name}: {'infinite plate of ' if isinstance(plate, Plate) else ''}"
-            f"{plate.material.words}, {MM.text(plate.thickness)}, z = {MM.text(plate.heights[0], '.4')}",
-        }
-        for number, plate in enumerate(design.plates)
-    ]
+    rows = []
+    for number, plate in enumerate(design.plates):
+        shape = "infinite plate of " if isinstance(plate, Plate) else ""
+        words = f"{shape}{plate.material.words}, {MM.text(plate.thickness)}, z = {MM.text(plate.heights[0], '.4')}"
+        rows.append({"key": str(number), "text": f"plate {plate.name}: {words}"})
     if design.target is not None:
-        target = design.target
-        words = f"target: {target.kind} of {target.body.material.words}"
+        words = f"target: {design.target.kind} of {design.target.body.material.words}"
         rows.append({"key": "target", "text": words})
     return rows
 
@@ -150,9 +135,7 @@ def with_body(document: Document, form: Mapping[str, Any]) -> Document:
 
 def without_body(document: Document, key: str) -> Document:
     """Remove a body by its key in `body_rows`."""
-    if key != "target":
-        if not key.isdecimal():
-            raise DesignError(f"a body must be target or the number of a plate; got {shown(key)}.")
+    if key.isdecimal():
         return without_entry(document, "plate", int(key))
     return no_longer_assumed({name: table for name, table in document.items() if name != "target"}, ["target"])
 
@@ -181,6 +164,7 @@ def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.
     return scene
 
 
+_DELTA = DisplayUnit("%", 100.0, 4, significant=True)
 _REST = 0.4  # s without a change before a target is computed
 
 
@@ -195,7 +179,7 @@ class MetalPanel(Panel):
         values = {
             "bodies": [], "body_form": FIRST, "body_kinds": list(KINDS), "body_shapes": list(SIZES),
             "body_materials": list(MATERIALS), "body_sizes": dict(SIZES), "body_problem": "", "has_target": False,
-            "distances": [], "distance_at": 0, "target_rows": [], "target_problem": "", "target_place": ["", ""],
+            "distances": [], "distance_at": 0, "target_table": "", "target_problem": "", "target_place": ["", ""],
             "show_eddies": False,
             "target_endless": False,
         }  # fmt: skip
@@ -214,7 +198,7 @@ class MetalPanel(Panel):
             self._place, self._step = None, 0
         if design.target is None:
             self._moved = None
-            state.target_rows, state.distances, state.target_problem = [], [], ""
+            state.target_table, state.distances, state.target_problem = "", [], ""
 
     def steps(self, design: Design) -> list[Step]:
         """Make the step that moves the target over its place."""
@@ -240,46 +224,42 @@ class MetalPanel(Panel):
             self._step = min(self._step, len(found.distances) - 1)
             state.distance_at, state.target_problem = self._step, ""
             state.target_place = [place_text(value) for value in found.place]
-            state.target_rows = target_rows(found, self._step)
+            state.target_table = target_table(found, self._step).html()
             self._session.arrived("target", found.design)
         self._session.redraw()
 
     def _fail(self, design: Design, problem: str) -> None:
         with self._session.state as state:
-            state.target_problem, state.target_rows = problem, []
+            state.target_problem, state.target_table = problem, ""
             self._session.failed("target", design, problem)
 
     def _move(self, step: int) -> None:
         """Show the target at a position of the slider."""
-        if self._moved is None or not 0 <= int(step) < len(self._moved.distances):
-            return
-        self._step = int(step)
-        with self._session.state as state:
-            state.distance_at = self._step
-            state.target_rows = target_rows(self._moved, self._step)
-        self._session.redraw()
+        if self._moved is not None and 0 <= step < len(self._moved.distances):
+            state = self._session.state
+            state.distance_at = self._step = step
+            state.target_table = target_table(self._moved, step).html()
+            self._session.redraw()
 
     def _put(self, x: str, y: str) -> None:
         """Move the target to a place in mm."""
         session = self._session
         try:
-            self._place = number_of("x", str(x)) * 1e-3, number_of("y", str(y)) * 1e-3
+            self._place = number_of("x", x) * 1e-3, number_of("y", y) * 1e-3
         except CoilarrayError as error:
             session.state.target_problem = str(error)
             return
-        with session.state as state:
-            state.stale = sorted({*state.stale, "target"})
+        session.state.stale = sorted({*session.state.stale, "target"})
         session.slow.ask(self.steps(session.work.design))
 
     def _toggle_eddies(self) -> None:
         self._session.state.show_eddies = not self._session.state.show_eddies
         self._session.redraw()
 
-    def _add(self, form: Mapping[str, Any]) -> None:
-        self._change(lambda work: with_body(work.opened.document, form))
+    def _add(self, form: dict[str, str | None]) -> None:
+        refused = partial(setattr, self._session.state, "body_problem")
+        self._session.change(lambda work: with_body(work.opened.document, form), refused)
 
     def _remove(self, key: str) -> None:
-        self._change(lambda work: without_body(work.opened.document, str(key)))
-
-    def _change(self, made: Callable[[Work], Document]) -> None:
-        self._session.change(made, partial(setattr, self._session.state, "body_problem"))
+        refused = partial(setattr, self._session.state, "body_problem")
+        self._session.change(lambda work: without_body(work.opened.document, key), refused)

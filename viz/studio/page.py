@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import traceback
 from dataclasses import replace
 from typing import Any
@@ -11,7 +12,7 @@ from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
 from coilarray.viz.studio.live import LivePanel
 from coilarray.viz.studio.metal import MetalPanel
-from coilarray.viz.studio.numbers import NumbersPanel, SummaryPanel
+from coilarray.viz.studio.numbers import NumbersPanel
 from coilarray.viz.studio.runs import RunsPanel
 from coilarray.viz.studio.session import Session, Setup, template
 from coilarray.viz.studio.studies import StudiesPanel
@@ -21,10 +22,16 @@ from coilarray.viz.studio.view import ScenePanel
 from coilarray.viz.studio.work import Work
 
 _LOG = logging.getLogger(__name__)
-_PARTS = (
-    "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "live",
-    "dialogs",
-)  # fmt: skip
+_DEFAULTS = {
+    **{
+        field: {"density": "compact", "variant": "outlined", "hideDetails": True}
+        for field in ("VTextField", "VSelect", "VAutocomplete", "VCombobox", "VCheckbox")
+    },
+    "VSlider": {"density": "compact", "hideDetails": True, "color": "primary", "thumbSize": 14, "trackSize": 3},
+    "VBtnToggle": {"density": "compact", "variant": "outlined", "divided": True},
+    "VAlert": {"density": "compact"},
+}
+"""Looks of the parts of the page."""
 # Results that a change of the design makes stale.
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 
@@ -36,8 +43,7 @@ class Page(Session):
         super().__init__(setup, work)
         self.tab = tab  # of the browser
         self.endpoint: Any = None  # endpoint of its messages
-        self.numbers = NumbersPanel(self, self._circuit_solved, self._circuit_failed)
-        self.summary = SummaryPanel(self, lambda: self.numbers.circuit)
+        self.numbers = NumbersPanel(self, self._circuit_solved)
         self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self, lambda: self.numbers.circuit)
         self.touch = TouchPanel(self)
@@ -61,7 +67,7 @@ class Page(Session):
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
             open_browser=False,
         )  # fmt: skip
-        self.numbers.forget_saved(work)
+        self.numbers.show(work)
         self.take(work)
 
     async def close(self) -> None:
@@ -84,47 +90,38 @@ class Page(Session):
             self._show(work, typed=True)
             return
         self.work = work
-        self.numbers.forget_saved(work)
+        self.numbers.show(work)
         self.design.show(work, typed=True)
-        self.redraw()
 
     def _show(self, work: Work, *, typed: bool) -> None:
         opened = work.file != self.work.file
         other = opened or set(work.design.array.names) != set(self.work.design.array.names)
         if work.kept is not self.work.kept:
-            self.numbers.forget_saved(work)
+            self.numbers.show(work)
         self.work = work
+        design = work.design
         with self.state:
-            if not work.kept and self.state.scene_saved:
-                self.scene.show_saved(False)
             self._say_trail()
             self.build.show(work)
             self.design.show(work, typed=typed)
-            self.switches.show(work.design, anew=opened)
-            self.touch.show(work.design, anew=other)
-            self.metal.show(work.design, anew=other)
-            self.live.show(work.design)
-            self.runs.show(work.design)
+            self.switches.show(design, anew=opened)
+            self.touch.show(design, anew=other)
+            self.metal.show(design, anew=other)
+            self.live.show(design)
+            self.runs.show(design)
             self.runs.offer()
             self.studies.show(work, anew=other)
-            self.state.accuracy, self.state.scene_rests = "working", False
+            self.state.accuracy, self.state.scene_rests, self.state.failures = "working", False, {}
             asked = {
-                "scene": self.scene.steps(), "target": self.metal.steps(work.design),
+                "scene": self.scene.steps(), "target": self.metal.steps(design),
                 "summary": self.setup.services.summarize is not None,
             }  # fmt: skip
             self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
-            self.state.failures = {}
             self._say_accuracy()
-        self._follow()
-
-    def _follow(self) -> None:
-        """Compute everything that depends on the design."""
-        if self.setup.services.alone:
-            return
-        design, numbers = self.work.design, self.numbers
-        self.calculator.ask([numbers.rough(design), numbers.rules(design), numbers.full(design)])
-        self.redraw()
-        self.slow.ask(self.metal.steps(design))
+        if not self.setup.services.alone:  # everything that depends on the design is computed
+            self.calculator.ask(self.numbers.steps(design))
+            self.slow.ask(self.metal.steps(design))
+            self.redraw()
 
     def redraw(self, *, moving: bool = False) -> None:
         """Compute the scene of the current tab again."""
@@ -132,17 +129,14 @@ class Page(Session):
             self.scene.expect()
         self.scenes.ask(self.scene.steps())
 
-    def _circuit_solved(self) -> None:
+    def _circuit_solved(self, problem: str) -> None:
         """Show what depends on the circuit."""
+        if problem:
+            self.switches.fail(problem)
+            return
         self.switches.solve()
-        circuit = self.numbers.circuit
-        if circuit is not None:
-            self.slow.ask(self.summary.steps(self.work.design, circuit.coupling))
         if self.state.tab == "switches" or self.state.show_eddies:
             self.redraw()
-
-    def _circuit_failed(self, problem: str) -> None:
-        self.switches.fail(problem)
 
     def _refuse_call(self, error: Exception) -> None:
         """Show the error of a call of the page, with a traceback if it is of our own code."""
@@ -155,11 +149,16 @@ class Page(Session):
         """Build the page from its HTML parts."""
         from trame.ui.vuetify3 import VAppLayout
 
-        text = template("page")
-        for name in _PARTS:
-            text = text.replace(f"<!-- {name} -->", template(name))
-        with VAppLayout(self.server) as layout:
-            layout.root.add_child(text.replace("<!-- view -->", self.scene.html))
+        def part(found: re.Match[str]) -> str:
+            """Part of the page, whose word in capitals stands for a value of the state."""
+            name, value = found.groups()
+            return self.scene.html if name == "view" else filled(template(name).replace("VALUE", value or ""))
+
+        def filled(text: str) -> str:
+            return re.sub(r"<!-- (\w+)(?: (\w+))? -->", part, text)
+
+        with VAppLayout(self.server, vuetify_config={"defaults": _DEFAULTS}) as layout:
+            layout.root.add_child(filled(template("page")))
 
 
 def _log_error(message: Any) -> None:

@@ -27,7 +27,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_MOST_SHOWN = 200
+_MOST_SHOWN = 200  # points of a front
+_EVERY = 3.0  # s between two looks for new points
+_REST = 0.3  # s without a change before goals are offered
+_MOST_TRIALS = 10_000
+_SIZE = (4.6, 3.3)  # of the picture in inches, so that its letters are legible beside the board
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,22 +179,6 @@ def run_of(name: str, points: Sequence[Mapping[str, Any]]) -> Run:
     return Run(name, tuple(names), tuple(maximized), possible, len(points), refined)
 
 
-def front_rows(run: Run) -> list[dict[str, Any]]:
-    """Rows of the points of the front as texts."""
-    points = [run.points[k] for k in run.front[:_MOST_SHOWN]]
-    return [
-        {
-            "name": p.name, "scores": [value_text(score) for score in p.scores], "entries": _list(p.entries),
-            "quantities": _list(p.quantities),
-        }
-        for p in points
-    ]  # fmt: skip
-
-
-def _list(values: Mapping[str, object]) -> str:
-    return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())
-
-
 def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
     """Search as ``coilarray optimize`` does, into a folder."""
     from coilarray.studies.optimize.derive import derive_goal
@@ -206,81 +194,59 @@ def search_goal(document: Document, name: str, goal: str, trials: int, folder: P
     return f"{goal}: {better or 'no'} better design{'' if better == 1 else 's'} than this one"
 
 
-_EVERY = 3.0  # s
-_REST = 0.3  # s without a change before goals are offered
-_MOST_TRIALS = 10_000
-_SIZE = (4.6, 3.3)  # of the picture in inches, so that its letters are legible beside the board
-
-
 class RunsPanel(Panel):
     """Panel with the runs in the folders beside the designs."""
 
     def __init__(self, session: Session) -> None:
         self._runs: tuple[Run, ...] = ()
-        self._name = ""  # of the folder that is read, as the state of the page may contain any text
+        self._folder: Path | None = None  # the one that is read
         self._stamp = 0
-        self._started: dict[str, str] = {}  # digests of the designs of this page's searches, by folder
-        self._watching: asyncio.Task[None] | None = None
-        self._starting: asyncio.Task[None] | None = None
+        self._started: dict[Path, str] = {}  # digests of the designs of this page's searches, by folder
+        self._following: asyncio.Task[None] | None = None
+        self._offered = ""  # digest of the design with known goals
         values = {
             "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
             "run_y": "", "run_picture": "", "run_lines": [], "run_of": "", "run_front": [], "run_scores": [],
-            "runs_problem": "",
-            "run_goals": _offered({}), "run_goal": next(iter(NAMES)), "run_trials": "40",
+            "runs_problem": "", "run_goals": _offered({}), "run_goal": next(iter(NAMES)), "run_trials": "40",
         }  # fmt: skip
-        self._offered = ""  # digest of the design with known goals
         super().__init__(
-            session,
-            values,
-            look_for_runs=self._look,
-            read_runs=self._read,
-            show_run=self._show,
-            take_point=self._take,
-            start_run=self._start,
+            session, values, read_runs=self._read, show_run=self._show, take_point=self._take, start_run=self._start
         )
 
     def offer(self) -> None:
-        """Find the goals that fit, if their tab is open."""
+        """Find the folders of runs and the goals that fit, if their tab is open."""
         session = self._session
         work = session.work
-        if session.state.tab == "runs" and work.design.digest != self._offered:
+        if session.state.tab != "runs":
+            return
+        session.state.run_folders = run_folders(session.setup.shelf.folder)
 
-            def find() -> tuple[Design, Mapping[str, str]]:
-                return work.design, unfit_goals(work.opened)
+        def show(unfit: Mapping[str, str]) -> None:
+            if session.is_current(work.design):
+                self._offered = work.design.digest
+                with session.state as state:
+                    state.run_goals = _offered(unfit)
+                    if state.run_goal in unfit:
+                        state.run_goal = next((name for name in NAMES if name not in unfit), state.run_goal)
 
-            session.scenes.ask([Step("goals", find, self._show_goals, session.say, rest=_REST)])
-
-    def _show_goals(self, found: tuple[Design, Mapping[str, str]]) -> None:
-        """Show the goals that fit the design."""
-        design, unfit = found
-        if self._session.is_current(design):
-            self._offered = design.digest
-            with self._session.state as state:
-                state.run_goals = _offered(unfit)
-                if state.run_goal in unfit:
-                    state.run_goal = next((name for name in NAMES if name not in unfit), state.run_goal)
+        if work.design.digest != self._offered:
+            session.scenes.ask([Step("goals", lambda: unfit_goals(work.opened), show, session.say, rest=_REST)])
 
     def show(self, design: Design) -> None:
         """Mark shown runs that belong to another design."""
         state = self._session.state
-        of, digest = str(state.run_name).rpartition("-")[0], self._started.get(self._name, design.digest)
+        of = str(state.run_name).rpartition("-")[0]
+        digest = design.digest if self._folder is None else self._started.get(self._folder, design.digest)
         changed = " – of the design before it was changed" if digest != design.digest else ""
         state.run_of = changed if of in ("", design.name) else " – of another design"
 
-    def _look(self) -> None:
-        state = self._session.state
-        state.run_folders = run_folders(self._session.setup.shelf.folder)
-        state.runs_problem = "" if state.run_folders else (
-            f"no folder in {self._session.setup.shelf.folder} holds a {FILE}; coilarray optimize makes one."
-        )  # fmt: skip
-
     def _start(self, goal: str, trials: str) -> None:
-        """Begin a search for a better design, or continue it."""
+        """Begin a search for a better design, or continue it, and show its points."""
         session, state = self._session, self._session.state
         design = session.work.design
         folder = session.setup.shelf.folder / f"{design.name}-{goal}"
         try:
-            count = round(number_of("points", str(trials)))
+            count = round(number_of("points", trials))
             if goal not in NAMES or not 1 <= count <= _MOST_TRIALS:
                 raise DesignError(f"points must be 1 to {_MOST_TRIALS}; got {trials}.")
         except CoilarrayError as error:
@@ -289,6 +255,7 @@ class RunsPanel(Panel):
 
         def ended(line: str) -> None:
             state.file_note = line
+            self.offer()
             if folder.name in run_folders(folder.parent):
                 session.begin(self._read, folder.name)
 
@@ -296,52 +263,49 @@ class RunsPanel(Panel):
         stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
         if session.start_bar("search", f"{goal} of {design.name}", search_goal, *item, done=ended, cancelled=stopped):
             state.runs_problem = ""
-            self._started[folder.name] = design.digest
-            self._starting = session.begin(self._read_first, folder)
-
-    async def _read_first(self, folder: Path) -> None:
-        """Show a search from its first points on."""
-        while not (folder / FILE).is_file() and self._session.state.job["running"]:
-            await asyncio.sleep(_EVERY)
-        await asyncio.sleep(_EVERY)
-        if (folder / FILE).is_file():
-            await self._read(folder.name)
+            self._started[folder] = design.digest
+            self._follow(folder)
 
     async def _read(self, name: str) -> None:
-        """Read a folder of runs."""
+        """Read a folder of runs, now and when it changes."""
+        session, state = self._session, self._session.state
+        if name in run_folders(session.setup.shelf.folder):
+            state.run_folder = name
+            await self._read_folder(session.setup.shelf.folder / name)
+            self._follow(session.setup.shelf.folder / name)
+
+    async def _read_folder(self, folder: Path) -> None:
         state = self._session.state
-        if name not in run_folders(self._session.setup.shelf.folder):
-            return
-        folder = self._session.setup.shelf.folder / name
-        self._name, self._stamp = name, _stamp(folder)
+        self._folder, self._stamp = folder, _stamp(folder)
         try:
             self._runs = await asyncio.to_thread(read_runs, folder)
         except CoilarrayError as error:
             with state:
                 state.runs_problem = str(error)
             return
+        names = [run.name for run in self._runs]
         with state:
-            state.runs_problem = ""
-            state.run_folder = name
-            state.run_names = [run.name for run in self._runs]
-            if state.run_name not in state.run_names:
-                state.run_name = state.run_names[0] if state.run_names else ""
+            state.runs_problem, state.run_names = "", names
+            state.run_name = state.run_name if state.run_name in names else next(iter(names), "")
         await self._show(state.run_name, state.run_x, state.run_y)
-        if self._watching is None or self._watching.done():
-            self._watching = self._session.begin(self._follow)
 
-    async def _follow(self) -> None:
-        """Read the runs again while their search continues."""
-        while self._session.state.tab == "runs":
-            await asyncio.sleep(_EVERY)
-            if _stamp(self._session.setup.shelf.folder / self._name) != self._stamp:
-                await self._read(self._name)
+    def _follow(self, folder: Path) -> None:
+        """Read a folder again while its search continues."""
+        state = self._session.state
+
+        async def follow() -> None:
+            while state.tab == "runs" or state.job["name"] == "search":
+                await asyncio.sleep(_EVERY)
+                if _stamp(folder) not in (0, self._stamp):
+                    await self._read_folder(folder)
+
+        self.close()
+        self._following = self._session.begin(follow)
 
     def close(self) -> None:
         """Stop reading runs."""
-        for task in (self._watching, self._starting):
-            if task is not None:
-                task.cancel()
+        if self._following is not None:
+            self._following.cancel()
 
     async def _show(self, name: str, x: str, y: str) -> None:
         """Show a run over two axes."""
@@ -352,15 +316,18 @@ class RunsPanel(Panel):
         telling = [name for name in axes if len(set(run.values(name))) > 1] or axes  # no bound that all points keep
         # Two objectives over each other, or a single objective over a varied entry.
         usual = telling[:2] if len(run.objectives) > 1 or not run.numbers else [run.numbers[0], axes[0]]
-        first = x if x in axes else usual[0]
-        second = y if y in axes else usual[-1]
+        first, second = x if x in axes else usual[0], y if y in axes else usual[-1]
         picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
-        state = self._session.state
-        with state:
+        with self._session.state as state:
             state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
-            state.run_picture = picture
-            state.run_lines = run_lines(run)
-            state.run_front, state.run_scores = front_rows(run), list(run.objectives)
+            state.run_picture, state.run_lines, state.run_scores = picture, run_lines(run), list(run.objectives)
+            state.run_front = [
+                {
+                    "name": point.name, "scores": [value_text(score) for score in point.scores],
+                    "entries": _list(point.entries), "quantities": _list(point.quantities),
+                }
+                for point in (run.points[k] for k in run.front[:_MOST_SHOWN])
+            ]  # fmt: skip
             self.show(self._session.work.design)
 
     def _take(self, name: str) -> None:
@@ -371,6 +338,10 @@ class RunsPanel(Panel):
             entries = point.entries
             refused = partial(setattr, self._session.state, "runs_problem")
             self._session.change(lambda work: work.document_with(entries), refused)
+
+
+def _list(values: Mapping[str, object]) -> str:
+    return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())
 
 
 def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:

@@ -85,6 +85,7 @@ class Session(ABC):
         self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
+        self._written: set[Path] = set()
         self.state.update({
             "problem": "", "job": _NO_JOB, "stale": [], "failures": {}, "shown_accuracy": "", "accuracy": "",
             "can_undo": False, "can_redo": False, "routing": False,
@@ -243,6 +244,19 @@ class Session(ABC):
 
     # ---------------------------------------------------------------- its work
 
+    def may_write(self, name: str) -> Path | None:
+        """Path of a file of the folder, or None, with a line on the page, if it is not from this page."""
+        path = self.setup.shelf.folder / name
+        if path.exists() and path not in self._written:
+            self.say(f"{name} is there already, and not from this page; rename or remove it first.")
+            return None
+        return path
+
+    def wrote(self, path: Path, line: str) -> None:
+        """Say that a file of the folder was written by this page, which may write it again."""
+        self._written.add(path)
+        self.state.file_note = line
+
     def begin(self, work: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> asyncio.Task[None]:
         """Start a coroutine on the page, and show its errors."""
 
@@ -348,6 +362,8 @@ class Session(ABC):
         """Show an error of the block on the page, as no other code would see it."""
         try:
             yield
+        except CoilarrayError as error:
+            self.say(str(error))
         except Exception as error:
             traceback.print_exc()
             self.say(f"{type(error).__name__}: {error}")

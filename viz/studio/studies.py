@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,16 +48,6 @@ PLAIN = tuple(name for name, quantity in QUANTITIES.items() if not any(one.requi
 """Names of the quantities that need no options."""
 
 
-@dataclass(frozen=True)
-class SweepRequest:
-    """Sweep of a design."""
-
-    document: Document
-    name: str
-    axes: tuple[str, ...]
-    quantities: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, eq=False)
 class SweepResult:
     """Points of a sweep with their known values."""
@@ -66,21 +56,13 @@ class SweepResult:
     values: xr.Dataset  # of `coilarray.sweep`
 
 
-@dataclass(frozen=True)
-class Row:
-    """Row of a table of results."""
-
-    cells: tuple[str, ...]
-    point: int | None = None  # point whose entries can be used
-    reason: str = ""  # why it has no values or no board
-    broken: bool = False  # breaks fabrication rules
-
-
-def sweep_entries(item: SweepRequest, link: Link) -> SweepResult:
+def sweep_entries(
+    document: Document, name: str, axes: Sequence[str], quantities: Sequence[str], link: Link
+) -> SweepResult:
     """Sweep as ``coilarray sweep`` does, with the same store."""
-    file = build_design_file(item.document, item.name)
-    wanted = item.quantities or default_quantities(file.design)[:1]
-    plan = plan_sweep(file, [parse_axis(text) for text in item.axes], wanted)
+    file = build_design_file(document, name)
+    wanted = quantities or default_quantities(file.design)[:1]
+    plan = plan_sweep(file, [parse_axis(text) for text in axes], wanted)
     sent = time.monotonic()
 
     def watch(so_far: Callable[[], xr.Dataset]) -> None:
@@ -120,8 +102,12 @@ def axis_text(entry: Entry) -> str:
     return f"{low:.4g}:{high:.4g}:{_STEPS}"
 
 
-def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
-    """Head and rows of a table of a sweep."""
+def sweep_rows(result: SweepResult) -> tuple[list[str], list[dict[str, Any]]]:
+    """Head and rows of a table of a sweep.
+
+    A row has `cells`, the `point` whose entries can be used, the `reason` why it has no values or no board, and whether
+    it has `broken` fabrication rules.
+    """
     keys = [str(name) for name in result.values.data_vars if name != "reason"]
     columns = [result.values[key].values.ravel().tolist() for key in keys]
     broken = (result.values[RULES] > 0).values.ravel().tolist()
@@ -131,11 +117,12 @@ def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
         if reason or not np.isnan(found).all():
             values = (*result.points[k].values(), *(None if np.isnan(one) else one for one in found))
             why = reason or ("it breaks fabrication rules" if broken[k] else "")
-            rows.append(Row(tuple(map(value_text, values)), None if reason else k, why, broken[k]))
-    return (*result.points[0], *keys), tuple(rows)
+            cells, point = list(map(value_text, values)), None if reason else k
+            rows.append({"cells": cells, "point": point, "reason": why, "broken": broken[k]})
+    return [*result.points[0], *keys], rows
 
 
-def tolerance_rows(result: xr.Dataset) -> tuple[tuple[str, ...], tuple[Row, ...]]:
+def tolerance_rows(result: xr.Dataset) -> tuple[list[str], list[dict[str, Any]]]:
     """Head and rows of a table of a tolerance study."""
     sampled = "sample_deviation" in result
     rows = []
@@ -146,12 +133,14 @@ def tolerance_rows(result: xr.Dataset) -> tuple[tuple[str, ...], tuple[Row, ...]
         of = f"{one.contributor.values[first]} ({100 * share:.0f} %)" if share > 0 else "no error"
         (linear,) = _THREE.texts([float(one.linear_deviation)])
         (drawn,) = _THREE.texts([float(one.sample_deviation)]) if sampled else ["–"]
-        rows.append(Row((name, value_text(float(one.nominal)), linear, drawn, of)))
+        rows.append([name, value_text(float(one.nominal)), linear, drawn, of])
     if "limit" in result.dims:
         shares = result.sample_yield if "sample_yield" in result else result.linear_yield
         for text, share in zip(result.limit.values.tolist(), shares.values.tolist(), strict=True):
-            rows.append(Row((text, "", "", "", f"yield {100 * share:.1f} %")))
-    return ("output", "nominal", "σ, linear", "σ, drawn", "most by"), tuple(rows)
+            rows.append([text, "", "", "", f"yield {100 * share:.1f} %"])
+    return ["output", "nominal", "σ, linear", "σ, drawn", "most by"], [
+        {"cells": cells, "point": None} for cells in rows
+    ]
 
 
 _KINDS = ("optimise", "sweep", "tolerance")
@@ -168,7 +157,6 @@ class StudiesPanel(Panel):
     def __init__(self, session: Session) -> None:
         self._of: Design | None = None
         self._found: SweepResult | xr.Dataset | None = None
-        self._kept: set[Path] = set()
         values = {
             "run_kinds": list(_KINDS), "run_kind": _KINDS[0], "sweep_keys": [], "sweep_axes": [],
             "tolerance_files": [_TYPICAL], "tolerance_file": _TYPICAL, "tolerance_boards": "64",
@@ -178,7 +166,8 @@ class StudiesPanel(Panel):
                 "sweep": "quantities; the worst k or L if none", "tolerance": "quantities; L and k of all if none",
             },
         }  # fmt: skip
-        super().__init__(session, values, choose_axis=self._choose, start_study=self._start, keep_study=self._keep,
+        super().__init__(
+            session, values, choose_axis=self._choose, start_study=self._start, keep_study=self._keep,
             take_sweep_point=self._take,
         )  # fmt: skip
 
@@ -206,7 +195,7 @@ class StudiesPanel(Panel):
         """Begin a study."""
         session, state = self._session, self._session.state
         work = session.work
-        names = tuple(str(name) for name in quantities)
+        item: list[Any] = [work.opened.document, work.design.name]
 
         def cancelled() -> None:
             state.file_note = f"{kind}: stopped; what is computed is kept, and Start goes on from it"
@@ -216,17 +205,12 @@ class StudiesPanel(Panel):
         task: Any = sweep_entries
         try:
             if kind == "sweep":
-                texts = tuple(f"{axis['key']}={axis['values']}" for axis in axes if axis["key"])
-                item: Any = (SweepRequest(work.opened.document, work.design.name, texts, names),)
-            elif kind == "tolerance":
-                count = round(number_of("boards", str(boards)))
+                item += [[f"{axis['key']}={axis['values']}" for axis in axes if axis["key"]], quantities]
+            else:
+                task, count = spread_boards, round(number_of("boards", boards))
                 if not 0 <= count <= _MOST_BOARDS:
                     raise DesignError(f"boards must be 0 to {_MOST_BOARDS}; got {boards}.")
-                path = None if file == _TYPICAL else session.setup.shelf.path(file)
-                task = spread_boards
-                item = (work.opened.document, work.design.name, path, names, count)
-            else:
-                return
+                item += [None if file == _TYPICAL else session.setup.shelf.path(file), quantities, count]
         except CoilarrayError as error:
             state.study_problem = str(error)
             return
@@ -253,8 +237,8 @@ class StudiesPanel(Panel):
             line = f"{design.name}: {drawn} boards drawn, {found.attrs['boards'] - drawn} for the linear part"
         with self._session.state as state:
             state.study = {
-                "kind": kind, "line": line, "picture": picture, "head": list(head), "ended": ended,
-                "rows": [{**asdict(row), "cells": list(row.cells)} for row in rows[:_MOST_SHOWN]],
+                "kind": kind, "line": line, "picture": picture, "head": head, "ended": ended,
+                "rows": rows[:_MOST_SHOWN],
             }  # fmt: skip
             state.study_problem = problem or state.study_problem
             state.study_old = design.digest != self._session.work.design.digest
@@ -273,17 +257,10 @@ class StudiesPanel(Panel):
         if found is None or self._of is None:
             return
         swept = isinstance(found, SweepResult)
-        path = session.setup.shelf.folder / f"{self._of.name}-{'sweep' if swept else 'tolerance'}.nc"
-        if path.exists() and path not in self._kept:
-            session.state.study_problem = f"{path.name} is there already, and not from this page; rename or remove it."
-            return
-        try:
+        path = session.may_write(f"{self._of.name}-{'sweep' if swept else 'tolerance'}.nc")
+        if path is not None:
             save_dataset(found.values if isinstance(found, SweepResult) else found, path)
-        except CoilarrayError as error:
-            session.state.study_problem = str(error)
-            return
-        self._kept.add(path)
-        session.state.file_note = f"wrote {path}"
+            session.wrote(path, f"wrote {path}")
 
 
 def _picture(found: SweepResult | xr.Dataset) -> tuple[str, str]:

@@ -6,14 +6,15 @@ import cmath
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from coilarray.circuit.network import Resonance, StateResult, resonate
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import true_minus
+from coilarray.compute.display_units import KILOHM, true_minus
+from coilarray.compute.table import Column, Table, cell
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
@@ -30,10 +31,8 @@ if TYPE_CHECKING:
     import pyvista
 
 
-Setting = Literal["measure", "ground", "open"]
-"""Connection of a coil."""
-
-SETTINGS: tuple[Setting, ...] = get_args(Setting)
+SETTINGS = ("measure", "ground", "open")
+"""Connections of a coil."""
 SPACING = 1e-3
 """Default distance of the points on the plane of the field in m."""
 
@@ -53,13 +52,13 @@ class UnitFields:
         return field_grid(self.x, self.y, [self.height], B)
 
 
-def kept_settings(array: Array, settings: Mapping[str, Setting]) -> dict[str, Setting]:
+def kept_settings(array: Array, settings: Mapping[str, str]) -> dict[str, str]:
     """Keep settings for other coils."""
-    kept: dict[str, Setting] = {name: settings.get(name, "ground") for name in array.names}
+    kept = {name: settings.get(name, "ground") for name in array.names}
     return kept if "measure" in kept.values() else {**dict.fromkeys(kept, "ground"), array.middle_coil: "measure"}
 
 
-def state_of(settings: Mapping[str, Setting]) -> ScanState:
+def state_of(settings: Mapping[str, str]) -> ScanState:
     """State of the multiplexer.
 
     Several measured coils are in series. Without a measured coil it raises a NetworkError.
@@ -113,7 +112,7 @@ class SwitchesPanel(Panel):
         self._circuit = circuit
         self._result: Resonance | None = None
         self._fields: tuple[Design, UnitFields] | None = None
-        values = {"settings": {}, "switched": [], "currents": [], "switch_problem": ""}
+        values = {"settings": {}, "switched": "", "currents": [], "switch_problem": ""}
         super().__init__(session, values, switch=self._switch)
 
     def show(self, design: Design, *, anew: bool) -> None:
@@ -132,14 +131,14 @@ class SwitchesPanel(Panel):
             except NetworkError as error:
                 self.fail(str(error))
             else:
-                state.switched, state.switch_problem = _rows(self._result), ""
+                state.switched, state.switch_problem = reading_table(self._result).html(), ""
                 state.currents = _currents(self._session.work.design, self._result)
 
     def fail(self, problem: str) -> None:
         """Show why the converter has no readings."""
         self._result = None
         with self._session.state as state:
-            state.switched, state.currents, state.switch_problem = [], [], problem
+            state.switched, state.currents, state.switch_problem = "", [], problem
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Scene of the solved state or None, made in a thread."""
@@ -152,29 +151,23 @@ class SwitchesPanel(Panel):
             self._fields = design, unit_fields(design)
         return switched_scene(board, self._fields[1], result)
 
-    def _switch(self, name: str, setting: Setting) -> None:
+    def _switch(self, name: str, setting: str) -> None:
         """Set the switch of a coil."""
         state = self._session.state
-        if name not in state.settings or setting not in SETTINGS:
-            return
-        state.settings = {**state.settings, name: setting}
-        self.solve()
-        self._session.redraw()
+        if name in state.settings and setting in SETTINGS:
+            state.settings = {**state.settings, name: setting}
+            self.solve()
+            self._session.redraw()
 
 
-def _rows(result: Resonance) -> list[list[str]]:
-    """Rows of label, number, unit and all digits."""
-    values = (
-        ("L_eff", result.effective_inductance, 1e6, "µH", 3),
-        ("R_eff", result.effective_resistance, 1.0, "Ω", 2),
-        ("resonance", result.frequency, 1e-6, "MHz", 4),
-        ("Q", result.quality_factor, 1.0, "", 1),
-        ("R_p", result.parallel_resistance, 1e-3, "kΩ", 2),
-    )
-    return [
-        [name, f"{value * factor:.{digits}f}" if math.isfinite(value) else "∞", unit, repr(float(value))]
-        for name, value, factor, unit, digits in values
-    ]
+def reading_table(result: Resonance) -> Table:
+    """Return what the converter reads."""
+    columns = (
+        Column("effective_inductance", "L_eff", "H"), Column("effective_resistance", "R_eff", "ohm"),
+        Column("frequency", "resonance", "Hz"), Column("quality_factor", "Q", "1"),
+        Column("parallel_resistance", "R_p", "ohm", KILOHM),
+    )  # fmt: skip
+    return Table("switched", "", columns, (tuple(cell(getattr(result, column.name)) for column in columns),))
 
 
 def _currents(design: Design, result: Resonance) -> list[dict[str, Any]]:

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import io
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from PIL import Image
 
-from coilarray.compute.table import png_url
-from coilarray.design.model import Design, build_design
+from coilarray.design.model import Design
 from coilarray.viz.scenes.board import board_in_pieces, board_scene
 from coilarray.viz.scenes.draw import bar_of, draw_parts, gradient, set_camera, text_name
 from coilarray.viz.scenes.scene import FILLED, SIDES, Camera, Scene, Side, Text, aim, aim_again, direction
 from coilarray.viz.studio.drawing import BoardParts
 from coilarray.viz.studio.job import Step
-from coilarray.viz.studio.metal import metal_scene
 from coilarray.viz.studio.session import Panel, Session
 
 SIZE = (900, 560)
@@ -51,12 +48,10 @@ class SceneView:
         self._plotter = cast("Any", pyvista.Plotter(off_screen=True, window_size=list(SIZE)))
         self._window = self._plotter.render_window
         self._window.SetMultiSamples(0)
-        self._beside: Any = None  # renders `picture`
         self._server, self._at_rest = server, at_rest
         self._scene: Scene | None = None
         self._sent: Callable[[], None] | None = None
         self._hidden: set[str] = set()
-        self._beside_bounds: tuple[float, ...] = ()
         self._aimed: Camera | None = None  # the last aim
         self._side: Side = "oblique"
         self._drawn_size = SIZE
@@ -68,13 +63,9 @@ class SceneView:
         style.AddObserver("EndInteractionEvent", lambda *_: self._smooth_soon())
         self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
 
-    def show(self, scene: Scene, sent: Callable[[], None]) -> None:
-        """Draw another scene, and call `sent` with its first picture."""
-        self._sent = sent
-        self._show(scene)
-
-    def _show(self, scene: Scene) -> None:
-        """Draw another scene with the user's camera."""
+    def show(self, scene: Scene, sent: Callable[[], None] | None = None) -> None:
+        """Draw another scene with the user's camera, and call `sent` with its first picture."""
+        self._sent = sent or self._sent
         moved = self._scene is not None and not self._is_aimed()
         camera = self._camera()
         self._scene = scene
@@ -91,33 +82,6 @@ class SceneView:
             self._aim()
             self._push()
 
-    def make_room_for(self, scene: Scene | None) -> None:
-        """Aim the camera at all of another scene too, or at none."""
-        bounds = () if scene is None else scene.bounds
-        aimed, self._beside_bounds = self._beside_bounds != bounds and self._is_aimed(), bounds
-        if aimed:
-            self._aim()
-            self._push()
-
-    def picture(self, scene: Scene) -> bytes:
-        """Picture of another scene as a PNG file."""
-        if self._beside is None:
-            import pyvista
-
-            self._beside = cast("Any", pyvista.Plotter(off_screen=True))
-        plotter = self._beside
-        plotter.window_size = list(self._size)
-        plotter.set_background("white")
-        plotter.renderer.RemoveAllViewProps()
-        shown = [part for part in scene.parts if part.group not in self._hidden]
-        texts = [text for text in scene.texts if text.group not in self._hidden]
-        draw_parts(_fitted(Scene(tuple(shown), tuple(texts)), self._size), plotter)
-        set_camera(plotter, self._camera())
-        plotter.render()
-        buffer = io.BytesIO()
-        Image.fromarray(plotter.screenshot(return_img=True)).save(buffer, format="png", compress_level=3)
-        return buffer.getvalue()
-
     def hide(self, groups: Iterable[str]) -> None:
         """Hide these groups of the scene, and show all others."""
         self._hidden = set(groups)
@@ -133,8 +97,6 @@ class SceneView:
             pass
         self._window.RemoveAllObservers()
         self._plotter.close()
-        if self._beside is not None:
-            self._beside.close()
 
     def _draw(self) -> None:
         """Draw the scene for the size of the picture."""
@@ -161,16 +123,15 @@ class SceneView:
                 actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
-        """Aim at the scene and the scene beside."""
+        """Aim at the scene from the side, or from where the user has turned it."""
         if self._scene is not None:
-            lowest, highest = np.reshape([*self._scene.bounds, *self._beside_bounds], (-1, 3, 2)).T
-            bounds = cast("Any", tuple(np.column_stack([lowest.min(axis=1), highest.max(axis=1)]).ravel().tolist()))
-            room = max(0.0, _RULER / self._size[0] - (1.0 - FILLED) / 2)
+            bounds, size = self._scene.bounds, self._size
+            room = max(0.0, _RULER / size[0] - (1.0 - FILLED) / 2)
             set_camera(
                 self._plotter,
-                aim(bounds, self._size, direction(self._side), left=room, right=room)
+                aim(bounds, size, direction(self._side), left=room, right=room)
                 if self._aimed is None
-                else aim_again(self._camera(), bounds, self._size, left=room, right=room),
+                else aim_again(self._camera(), bounds, size, left=room, right=room),
             )
             self._aimed = self._camera()
 
@@ -186,11 +147,11 @@ class SceneView:
         self._at_rest(False)
 
     def _smooth_soon(self) -> None:
-        self._later("smoothing", _SMOOTH_AFTER, self._smooth)
+        def smooth() -> None:
+            self._window.SetMultiSamples(_SAMPLES)
+            self._send(True)
 
-    def _smooth(self) -> None:
-        self._window.SetMultiSamples(_SAMPLES)
-        self._send(True)
+        self._later("smoothing", _SMOOTH_AFTER, smooth)
 
     def _send(self, smooth: bool) -> None:
         """Render, and send the picture once it is encoded."""
@@ -231,7 +192,7 @@ class SceneView:
     def _fit(self) -> None:
         change = np.abs(np.divide(self._size, self._drawn_size) - 1).max()
         if self._scene is not None and change > _RESIZED:
-            self._show(self._scene)
+            self.show(self._scene)
 
     def _later(self, name: str, seconds: float, function: Callable[..., None], *arguments: Any) -> None:
         """Call a function after some seconds, unless it is requested again or forgotten."""
@@ -296,23 +257,16 @@ class ScenePanel(Panel):
         self._tabs, self._metal = tabs, metal  # scenes of tabs, and of designs with metal
         self._parts: BoardParts | None = None
         self._expected = 0  # number of the last scene that makes the shown scene stale
-        self._saved: Scene | None = None  # scene of the design as given or last saved
         self._alone: tuple[Design, bool, Scene] | None = None  # the last scene without results, with or without sheets
         self._drawn: Scene | None = None
         problem = session.setup.rendering_problem or ("not shown" if session.setup.services.alone else None)
-        self._view = None if problem else SceneView(session.server, self._at_rest)
+        self._view = None if problem else SceneView(session.server, lambda rests: self._set("scene_rests", rests))
         values = {
             "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(SIDES),
-            "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False, "scene_saved": False,
-            "saved_picture": "", "saved_name": "",
+            "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False,
         }  # fmt: skip
         super().__init__(
-            session,
-            values,
-            look_from=self._look_from,
-            toggle_group=self._toggle,
-            toggle_sheets=self._toggle_sheets,
-            toggle_saved=self._toggle_saved,
+            session, values, look_from=self._look_from, toggle_group=self._toggle, toggle_sheets=self._toggle_sheets
         )
 
     @property
@@ -324,33 +278,19 @@ class ScenePanel(Panel):
         """Mark the picture as stale."""
         self._expected += 1
         if self._view is not None and "scene" not in self._session.state.stale:
-            with self._session.state as state:
-                state.stale = [*state.stale, "scene"]
+            self._set("stale", [*self._session.state.stale, "scene"])
 
     def steps(self) -> list[Step]:
         """Make the step that computes the current scene."""
         if self._view is None:
             return []
-        design, tab, sheets = (
-            self._session.work.design,
-            str(self._session.state.tab),
-            bool(self._session.state.scene_sheets),
-        )
-        number = self._expected
+        design, number = self._session.work.design, self._expected
+        tab, sheets = str(self._session.state.tab), bool(self._session.state.scene_sheets)
 
         def compute() -> tuple[Design, int, Scene]:
             return design, number, self._scene(design, tab, sheets)
 
-        steps = [Step("scene", compute, self._show, self._fail)]
-        work = self._session.work
-        if self._session.state.scene_saved:
-
-            def compute_saved() -> tuple[str, Scene]:
-                saved = build_design(work.kept, design.name)
-                return f"{work.file} as saved", _scene_alone(saved, sheets)
-
-            steps.append(Step("saved scene", compute_saved, self._show_saved, self._fail))
-        return steps
+        return [Step("scene", compute, self._show, partial(self._set, "scene_problem"))]
 
     def close(self) -> None:
         """Release the window."""
@@ -359,21 +299,16 @@ class ScenePanel(Panel):
 
     def _scene(self, design: Design, tab: str, sheets: bool) -> Scene:
         """Compute a scene in a thread, with or without lifted sheets."""
-        scene = None
-        if tab in self._tabs:
-            scene = self._tabs[tab](design, self._board(design))
+        if self._parts is None or self._parts.design is not design:
+            self._parts = BoardParts(design, *board_in_pieces(design.array))
+        scene = self._tabs[tab](design, self._parts) if tab in self._tabs else None
         if scene is None and (design.plates or design.target is not None):
-            scene = self._metal(design, self._board(design))
+            scene = self._metal(design, self._parts)
         if scene is not None:
             return scene
         if self._alone is None or self._alone[0] is not design or self._alone[1] != sheets:
-            self._alone = design, sheets, _scene_alone(design, sheets)
+            self._alone = design, sheets, board_scene(design.array, design.sheets if sheets else ())
         return self._alone[2]
-
-    def _board(self, design: Design) -> BoardParts:
-        if self._parts is None or self._parts.design is not design:
-            self._parts = BoardParts(design, *board_in_pieces(design.array))
-        return self._parts
 
     def _show(self, found: tuple[Design, int, Scene]) -> None:
         """Show a scene and its legend."""
@@ -393,44 +328,11 @@ class ScenePanel(Panel):
             self._drawn = scene
             self._view.show(scene, sent)
 
-    def _show_saved(self, found: tuple[str, Scene]) -> None:
-        """Show the scene of the saved design."""
-        if not self._session.state.scene_saved:  # any more
-            return
+    def _set(self, name: str, value: Any) -> None:
         with self._session.state as state:
-            state.saved_name, self._saved = found
-            if self._view is not None:
-                self._view.make_room_for(self._saved)
-            self._draw_saved()
+            setattr(state, name, value)
 
-    def _draw_saved(self) -> None:
-        """Draw the saved design beside the shown design."""
-        if self._view is not None and self._saved is not None and self._session.state.scene_saved:
-            self._session.state.saved_picture = png_url(self._view.picture(self._saved))
-
-    def show_saved(self, there: bool) -> None:
-        """Show or hide the saved design beside the shown design."""
-        self._session.state.scene_saved = there and bool(self._session.work.kept)
-        self._saved = None
-        if self._view is not None:
-            self._view.make_room_for(None)
-        self._session.state.saved_picture = ""
-
-    def _toggle_saved(self) -> None:
-        self.show_saved(not self._session.state.scene_saved)
-        self._session.redraw()
-
-    def _fail(self, problem: str) -> None:
-        with self._session.state as state:
-            state.scene_problem = problem
-
-    def _at_rest(self, rests: bool) -> None:
-        with self._session.state as state:
-            if rests:
-                self._draw_saved()
-            state.scene_rests = rests
-
-    def _look_from(self, side: Side) -> None:
+    def _look_from(self, side: str) -> None:
         if self._view is not None and side in SIDES:
             self._view.look_from(side)
 
@@ -439,18 +341,10 @@ class ScenePanel(Panel):
         self._session.redraw()
 
     def _toggle(self, name: str) -> None:
-        state = self._session.state
-        hidden = set(state.hidden_groups) ^ {name}
-        state.hidden_groups = sorted(hidden)
+        hidden = set(self._session.state.hidden_groups) ^ {name}
+        self._session.state.hidden_groups = sorted(hidden)
         if self._view is not None:
             self._view.hide(hidden)
-
-
-def _scene_alone(design: Design, sheets: bool) -> Scene:
-    """Scene of a board without results."""
-    if design.plates:
-        return metal_scene(BoardParts(design, *board_in_pieces(design.array)), None, 0, None)
-    return board_scene(design.array, design.sheets if sheets else ())
 
 
 def _legend(scene: Scene) -> dict[str, Any]:

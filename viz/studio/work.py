@@ -10,17 +10,10 @@ from typing import Any
 
 from coilarray.compute.files import write_text
 from coilarray.design import bundled
-from coilarray.design.model import (
-    Design,
-    DesignFile,
-    build_design_file,
-    load_design_file,
-    parse_design,
-    parse_design_file,
-)
+from coilarray.design.model import Design, DesignFile, build_design_file, load_design_file, parse_design_file
 from coilarray.design.vary import vary_chosen
-from coilarray.design.write import file_text, keeps_comments
-from coilarray.errors import CoilarrayError, DesignError, OutputError
+from coilarray.design.write import file_text
+from coilarray.errors import DesignError, OutputError
 
 MOST_COILS = 64
 """Largest number of coils of a design in the studio."""
@@ -55,16 +48,10 @@ class Work:
         """Line for the page if changes would be lost."""
         return f"The changes of {self.file} are not saved; Discard loses them."
 
-    @property
-    def keeps_comments(self) -> bool:
-        """True if saving keeps the comments of its file."""
-        return keeps_comments(self.opened)
-
     def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Set entries of the document.
+        """Set entries of the document as by `coilarray.design.vary.vary`, without making a board.
 
-        They are set as by `coilarray.design.vary.vary`. No board is made yet. An unknown entry, or too many coils,
-        raise a DesignError in one line that does not name the design.
+        An unknown entry, or too many coils, raise a DesignError in one line that does not name the design.
 
         Examples
         --------
@@ -76,50 +63,36 @@ class Work:
         Traceback (most recent call last):
         coilarray.errors.DesignError: array.pitch_mm must be greater than 0; got -1.
         """
-        _require_few_coils(self.opened.values, changes)
+        values = {**self.opened.values, **changes}
+        sizes = (values.get(f"array.{name}", default) for name, default in _LATTICE_SIZES.items())
+        columns, rows, rings = (size if isinstance(size, int | float) else 1 for size in sizes)
+        coils = columns * rows + 3 * rings * (rings + 1)
+        if coils > MOST_COILS:  # before they are built
+            key = next(iter(changes))
+            raise DesignError(f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {coils:g}.")
         return vary_chosen(self.opened.document, changes)
 
     def with_document(self, document: Mapping[str, Any]) -> Work:
         """Replace the document, or raise the same kind of DesignError."""
+        name = str(document.get("name", self.design.name))
         try:
-            opened = build_design_file(document, self.design.name, self.opened.text)
+            opened = build_design_file(document, name, self.opened.text)
         except DesignError as error:
-            raise DesignError(str(error).removeprefix(f"{self.design.name}: ")) from None
+            raise DesignError(str(error).removeprefix(f"{name}: ")) from None
         require_small(opened.design)
         return replace(self, opened=opened)
 
-    def for_file(self, file: str, title: str) -> Work:
-        """Change the title, and the name for another file."""
-        stem = file.removesuffix(".toml")
-        return self._called(self.design.name if stem == self.file.removesuffix(".toml") else stem, title)
-
-    def _called(self, name: str, title: str) -> Work:
+    def called(self, name: str, title: str) -> Work:
         """Change the name and title, which change no number."""
         if (name, title or name) == (self.design.name, self.design.title):
             return self
-        document = {**self.opened.document, "name": name, "title": title}
-        if not title:
-            del document["title"]
-        design = replace(self.design, name=name, title=title or name)
-        values = {**self.opened.values, "name": name, "title": title}
-        given = (self.opened.given | {"name", "title"}) - (set() if title else {"title"})
-        return replace(self, opened=replace(self.opened, design=design, document=document, values=values, given=given))
-
-    def saved_as(self, file: str) -> Work:
-        """Mark as saved to a file."""
-        text = self.text()
-        return replace(
-            self, opened=replace(self.opened, text=text), file=file, kept=self.opened.document, kept_text=text
-        )
+        document = {key: value for key, value in self.opened.document.items() if key != "title"}
+        return self.with_document({**document, "name": name, **({"title": title} if title else {})})
 
     def of_file(self, other: Work) -> Work:
         """Use as the changed contents of another file."""
-        called = self._called(other.design.name, str(other.opened.document.get("title", "")))
+        called = self.called(other.design.name, str(other.opened.document.get("title", "")))
         return replace(called, file=other.file, kept=other.kept, kept_text=other.kept_text)
-
-    def text(self) -> str:
-        """Text of the design file with its comments."""
-        return file_text(self.opened)
 
 
 def work_on(opened: DesignFile, file: str) -> Work:
@@ -138,16 +111,6 @@ def require_small(design: Design) -> None:
         raise DesignError(f"the studio follows at most {MOST_SEGMENTS} segments of winding; there are {segments}.")
 
 
-def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any]) -> None:
-    """Refuse a large lattice before it is built."""
-    sizes = ({**values, **changes}.get(f"array.{name}", default) for name, default in _LATTICE_SIZES.items())
-    columns, rows, rings = (size if isinstance(size, int | float) else 1 for size in sizes)
-    coils = columns * rows + 3 * rings * (rings + 1)
-    if coils > MOST_COILS:
-        key = next(iter(changes))
-        raise DesignError(f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {coils:g}.")
-
-
 _NAME = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,125}")  # short enough for any file system
 
 
@@ -158,12 +121,8 @@ class Shelf:
     folder: Path
 
     def names(self) -> list[str]:
-        """Names of the files of the folder."""
-        try:
-            files = sorted(path.name for path in self.folder.glob("*.toml") if _NAME.fullmatch(path.name))
-        except OSError:
-            files = []
-        return [*files, *bundled.names()]
+        """Names of the designs."""
+        return [*sorted(self.files(".toml")), *bundled.names()]
 
     def open(self, name: str) -> Work:
         """Read a design, or raise DesignError."""
@@ -176,24 +135,21 @@ class Shelf:
 
     def save(self, work: Work, name: str) -> Work:
         """Write a design, which is returned with its new file, or raise OutputError."""
-        path = self.path(name)
-        text = work.text()
-        parse_design(text, name)  # refuses a file that would not be readable
+        path, text = self.path(name), file_text(work.opened)
+        parse_design_file(text, name)  # refuses a file that would not be readable
         write_text(path, text)
-        return work.saved_as(name)
+        opened = replace(work.opened, text=text)
+        return replace(work, opened=opened, file=name, kept=opened.document, kept_text=text)
 
     def would_lose(self, work: Work, name: str) -> bool:
-        """Check if saving replaces another file, or raise the OutputError of `path`."""
+        """Check if saving replaces another file or the changes of others, or raise the OutputError of `path`."""
         path = self.path(name)
-        if not path.exists():
-            return False
-        try:
-            return name != work.file or load_design_file(path).text != work.kept_text
-        except CoilarrayError:
-            return True
+        return path.exists() and (
+            name != work.file or path.read_text(encoding="utf-8", errors="replace") != work.kept_text
+        )
 
     def files(self, suffix: str) -> list[str]:
-        """Names of the files of the folder with a suffix."""
+        """Names of the files of the folder with a suffix, the newest first."""
         try:
             found = [path for path in self.folder.glob(f"*{suffix}") if _NAME.fullmatch(path.name)]
             return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
