@@ -4,22 +4,16 @@ import base64
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from coilarray import Readout, load_design_file
 from coilarray.circuit.noise_budget import Cause, NoiseBudget
-from coilarray.compute.table import Column, Table, html_table
-from coilarray.geometry import Lattice, lattice_array
+from coilarray.compute.table import html_table
 from coilarray.geometry.rules import Margin
 from coilarray.localize.inverse import Location, Mode
-from coilarray.report.write import Report
-from coilarray.response.setup import Imperfections
-from coilarray.studies.calibrate.calibration import Calibration
 
 EVIL = '<script>alert("a & b")</script>'
 VOID = {"img", "br"}
@@ -105,14 +99,6 @@ def test_a_design_file_tells_given_from_assumed_values(file):
     assert file.text not in repr(file)
 
 
-def test_a_large_board_is_not_drawn(file):
-    array = file.design.array
-    many = lattice_array(array.stackup, array.placements[0].coil, Lattice("square", 40e-3, 8, 8))
-    assert not _Cells(many._repr_html_()).pictures
-    assert "not drawn here" in many._repr_html_()
-    assert facts(many)["names"].endswith("coil12, and 52 more")
-
-
 def test_a_margin_says_what_is_kept():
     margin = Margin("trace width", "L1", "coil1", 0.05e-3, 0.1e-3, 0.15e-3, 1e-3, -2e-3)
     words = "trace width, L1, coil1: 0.15 mm, limit 0.1 mm, margin 0.05 mm at x 1 mm, y −2 mm"
@@ -145,24 +131,3 @@ def test_a_budget_marks_what_is_assumed():
     assert cells[4:8] == ["coil1", "7.07e-06", "2e-05", "7.07e-06"]
     assert cells[-6:] == ["counting", "known", EVIL, "clock", "assumed, not verified", "data sheet"]
     assert "<strong>NoiseBudget of δ less coil2</strong>" in budget.referenced(["coil2"])._repr_html_()
-
-
-def test_a_calibration_shows_what_was_fitted(file):
-    variables = {
-        "value": (("combination", "unknown"), [[2.5, np.nan]]), "std": (("combination", "unknown"), [[0.02, np.nan]]),
-        "unit": ("unknown", ["", "mm"]),
-        "chi_square": ("combination", [12.0]), "degrees_of_freedom": ("combination", [10.0]),
-    }  # fmt: skip
-    dataset = xr.Dataset(variables, {"unknown": ["mu", "elsewhere"]})
-    found = Calibration(file, Imperfections(), {"mu": 2.5}, dataset)
-    assert repr(found) == "<Calibration of gast2020: mu = 2.5 ± 0.02; χ² 12 of 10 degrees of freedom>"
-    assert _Cells(found._repr_html_()).cells == ["unknown", "value", "±", "unit", "mu", "2.5", "0.02", ""]
-
-
-def test_a_report_shows_its_page_and_what_is_broken():
-    summary = Table("summary", "Summary", (Column("what"), Column("k", unit="1")), (("largest", 0.125),))
-    report = Report(Path("report.html"), Path("report"), xr.Dataset(), {}, None, summary, ("spacing & ring",))
-    assert repr(report) == "<Report report.html: spacing & ring>"
-    assert _Cells(report._repr_html_()).cells == ["spacing & ring", "what", "k", "largest", "0.1250"]
-    kept = replace(report, summary=None, verdicts=())
-    assert repr(kept) == "<Report report.html: every limit is kept>"

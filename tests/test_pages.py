@@ -18,20 +18,15 @@ import figures  # noqa: E402
 import file_pages  # noqa: E402
 import link_check  # noqa: E402
 import name_pages  # noqa: E402
-import native_math  # noqa: E402
 import pyvista  # noqa: E402
-import quantities  # noqa: E402
 import report_pages  # noqa: E402
 import result_pages  # noqa: E402
 import validation_pages  # noqa: E402
 import xarray as xr  # noqa: E402
-from annotated_types import Ge, Gt, Le  # noqa: E402
 from matplotlib import pyplot  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
 from sphinx.errors import ExtensionError  # noqa: E402
 
 from coilarray.cli.main import COMMANDS  # noqa: E402
-from coilarray.design.keys import bounds_text  # noqa: E402
 
 
 @pytest.mark.parametrize("kind", file_pages.FILES, ids=lambda kind: kind[0])
@@ -70,41 +65,6 @@ def test_every_key_that_ends_with_a_unit_shows_it(kind):
     assert [key for key, unit, *_ in rows if key.strip("| `").rpartition("_")[2] in ends and not unit.strip()] == []
 
 
-def test_tables_of_one_class_each_say_what_they_are():
-    (tolerance,) = (kind for kind in file_pages.FILES if kind[0] == "tolerance")
-    sections = re.split(r"^## ([\w.]+)\n\n", file_pages.page(*tolerance[1:]), flags=re.MULTILINE)[1:]
-    said = dict(zip(sections[::2], sections[1::2], strict=True))
-    assert said["etch"].startswith("``[etch]``: width of the traces. ")
-    assert said["copper"].startswith("``[copper]``: thickness of the copper. ")
-    assert said["limit.N"].startswith("``[[limit]]``: ")
-
-
-def test_a_number_stays_on_the_line_of_its_unit():
-    text = "0.1 mm and 4 % of 10 000 coils at 5.3 ± 0.9 kPa/mm; ≤ 6 V. Not of 2 turns, 3 mmol or 2020 3.5"
-    kept = "0.1_mm and 4_% of 10_000 coils at 5.3_±_0.9_kPa/mm; ≤_6_V. Not of 2 turns, 3 mmol or 2020 3.5"
-    assert quantities.unbroken(text).replace("\N{NO-BREAK SPACE}", "_") == kept
-
-
-def test_a_full_stop_stays_on_the_line_of_its_formula():
-    one, two = (
-        '<math xmlns="…" display="inline"><mi>k</mi></math>',
-        '<math xmlns="…" display="block"><mi>M</mi></math>',
-    )
-    assert (
-        native_math.punctuated(f"{one}, {one} and {two}.") == f'<span class="unbroken">{one},</span> {one} and {two}.'
-    )
-
-
-def test_numbers_of_running_text_have_powers_of_ten():
-    text = "1e-3 of L, 3e-08 or 4.3e6 Pa/m; 7e-01, 2e2 and 0x1e5, 1e-3.x or L1e5 are none"
-    assert quantities.powers(text) == "10⁻³ of L, 3·10⁻⁸ or 4.3·10⁶ Pa/m; 0.7, 200 and 0x1e5, 1e-3.x or L1e5 are none"
-
-
-def test_bounds_are_written_with_all_their_digits():
-    assert bounds_text([Ge(-100_000), Le(4_294_967_295)]) == "−100\u202f000 to 4\u202f294\u202f967\u202f295"
-    assert bounds_text([Gt(0), Le(0.5)]) == "above 0, at most 0.5"
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_a_page_with_an_example(name):
     page = command_pages.page(name)
@@ -115,32 +75,11 @@ def test_every_command_has_a_page_with_an_example(name):
     assert all(line.removesuffix(" |").rsplit("|", 1)[1].strip() for line in options), "an option without a meaning"
 
 
-def test_options_in_a_help_are_code_and_what_is_code_stays_as_it_is():
-    assert command_pages._prose("give --noise or `board --list`") == "give `--noise` or `board --list`"
-    assert command_pages._prose("``b --x`` well-known -- not --out.") == "``b --x`` well-known -- not `--out`."
-    text = "at i2c:1?mode=2&readback=yes, ftdi://... and /dev/ttyACM0 (press=X,Y,DEPTH). Ratios: 1"
-    assert command_pages._prose(text) == (
-        "at `i2c:1?mode=2&readback=yes`, `ftdi://...` and `/dev/ttyACM0` (`press=X,Y,DEPTH`). Ratios: 1"
-    )
-
-
-def test_options_in_tables_are_typed_as_on_the_command_line():
-    lines = [
-        "--to <stl|glb>  Format.",
-        "--coil <list[str]>  Coils.",
-        "--fineness <float range>  Mesh.  [default: 1.0; 0.5<=x<=4.0]",
-    ]
-    *_, first, second, third, _, _ = command_pages._table(lines, "option")
-    assert (first, second) == ("| `` --to <stl\\|glb> `` | Format. |", "| `` --coil <str>... `` | Coils. |")
-    assert third == "| `` --fineness <float> `` | Mesh.  [default: 1.0; 0.5 to 4.0] |"
-    assert command_pages._range("Draws. [default: 16; x>=2]") == "Draws. [default: 16; at least 2]"
-
-
 ROOMS = ("coilarray", "geometry", "viz", "hardware")
 RETURNING = {name: one for name, *one in name_pages.returning()}
 SHAPE = re.compile(r"shape|scalar|\((\w+, ?)+(\w+)?\)")  # (n, 3)
 UNIT = re.compile(
-    r"\bin (m|mm|m²|1/m|s|µs|Hz|F|H|Ω|Pa|A|1/K|T)\b|per A|[Rr]elative|[Rr]atio|[Ww]ithout unit|Dimensionless|the unit"
+    r"\bin (m|mm|m²|1/m|s|µs|Hz|F|H|Ω|Pa|A|1/K|T)\b|per A|[Rr]elative|[Rr]atio|[Ww]ithout unit|[Dd]imensionless|the unit"
     r"|[Ss]tandard deviation of δ|[Cc]hanges?.* of δ|noise of δ"
 )
 
@@ -204,15 +143,6 @@ def test_every_full_name_in_text_exists():
 def test_a_class_that_a_function_returns_has_a_page():
     pages = {full for group in name_pages.names().values() for full in group}
     assert {"coilarray.report.write.Report", "coilarray.localize.inverse.Mode"} < pages
-
-
-def test_every_picture_opens_by_a_click_but_thumbnails_and_those_that_lead_elsewhere():
-    plain, elsewhere = '<img alt="a" src="_images/a.png"/>', '<a href="x.html"><img src="_images/b.png"/></a>'
-    thumbnail = '<img alt="" src="_images/sphx_glr_c_thumb.png"/>'
-    shown = figures.opened_by_a_click(plain + elsewhere + thumbnail)
-    assert (
-        shown == f'<a class="picture" href="_images/a.png" title="Open the picture">{plain}</a>{elsewhere}{thumbnail}'
-    )
 
 
 _PAGE = '<html><body><h1 id="top">Page</h1>{}</body></html>'
@@ -294,13 +224,6 @@ def test_every_page_of_start_and_theory_has_a_picture_that_is_made_as_it_is_buil
         assert not figures._BROKEN.search(text), page.name
 
 
-def test_the_last_line_of_a_program_is_its_picture():
-    figure = figures.figure_of(
-        "from matplotlib.figure import Figure\nfigure = Figure(figsize=(3, 2))\nfigure.subplots()"
-    )
-    assert figure.get_size_inches().tolist() == [3, 2]
-
-
 GALLERY = sorted((DOCS / "gallery").rglob("plot_*.py"))
 # each of these takes more than a second, and tests of what it calls take it too
 DEAR = {
@@ -338,20 +261,3 @@ def test_an_example_of_the_gallery_runs_and_draws_its_picture(path, tmp_path, mo
     finally:
         pyplot.close("all")
     assert drawn or any(scene.std() > 0 for scene in scenes)
-
-
-def test_a_block_without_a_picture_does_not_show_the_one_before_again(tmp_path):
-    program = tmp_path / "plot_one.py"
-    program.write_text('"""\nCoils of four shapes\n====\n"""\n', encoding="utf-8")
-    shown = {"example_globals": {"___": Figure(figsize=(3, 2))}, "src_file": str(program)}
-    conf = {"src_dir": str(tmp_path), "image_srcset": []}
-    for name, pictures in (("one.png", 1), ("two.png", 0)):
-        block = {**shown, "image_path_iterator": iter([str(tmp_path / name)])}
-        text = figures.of_program((), block, conf)
-        assert (tmp_path / name).exists() == pictures
-        assert text.count(":alt: Coils of four shapes") == pictures
-
-
-def test_a_report_gives_its_pictures_by_name():
-    page = '<figure id="board"><img src="data:image/png;base64,UE5H" alt=""><figcaption>Board</figcaption></figure>'
-    assert report_pages.pictures(page) == {"board": b"PNG"}

@@ -22,7 +22,6 @@ from coilarray.compute.table import text_table
 from coilarray.design.bundled import read
 from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
 from coilarray.report.tables import matrix_tables
-from coilarray.studies.create import Choices
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner()
@@ -49,12 +48,6 @@ def test_no_command_has_more_options_than_a_person_reads():
         common = {"--out", "--force", "--json"}
         own = [one for one in command.params if one.param_type_name == "option" and not common & set(one.opts)]
         assert len(own) <= (16 if name == "init" else 10), name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_every_command_has_an_example(capsys, command):
-    assert f"Example: coilarray {command}" in good(capsys, *command.split(), "--help")
 
 
 def test_a_misspelt_command_gets_the_right_one_named(capsys):
@@ -198,15 +191,6 @@ def test_init_warns_of_coils_that_the_converter_cannot_read(capsys):
     assert load_design("slow.toml").circuit.capacitance == pytest.approx(1e-8)
 
 
-def test_the_help_of_init_names_the_defaults():
-    words = {parameter.name: parameter.help for parameter in program("init").commands["init"].params}
-    assert words["coils"].endswith(f"; {Choices.coils} by default.")
-    assert words["shape"].endswith(f"; {Choices.shape} by default.")
-    assert re.search(" 16 by default; .* 20x12 by default.$", words["size_mm"])
-    assert (Choices().sides, Choices(shape="racetrack").sides) == ((16e-3, 16e-3), (20e-3, 12e-3))
-    assert words["elastomer"].endswith("; by default.") == Choices.elastomer
-
-
 @pytest.mark.slow
 def test_init_asks_on_a_terminal(capsys, monkeypatch):
     """Answers that cannot be are asked for again; Return takes the default."""
@@ -261,11 +245,6 @@ def test_matrices(capsys):
         assert Path(f"m{suffix}").read_text(encoding="utf-8").startswith(beginning)
 
 
-def test_the_matrix_of_a_single_coil_is_its_inductance():
-    (one,) = matrix_tables(["a"], np.array([[2e-6]]))
-    assert (one.headers, one.cells()) == (["coil", "L (µH)"], [["a", "2.0000"]])
-
-
 def test_of_many_coils_the_strongest_couplings_are_shown():
     names = [f"coil{k}" for k in range(30)]
     M = 1e-6 * np.eye(30)
@@ -299,15 +278,6 @@ def test_field_plane_and_volume(capsys):
 
     grid = pyvista.read("f.vtr")
     assert grid.bounds[4:] == pytest.approx((1, 3))  # mm
-
-
-@pytest.mark.parametrize("file", ["f.vtr", "files"])
-def test_files_for_paraview_say_which_libraries_are_missing(tmp_path, monkeypatch, capsys, file):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    line = refused(capsys, "view", "starter", "--out", file)
-    assert "files for ParaView need PyVista, which is not installed" in line
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 from support.command_line import runner
-from support.patience import PATIENCE, computed, lasting, until
+from support.patience import PATIENCE, computed, until
 
-from coilarray.compute.threads import threads
 from coilarray.design.bundled import read
 
 pytestmark = [
@@ -44,10 +43,8 @@ def interrupted(*command, after):
     ("after", "command"),  # the package is loaded after about one second
     [
         (1.2, "check large.toml"),
-        (1.5, "impedance large.toml --out m.nc"),
         (2.0, "report gast2020 --out folder"),
         (2.0, "response gast2020 --x-mm=-40:40:400 --depth-mm 0.1:1:20 --out r.nc"),
-        (2.0, "sweep gast2020 --vary array.pitch_mm=14:16:40 -q worst_k --out s.csv --workers 1"),
     ],
 )
 def test_a_long_command_is_interrupted(after, command):
@@ -113,31 +110,6 @@ def test_an_interrupt_is_raised_as_usual_where_python_runs():
         signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
     assert signal.set_wakeup_fd(-1) == -1
-
-
-def test_threads_are_waited_for_but_not_after_an_interrupt():
-    done, sent = [], []
-
-    def work():
-        time.sleep(0.3)
-        done.append(1)
-
-    def leave_by(error):
-        with threads(1) as pool:
-            sent[:] = [pool.submit(work), pool.submit(work)]
-            raise error
-
-    with threads(1) as pool:
-        pool.submit(work)
-    assert len(done) == 1
-    with lasting(0.2), pytest.raises(KeyboardInterrupt):
-        leave_by(KeyboardInterrupt)
-    begun, never = sent
-    assert never.cancelled()
-    begun.result()
-    with pytest.raises(ValueError, match="no"):
-        leave_by(ValueError("no"))
-    assert len(done) == 3  # which the last one waited for
 
 
 @pytest.mark.parametrize("error", [ValueError("of a library"), KeyboardInterrupt()])

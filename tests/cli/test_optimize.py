@@ -102,12 +102,6 @@ def test_the_whole_of_it(capsys, monkeypatch):
     assert Path("found/trials.csv").read_text(encoding="utf-8") == before
 
 
-def test_a_bound_of_a_range_that_decides_is_named(capsys):
-    wide = ("--vary", "array.pitch_mm=11:13:3", "--goal", "maximize span_mm", "--trials", "6", "--workers", "1")
-    (line,) = [line for line in good(capsys, "starter", *wide).splitlines() if "ends at a bound" in line]
-    assert line == "array.pitch_mm ends at a bound of its range, 13: the bound decides, not the goal."
-
-
 def test_more_trials_and_json(capsys):
     found(capsys, "--trials", "4")
     code, out, _ = run(capsys, "starter", "goal.toml", "--trials", "8", "--workers", "1", "--json")
@@ -127,35 +121,6 @@ def test_none_found_though_the_start_is_allowed(capsys):
     area = evaluate(load_design("starter"), ["board_area_mm2"])["board_area_mm2"]
     out = none_found(capsys, "--trials", "4", goal=wider.replace("polish = 6", "polish = 0"))
     assert f"{text}: board_area_mm2 is {area:.6g} for the given design, and" in out
-
-
-def test_the_most_frequent_reason_where_none_is_found(capsys, monkeypatch):
-    points = optimize_run.evaluate_points
-
-    def walled(design, changes, *arguments, **options):
-        for index, outcome in points(design, changes, *arguments, **options):
-            reason = f"{index} is too near." if changes[index].get("array.columns", 4) < 4 else "too wide."
-            yield index, reason if changes[index] else outcome
-
-    monkeypatch.setattr(optimize_run, "evaluate_points", walled)
-    out = none_found(capsys, goal=GOAL.replace("low = 9.0", "low = 12.0"))
-    trials = csv.DictReader(Path("optimization/trials.csv").read_text(encoding="utf-8").splitlines())
-    narrow = [int(row["array.columns"]) < 4 for row in trials if row["kind"] == "search"]
-    expected = "is too near." if 2 * sum(narrow) > len(narrow) else "too wide."
-    (line,) = [
-        line for line in out.splitlines() if line.startswith("the most frequent reason why points give no design: ")
-    ]
-    assert line.endswith(expected)
-
-
-def test_two_processes_find_the_same(capsys):
-    tables = []
-    for count in ("1", "2"):
-        # each with a cache of its own: nothing is taken from the other
-        arguments = ("--trials", "6", "--workers", count, "--cache", f"cache{count}", "--out", count, "--json")
-        good(capsys, "starter", "goal.toml", *arguments)
-        tables.append(Path(count, "trials.csv").read_text(encoding="utf-8"))
-    assert tables[0] == tables[1]
 
 
 def test_interrupted(capsys, monkeypatch):

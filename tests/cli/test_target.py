@@ -9,8 +9,6 @@ from support.command_line import runner, successes
 from support.contacts import few_turns
 
 from coilarray import load_design, target_map
-from coilarray.design.bundled import read
-from coilarray.errors import MetalError
 
 pytestmark = pytest.mark.slow
 
@@ -69,22 +67,6 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     assert quick["delta"] == pytest.approx(delta[0], rel=1e-2)  # 1e-3 of L and of its change, which nearly cancel
     assert quick["delta"] != pytest.approx(delta[0], rel=1e-9)
     assert sorted(path.name for path in Path().glob("target*")) == ["target.nc"]  # of the command without --json
-
-
-def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch):
-    def enough(*_, **__):
-        raise MetalError("enough.")
-
-    monkeypatch.setattr("coilarray.response.target.target_map", enough)
-    _, _, err = run(capsys, "target", "ball.toml", "--y-mm", "0:20:300")
-    assert err.splitlines()[0].startswith(
-        "coilarray: 5 distances × 300 × 1 positions take a while; give fewer with --x-mm, --y-mm and"
-    )
-    assert run(capsys, "target", "ball.toml", "--y-mm", "0,1")[2] == "coilarray: error: enough.\n"
-    text = read("gast2020") + '\n[target]\nshape = "disc"\ndiameter_mm = 12\nthickness_mm = 1\nmaterial = "aluminium"\n'
-    Path("sheets.toml").write_text(text, encoding="utf-8")
-    err = run(capsys, "target", "sheets.toml", "--y-mm", "0:20:300", "--allow-violations")[2]
-    assert "positions take minutes over magnetic sheets; give fewer with --x-mm" in err.splitlines()[0]
 
 
 def test_what_is_wrong_is_one_line(ball, capsys):

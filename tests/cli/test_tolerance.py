@@ -87,26 +87,11 @@ def test_the_tables_name_errors_outputs_and_limits(capsys):
     assert "drawn boards that cannot be made count as bad; the linear yield ignores them" in out
 
 
-def test_without_samples_nothing_is_said_of_them(capsys):
-    out = computed(capsys, "--samples", "0", "-q", K)
-    assert "yield, linear" in out
-    assert not [words for words in ("ratio", "yield of boards", "independent boards") if words in out]
-
-
 def test_typical_values_are_shown_as_assumed_and_are_the_template(capsys):
     out = good(capsys, "loops.toml", "--workers", "1", "--allow-violations", "--samples", "0", "-q", K)
     assert "houses state ±20 % of the width" in out
     assert good(capsys, "--template", "own.toml") == "wrote own.toml\n"
     assert load_tolerances("own.toml").spreads == load_tolerances().spreads
-
-
-def test_what_is_not_linear_is_reported(capsys):
-    """k falls about as −ln h, whose spread over boards of up to ±95 % of h is 1.42 times what its slope says."""
-    Path("fab.toml").write_text(
-        'schema = 1\nothers = "none"\n[dielectric]\ndistribution = "uniform"\nboard_percent = 95', encoding="utf-8"
-    )
-    out = computed(capsys, "--samples", "128", "-q", K, "-q", L)
-    assert f"not linear over these errors, so that only the drawn boards are valid: {K}" in out
 
 
 @pytest.fixture(scope="module")
@@ -166,8 +151,3 @@ def test_positions_need_an_indenter(capsys):
     Path("places.toml").write_text(f"schema = 1\n{POSITIONS}", encoding="utf-8")
     line = refused(capsys, "loops.toml", "places.toml", "--allow-violations")
     assert "positions need [indenter] and [indentation]" in line
-
-
-def test_a_design_that_breaks_a_rule_is_refused(capsys):
-    """The ends of a loop are nearer to each other than any board house etches."""
-    assert "spacing within net of upper" in refused(capsys, "loops.toml", "fab.toml")

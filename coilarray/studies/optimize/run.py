@@ -60,7 +60,7 @@ _MOST_EVALUATIONS = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class Optimization:
-    """Result of an optimization.
+    """Result of an optimization towards a `goal`.
 
     `axes` are the variables. `file` and `start` are the design from which the search started, and `start_inside` is
     whether it lies within the bounds of the variables. `trials` are of the search, then of earlier runs and of the
