@@ -229,6 +229,7 @@ GALLERY = sorted((DOCS / "gallery").rglob("plot_*.py"))
 DEAR = {
     "01_geometry/plot_connector", "01_geometry/plot_new_design", "03_coupling/plot_sweep_map",
     "04_circuits/plot_self_resonance", "04_circuits/plot_trace_width", "05_elastomer/plot_map",
+    "05_elastomer/plot_contact", "05_elastomer/plot_profile", "09_boards/plot_channels",
     "05_elastomer/plot_two_dimensional", "06_position/plot_ellipses", "06_position/plot_error_map",
     "06_position/plot_locate", "07_metal/plot_backplane", "07_metal/plot_behind", "07_metal/plot_proximity",
     "08_fabrication/plot_shares", "09_boards/plot_allan", "10_pictures/plot_arcs", "10_pictures/plot_dent",
