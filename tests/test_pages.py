@@ -79,8 +79,8 @@ ROOMS = ("coilarray", "geometry", "viz", "hardware")
 RETURNING = {name: one for name, *one in name_pages.returning()}
 SHAPE = re.compile(r"shape|scalar|\((\w+, ?)+(\w+)?\)")  # (n, 3)
 UNIT = re.compile(
-    r"\bin (m|mm|m²|1/m|s|µs|Hz|F|H|Ω|Pa|A|1/K|T)\b|per A|[Rr]elative|[Rr]atio|[Ww]ithout unit|[Dd]imensionless|the unit"
-    r"|[Ss]tandard deviation of δ|[Cc]hanges?.* of δ|noise of δ"
+    r"\bin (m|mm|m²|1/m|s|µs|Hz|F|H|Ω|Pa|A|1/K|T)\b|per A|[Rr]elative|[Rr]atio|[Ww]ithout unit|[Dd]imensionless"
+    r"|the unit|[Ss]tandard deviation of δ|[Cc]hanges?.* of δ|noise of δ"
 )
 
 
