@@ -4,7 +4,6 @@ from .board.connect import Board, open_board
 from .board.self_test import SelfTest, self_test
 from .chips.ldc1614 import (
     code_to_frequency,
-    frequency_to_code,
     inductance_from_frequency,
     settle_count,
 )
@@ -23,7 +22,6 @@ __all__ = [
     "Wiring",
     "code_to_frequency",
     "design_settings",
-    "frequency_to_code",
     "inductance_from_frequency",
     "load_wiring",
     "open_board",

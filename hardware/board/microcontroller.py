@@ -127,8 +127,8 @@ class MicrocontrollerReader:
                 raise HardwareError(f"settings for this board must have at most {most} {what}; got {count}.")
         self._prepare()
         self._settings = None
-        *draft, commit = draft_commands(settings)
-        for command in draft:
+        *commands, commit = draft_commands(settings)
+        for command in commands:
             self._session.ask(read_nothing, *command)
         held = self._session.ask(_word, *commit, patience=_longest_scan(settings))
         if held != settings.hash:
@@ -149,7 +149,7 @@ class MicrocontrollerReader:
         if scan is None:
             raise NoAnswer(f"the board at {self._session.name} answered SCAN with a scan that was not requested.")
         self._faults = frozenset(sample.fault for sample in scan.samples)
-        if _was_reset(scan):
+        if SampleFault.CONVERTER_RESET in self._faults:
             raise self._ended(StreamEndReason.CONVERTER_RESET)
         return scan
 
@@ -302,7 +302,7 @@ class MicrocontrollerReader:
             if scan is not None:
                 self._faults = frozenset(sample.fault for sample in scan.samples)
                 yield scan
-                if _was_reset(scan):
+                if SampleFault.CONVERTER_RESET in self._faults:
                     raise self._ended(StreamEndReason.CONVERTER_RESET)
                 scan_due, line_due = now() + gap, now() + silence
                 continue
@@ -314,19 +314,17 @@ class MicrocontrollerReader:
                 raise self._end_unheard() or fault
 
     def _heed(self, message: Message) -> None:
-        """Raise the fault that a message in a stream reports."""
+        """Raise the fault that a message in a stream reports, by itself or by a mode other than streaming."""
         if isinstance(message, StreamEnd):
             raise self._ended(message.reason, message.text)
+        mode = Mode.STREAMING
         if isinstance(message, Answer):
             with suppress(MessageError):
                 pong = read_pong(message.fields)
                 self._session.keep(pong)
-                self._heed_mode(pong.mode)
+                mode = pong.mode
         elif isinstance(message, Heartbeat) and self._session.present(message.time):  # it is not from before the stream
-            self._heed_mode(message.mode)
-
-    def _heed_mode(self, mode: Mode) -> None:
-        """Raise the fault that a mode other than streaming shows."""
+            mode = message.mode
         if mode is Mode.STREAMING:
             return
         fault = self._end_unheard()
@@ -363,21 +361,11 @@ def _longest_scan(settings: ScanSettings | None) -> float:
     return len(settings.states) * (timeouts + state.total - state.until_ready)
 
 
-def _was_reset(scan: RawScan) -> bool:
-    return any(sample.fault is SampleFault.CONVERTER_RESET for sample in scan.samples)
-
-
 def _word(fields: tuple[str, ...]) -> int:
-    return hexadecimal(_first(fields), 4)
+    return hexadecimal(fields[0] if fields else "", 4)
 
 
 def _chain(fields: tuple[str, ...]) -> str:
-    if _first(fields) not in ("same", "differ", "none"):
-        raise MessageError(f"a reply to CHAIN must be same, differ or none; got {fields[0]!r}.")
-    return fields[0]
-
-
-def _first(fields: tuple[str, ...]) -> str:
-    if not fields:
-        raise MessageError("the reply must have a field.")
+    if not fields or fields[0] not in ("same", "differ", "none"):
+        raise MessageError("a reply to CHAIN must be same, differ or none.")
     return fields[0]

@@ -52,10 +52,10 @@ SWITCH_BITS = 20
 """Bits on the bus that take as long as the words for a chain of six at 1 MHz."""
 
 
-def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: int = 0) -> float:
+def code_to_frequency(code: int, reference: float, *, divider: int = 1) -> float:
     """Return the sensor frequency of a conversion result in Hz.
 
-    The frequency is f = divider · f_ref · (code/2²⁸ + offset/2¹⁶).
+    The frequency is f = divider · f_ref · code/2²⁸, with the register OFFSET at 0.
 
     Parameters
     ----------
@@ -65,8 +65,6 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
         Reference frequency f_ref in Hz (clock by its divider).
     divider : int
         FIN_DIVIDER of the channel, 1 to 15.
-    offset : int
-        OFFSET register of the channel, 0 to 65535.
 
     Returns
     -------
@@ -83,38 +81,12 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
     >>> round(code_to_frequency(0x17982F3, 21.7e6))
     2000000
     """
-    _check(reference, divider, offset)
+    require_positive("reference", reference, "", ValueError)
+    if not 1 <= divider <= LARGEST_INPUT_DIVIDER:
+        raise ValueError(f"divider must be 1 to {LARGEST_INPUT_DIVIDER}; got {divider}.")
     if not 0 < code < FULL_SCALE - 1:
         raise ValueError(f"code must be 1 to {FULL_SCALE - 2:#x} (the ends mark a range error); got {code:#x}.")
-    return divider * reference * (code / FULL_SCALE + offset / (1 << 16))
-
-
-def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, offset: int = 0) -> int:
-    """Conversion result nearest to a sensor frequency in Hz.
-
-    The function is the inverse of `code_to_frequency`. `reference`, `divider` and `offset` have the same meaning as
-    there.
-
-    Returns
-    -------
-    int
-        The conversion result, of 28 bits.
-
-    Raises
-    ------
-    ValueError
-        A value outside its range, or a frequency that the 28 bits do not hold.
-
-    Examples
-    --------
-    >>> hex(frequency_to_code(2e6, 21.7e6))
-    '0x17982f3'
-    """
-    _check(reference, divider, offset)
-    code = round((frequency / (divider * reference) - offset / (1 << 16)) * FULL_SCALE)
-    if not 0 < code < FULL_SCALE - 1:
-        raise ValueError(f"frequency {frequency} Hz gives the code {code:#x}, outside 1 to {FULL_SCALE - 2:#x}.")
-    return code
+    return divider * reference * (code / FULL_SCALE)
 
 
 def inductance_from_frequency(frequency: float, capacitance: float, quality_factor: float = math.inf) -> float:
@@ -166,14 +138,6 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     if cosine > 1:
         raise ValueError(f"no inductance oscillates at {frequency} Hz with a quality factor of {quality_factor}.")
     return (2 * math.sqrt(p / 3) * math.cos(math.acos(-cosine) / 3)) ** 2 / capacitance
-
-
-def _check(reference: float, divider: int, offset: int) -> None:
-    require_positive("reference", reference, "", ValueError)
-    if not 1 <= divider <= 15:
-        raise ValueError(f"divider must be 1 to 15; got {divider}.")
-    if not 0 <= offset <= 0xFFFF:
-        raise ValueError(f"offset must be 0 to 65535; got {offset}.")
 
 
 def next_conversion_time(rcount: int, reference: float) -> float:

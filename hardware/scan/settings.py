@@ -362,18 +362,16 @@ class ScanSettings:
         document: Any = None
         try:
             document = json.loads(text)
-            digest = document.pop("hash")
-            if document.pop("schema") != SCHEMA:
-                raise HardwareError(f"scan settings: schema must be {SCHEMA}.")
+            digest, schema = document.pop("hash"), document.pop("schema")
+            if schema != SCHEMA:
+                raise HardwareError(f"scan settings: schema must be {SCHEMA}; got {str(schema)[:40]!r}.")
             if unknown := document.keys() - {one.name for one in fields(cls)}:
                 raise HardwareError(f"scan settings: has no key {min(unknown)!r}.")
             settings = _adapter().validate_json(json.dumps(document))
         except ValidationError as error:  # it is a ValueError too
             raise HardwareError(f"scan settings: {first_error(error, document)}") from None
-        except KeyError as error:
-            raise HardwareError(f"scan settings: {error.args[0]} is missing.") from None
-        except (AttributeError, TypeError, ValueError, RecursionError) as error:
-            raise HardwareError(f"scan settings: not valid JSON: {error}.") from None
+        except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+            raise HardwareError(f"scan settings: not valid JSON, or a key is missing: {error}.") from None
         if f"{settings.hash:04X}" != digest:
             raise HardwareError(f"scan settings: hash must be {settings.hash:04X}, that of the others; got {digest}.")
         return settings

@@ -65,7 +65,8 @@ class LinuxRegisterBus:
             self._bus: Any = self._library.SMBus(str(self._path))
         try:
             with _opening(self._path):
-                _lock(self._bus.fd)
+                fcntl = importlib.import_module("fcntl")  # missing on Windows, which has no such bus either
+                fcntl.flock(self._bus.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # locks out a second program of this package
             if not self._bus.funcs & self._library.I2cFunc.I2C:
                 raise HardwareError(f"{self._path} cannot read registers of 16 bits: it is not a full I²C bus.")
         except BaseException:
@@ -138,12 +139,6 @@ class SpiSwitchChain:
             self._port.close()
 
 
-def _lock(descriptor: int) -> None:
-    """Lock out a second program of this package."""
-    fcntl = importlib.import_module("fcntl")  # missing on Windows, which has no such bus either
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
 @contextlib.contextmanager
 def _opening(path: Path) -> Iterator[None]:
     """Translate the system's errors about a device into one line."""
@@ -153,20 +148,12 @@ def _opening(path: Path) -> Iterator[None]:
         there = ", ".join(linux_buses()) or "none at all"
         raise HardwareError(f"there is no {path}; ports of this kind: {there}.") from None
     except PermissionError:
-        raise HardwareError(
-            f"{path} may not be opened by this user; add the user to the group {_group(path)}."
-        ) from None
+        group = "i2c" if path.name.startswith("i2c") else "spi"
+        raise HardwareError(f"{path} may not be opened by this user; add the user to the group {group}.") from None
     except BlockingIOError:
         raise HardwareError(f"{path} is used by another program.") from None
     except OSError as error:
         raise HardwareError(f"{path} cannot be used: {error.strerror}.") from None
-
-
-def _group(path: Path) -> str:
-    try:
-        return path.group()
-    except (OSError, KeyError, NotImplementedError):
-        return "that owns it"
 
 
 I2C_SPEED = 100e3

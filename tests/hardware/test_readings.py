@@ -6,12 +6,11 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.converter_words import oscillation_frequency, result_words
+from support.converter_words import code_of, oscillation_frequency, result_words
 from support.emulated_reader import settings_of
 
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import frequency_to_code
 from coilarray.hardware.scan.readings import (
     LARGEST_CODE,
     QUARTER,
@@ -115,7 +114,7 @@ def test_inductance_there_and_back(L, capacitance, quality, divider):
     plan = [ScanState("coil1", (("coil1", 1),))]
     settings = replace(settings_of(WIRING, plan, frequency=8e6), fin_divider=divider)
     f = oscillation_frequency(L, capacitance, quality)
-    code = frequency_to_code(f, settings.reference, divider=divider)
+    code = code_of(f, settings.reference, divider)
     (state,) = read_scan(_scan([_sample(code)], settings), settings, capacitance, qualities=quality).states
     if f > 10e6:
         assert (state.inductance, state.verdict) == (None, "bad")

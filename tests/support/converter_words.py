@@ -12,3 +12,8 @@ def oscillation_frequency(inductance, capacitance, quality=math.inf):
 def result_words(code, flags=0):
     """DATA0_MSB and DATA0_LSB of a result; the flags are under-range, over-range, watchdog and amplitude."""
     return flags << 12 | code >> 16, code & 0xFFFF
+
+
+def code_of(frequency, reference, divider=1):
+    """Conversion result nearest to a frequency in Hz: f = divider · f_ref · code/2²⁸."""
+    return round(frequency / (divider * reference) * (1 << 28))
