@@ -134,14 +134,6 @@ def test_chips_are_made_safe_before_anything_else(fresh):
     assert fresh.converter.cleared == 1  # a transfer that the reset cut off
 
 
-def test_first_line_ends_what_the_port_sent_before_and_is_a_heartbeat():
-    converter = StubConverter(clock := VirtualClock())
-    firmware = Firmware(converter, StubChain(clock, converter), clock)
-    sent = firmware.run(0.01)
-    assert sent.startswith(b"\nH")
-    assert re.fullmatch(rf"H{firmware.boot:08X},[0-9A-F]{{8}},0000,u", intact(sent[1:-1]))
-
-
 def test_heartbeat_every_second_without_another_line(fresh):
     fresh.lines(0.5)
     fresh.ask("PING")  # puts it off by half a second
@@ -159,32 +151,16 @@ def test_hello(fresh):
     assert Board(wired_back=True).ask("HELLO").endswith(",readback")
 
 
-@pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
-def test_configuration_reaches_the_chip(name):
-    wiring = load_wiring(name)
-    plan = settings_of(wiring)
+@pytest.mark.parametrize(("name", "options"), [
+    ("six_coils", {"discard": 3}), ("six_coils_4", {"clock": 40e6, "external_clock": True}),
+])  # fmt: skip
+def test_configuration_reaches_the_chip_and_has_the_hash_of_the_settings(name, options):
+    plan = settings_of(load_wiring(name), rcount=1234, drives=9, **options)
     board = Board(devices=len(plan.safe_words), safe_words=plan.safe_words)
     assert board.configure(plan)[-1] == f"OK,{plan.hash:04X}"
     for address, value in plan.registers:
         assert board.converter.registers[address] == (value | 0x2000 if address == 0x1A else value)
     assert (board.chain.words, board.mode) == (plan.safe_words, "i")
-
-
-@pytest.mark.slow
-@settings(max_examples=25)
-@given(
-    rcount=st.integers(5, 0xFFFF), settle=st.integers(0x40, 0xFFFF), drive=st.integers(0, 31),
-    order=st.permutations(range(6)), count=st.integers(1, 6), external=st.booleans(), offset=st.integers(0, 0x800),
-)  # fmt: skip
-def test_hash_is_that_of_the_canonical_bytes(rcount, settle, drive, order, count, external, offset):
-    plan = replace(
-        SETTINGS, rcount=rcount, settle_count=settle, external_clock=external, offset=offset,
-        states=tuple(replace(SETTINGS.states[index], drive=drive) for index in order[:count]),
-    )  # fmt: skip
-    board = Board()
-    *commands, commit = draft(plan)
-    assert {board.ask(command) for command in commands} == {"OK"}
-    assert board.ask(commit) == f"OK,{plan.hash:04X}"
 
 
 def test_scan(board):
@@ -297,12 +273,10 @@ def raising(error, verb=None, register=None):
 
 
 @pytest.mark.parametrize("command", [
-    "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000000", "WIRE,00,000000000000000x",
-    "SAFE,1111111111", "SAFE,11111111111111", "SAFE,", "REG,09,0001", "REG,1A,3401", "REG,1A,5401", "REG,1A,1400",
-    "REG,1A,1501", "REG,1B,820C", "REG,1B,0000", "REG,14,0002", "REG,14,1000", "REG,14,1402", "REG,08,0004",
-    "REG,19,0100", "WAIT,00000002,00000001,00,00000000", "WAIT,00000001,03938701,00,00000000",
-    "WAIT,00000000,00000001,10,00000000", "WAIT,00000000,00000001,0F,00000002", "STATE,06,111111111111,3000",
-    "STATE,00,1111111111,3000", "STATE,00,111111111111,3001", "STATE,00,111111111111", "COMMIT,12", "COMMIT,1234G",
+    "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000x", "SAFE,1111111111",
+    "REG,09,0001", "REG,1A,3401", "REG,1A,1400", "REG,1B,820C", "REG,14,0002", "REG,14,1000", "REG,08,0004",
+    "WAIT,00000002,00000001,00,00000000", "WAIT,00000001,03938701,00,00000000", "WAIT,00000000,00000001,10,00000000",
+    "WAIT,00000000,00000001,0F,00000002", "STATE,06,111111111111,3000", "STATE,00,111111111111,3001", "COMMIT,1234G",
 ])  # fmt: skip
 def test_bad_arguments_of_a_draft(fresh, command):
     fresh.ask("BEGIN,06,06")
@@ -310,8 +284,7 @@ def test_bad_arguments_of_a_draft(fresh, command):
 
 
 @pytest.mark.parametrize("command", [
-    "SCAN", "START,00000000", "PEEK,7F", "CHAIN", "WIRE,00,0000000000000000", "SAFE,00", "REG,08,FFFF",
-    "WAIT,00000000,00000001,00,00000000", "STATE,00,00,0000", "COMMIT,0000",
+    "SCAN", "START,00000000", "PEEK,7F", "CHAIN", "REG,08,FFFF", "COMMIT,0000",
 ])  # fmt: skip
 @pytest.mark.parametrize("running", ["SCAN", "START,00000000"])
 def test_busy(board, command, running):
@@ -350,14 +323,10 @@ def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
 @pytest.mark.parametrize(("words", "safe", "reason"), [
     ("331111111111", "111111111111", "state 0: on two nets is terminal 10"),
     ("221111111122", "111111111111", "state 0: several terminals on INA"),
-    ("241111111111", "111111111111", "state 0: several terminals on INB"),
     ("021111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
-    ("201111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
     ("021111111120", "111111111111", "state 0: INA and INB have two coils"),
     ("811111111111", "111111111111", "state 0: unused switch closed"),
     ("221111111111", "111111111110", "safe words: not just grounded is terminal 0"),
-    ("221111111111", "111111111151", "safe words: not just grounded is terminal 1"),
-    ("221111111111", "111111111191", "safe words: unused switch closed"),
 ])  # fmt: skip
 def test_the_firmware_itself_refuses_illegal_switching(words, safe, reason):
     plan = with_words(bytes.fromhex(words), safe=bytes.fromhex(safe))
@@ -539,11 +508,9 @@ def test_switches_that_differ_end_the_stream():
 
 
 @pytest.mark.parametrize(("data", "dropped"), [
-    (b"\n\r\n\n", 0), (b"x\n", 1), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
-    (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">00PING"), 1),
-    (seal(">0,PING"), 1), (seal(">G0,PING"), 1), (seal(">00"), 1), (b"*FFFF\n", 1),
-    (seal(">00,PING").replace(b"P", b"\t"), 1), (seal(">00,STOP")[:-1] + b"\r\r\n", 1),
-    (seal(">00,STOP").replace(b"*", b"-"), 1),
+    (b"\n\r\n\n", 0), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
+    (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">G0,PING"), 1),
+    (seal(">00"), 1), (seal(">00,STOP")[:-1] + b"\r\r\n", 1), (seal(">00,STOP").replace(b"*", b"-"), 1),
 ])  # fmt: skip
 def test_lines_that_are_dropped(fresh, data, dropped):
     fresh.firmware.feed(data)
@@ -558,20 +525,6 @@ def test_the_boards_time_wraps():
     assert gaps(times) == pytest.approx([1e5] * (len(times) - 1), abs=200)
     assert not [line for line in board.lines(4.0) if line.startswith("E")]
     assert [line for line in board.lines(LEASE) if line.startswith("E1")]
-
-
-def test_random_bytes_change_nothing():
-    chance = random.Random(8)
-    board = configured()
-    before = dict(board.converter.registers)
-    for _ in range(300):
-        board.firmware.feed(chance.randbytes(chance.randrange(1, 700)))
-        board.firmware.feed(bytes(chance.choice(b"0123456789ABCDEF>,*SCAN\n") for _ in range(chance.randrange(100))))
-        board.firmware.take()
-    board.firmware.feed(b"\n")
-    board.lines(0.1)
-    assert (board.mode, board.converter.registers, board.resting) == ("i", before, True)
-    assert scan_words(board.ask("SCAN")) == [WORDS] * 6
 
 
 def damaged(chance, line):
@@ -624,21 +577,16 @@ def test_words_that_are_not_legal_never_reach_the_switches():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("one_fault_in", [0, 5, 100])
-def test_no_access_outside_its_memory(tmp_path_factory, one_fault_in):
-    """The logic under the address and undefined-behaviour sanitizers, on chips that fail at random."""
-    folder = tmp_path_factory.getbasetemp()
-    program = folder / "fuzz"
-    if not program.exists():
-        sources = [str(path) for path in (*logic_sources(), SUPPORT / "fuzz.cpp")]
-        try:
-            compiled(folder, "fuzz", "-fsanitize=address", "-no-pie", *sources)
-        except subprocess.CalledProcessError:
-            pytest.skip("the compiler has no address sanitizer")
-    chance = random.Random(one_fault_in)
+def test_no_access_outside_its_memory(tmp_path):
+    """The logic under the address and undefined-behaviour sanitizers, on chips of which one transfer in 20 fails."""
+    sources = [str(path) for path in (*logic_sources(), SUPPORT / "fuzz.cpp")]
+    try:
+        program = compiled(tmp_path, "fuzz", "-fsanitize=address", "-no-pie", *sources)
+    except subprocess.CalledProcessError:
+        pytest.skip("the compiler has no address sanitizer")
+    chance = random.Random(5)
     data = b"".join(session_bytes(chance, 3000)) + chance.randbytes(20_000)
-    command = [str(program), str(one_fault_in)]
-    done = subprocess.run(command, check=False, input=data, capture_output=True, timeout=600)
+    done = subprocess.run([str(program), "20"], check=False, input=data, capture_output=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, b"")
     assert int(done.stdout) > 1000
 
