@@ -19,7 +19,7 @@ from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.self_test import self_test
 from coilarray.hardware.emulator import Oscillator
-from coilarray.hardware.scan.readings import Reason, SampleFault, judge, read_scan
+from coilarray.hardware.scan.readings import Reason, SampleFault, read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring, wired_to_channels
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, BusTimeout
@@ -112,11 +112,6 @@ def test_a_wiring_file_may_have_channels():
         refused(HardwareError, message, parse_wiring, text.replace(old, new), "mine.toml")
 
 
-def test_more_coils_than_channels_are_refused_by_name():
-    message = r"2 channels \(0, 1\) for 4 coils; none is left for south: name the coils"
-    refused(HardwareError, message, wired_to_channels, NAMES, (0, 1))
-
-
 @pytest.mark.parametrize(("state", "message"), [
     (ScanState("s", (("north", -1),)), "no switches that turn north round"),
     (ScanState("s", (("north", 1),), others="open"), "no switches that make east 'open'; it is grounded"),
@@ -142,19 +137,6 @@ def test_every_coil_is_measured_at_its_channel(wiring):
     assert board.misuse.notes == []
 
 
-def test_settings_are_written_asleep_and_read_back_and_config_comes_last():
-    board, reader = at_channels(FOUR)
-    board.bus.log = log = []
-    settings = quick_settings(FOUR)
-    reader.configure(settings)
-    reader.scan()
-    writes = [(register, value) for kind, register, value in log if kind == "write"]
-    awake = writes.index((0x1A, 0x1401))
-    assert writes[awake:] == [(0x1A, 0x1401), (0x1A, 0x3401)]
-    read = {register for kind, register, _ in log[: [entry[:2] for entry in log].index(("write", 0x1A)) + 40]}
-    assert {register for register, _ in settings.registers} <= read
-
-
 def test_a_scan_that_is_asked_for_is_of_now_although_the_converter_has_gone_on():
     # conversions of 7 ms, so long that no new result comes while an old one is read
     board, reader, settings = configured(TWO, settings=quick_settings(TWO, rcount=20_000))
@@ -169,8 +151,8 @@ def test_a_scan_that_is_asked_for_is_of_now_although_the_converter_has_gone_on()
     stream.close()
 
 
-@pytest.mark.parametrize("clock", [35e6, 43.4e6, 55e6])
-@pytest.mark.parametrize("wiring", [ONE, TWO, FOUR])
+@pytest.mark.parametrize("clock", [35e6, 55e6])
+@pytest.mark.parametrize("wiring", [ONE, FOUR])
 def test_a_stream_goes_as_fast_as_the_converter(wiring, clock):
     settings = settings_of(wiring, rcount=2000, drives=7)
     board, reader, _ = configured(wiring, settings=settings, oscillator=Oscillator(frequency=clock))
@@ -195,7 +177,7 @@ def test_a_computer_that_is_late_gets_the_newest_results_and_their_time():
     assert frequencies(late, settings) == true(board, TWO)
 
 
-@pytest.mark.parametrize("rate", [10.0, 100.0, 500.0])
+@pytest.mark.parametrize("rate", [10.0, 500.0])
 def test_the_rate_is_reached(rate):
     settings = settings_of(FOUR, rate=rate, drives=7)
     assert 1 / settings.period >= rate
@@ -216,13 +198,6 @@ def test_errors_belong_to_their_channel():
         assert [readings[name].verdict for name in NAMES] == ["good", "doubtful", "bad", "good"]
         assert set(readings["east"].reasons) <= {Reason.AMPLITUDE, Reason.AMPLITUDE_LOW}
         assert readings["south"].inductance is None
-
-
-def test_a_sample_is_judged_by_its_own_channel():
-    _, reader, _ = configured(TWO)
-    first, second = reader.scan().samples
-    assert judge(first)[0] == judge(second, channel=1)[0] == "good"
-    assert Reason.ANOTHER_CHANNEL in judge(second, channel=0)[1]
 
 
 class Flaky:

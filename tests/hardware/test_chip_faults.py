@@ -12,8 +12,7 @@ import time
 
 import pytest
 from support import patience
-from support.coupled_coils import coupled_board
-from support.emulated_reader import WIRING, brown_out, plain, quick_settings
+from support.emulated_reader import brown_out, plain, quick_settings
 
 if sys.platform == "win32":
     pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
@@ -21,8 +20,7 @@ if sys.platform == "win32":
 from support.firmware_host import FirmwareHost, needs_compiler
 
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
-from coilarray.hardware.board.self_test import self_test
-from coilarray.hardware.scan.readings import judge, read_scan
+from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.wire.link import LinkTimes
 from coilarray.hardware.wire.serial_ports import OpenSerialPort
@@ -124,33 +122,3 @@ def test_every_value_is_the_inductance_of_its_coil():
     bench.host.close()
     assert bench.wrong == []
     assert bench.accepted > 6 * len(plan)
-
-
-@pytest.mark.slow
-def test_a_neighbour_that_is_not_grounded_is_seen_by_no_scan_and_named_by_the_self_test():
-    board = coupled_board(WIRING, noise=0.0)
-    settings = quick_settings(drives=5, quality=150.0)  # 32 µA into 36 kΩ: 1.5 V
-
-    def frequency(scan, state):
-        return read_scan(scan, settings, 120e-12).states[state].frequency
-
-    with FirmwareHost(board.bus, board.switches, board.clock) as host:
-        reader = MicrocontrollerReader(OpenSerialPort(host.port), clock=DriverClock())
-        reader.configure(settings)
-        good = reader.scan()
-        for k, end in ((0, 0), (0, 1), (3, 1), (5, 0)):  # number of the coil, and of its end
-            with host.paused():
-                board.chain.stick(*board.chain.find(k, end, "ground"), "open")
-            reader.configure(settings)
-            bad = reader.scan()
-            assert [judge(sample)[0] for sample in bad.samples] == ["good"] * len(WIRING.coils)
-            # an inductance that a neighbour coupled by 5 % does not lower any more: a frequency lower by 1.25e-3
-            neighbour = k - 1 if k else 1
-            change = frequency(bad, neighbour) / frequency(good, neighbour) - 1
-            assert change == pytest.approx(-1.25e-3, rel=0.05)
-            findings = self_test(reader, WIRING, settings).findings
-            coil = WIRING.coils[k]  # which of its two ends hangs free makes no difference to anything that is measured
-            assert findings == tuple(f"U{k + 1}.S1{e.upper()} ({coil}.{e} to ground) stays open" for e in "ab")
-            with host.paused():
-                board.chain.heal()
-        reader.close()

@@ -203,28 +203,17 @@ def test_a_converter_that_never_answers_is_identity_zero_and_refused_until_it_do
 
 def test_another_chip_is_refused(board):
     reader, _ = watched(board, answer=lambda register, value: 0x3054 if register == 0x7F else value)
-    refused(BusFault, r"must be an LDC1614 or one of its kind, 5449/3055; got 5449/3054\.", configured, reader)
+    refused(BusFault, "must be an LDC1614 or one of its kind, 5449/3055; got 5449/3054", configured, reader)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"states": ()}, r"at least one state; got none"),
-        *(({"safe_words": w + SAFE[1:]}, "must ground end a of coil 6 and nothing else") for w in (b"\x10", b"\x33")),
-        ({"safe_words": bytes([0x91]) + SAFE[1:]}, r"the safe words: bit 7 of word 0 must be 0; its switch is not w"),
-        ({"words": SAFE[:-1] + b"\x23"}, r"state x joins end a of coil 1 to ground and INA at once"),
-        ({"words": SAFE[:-1] + b"\x66"}, r"state x joins end a of coil 1 to INA and INB at once"),
-        ({"words": b"\x22" + SAFE[1:-1] + b"\x22"}, r"joins end a of coil 6 and end a of coil 1 to INA at once"),
-        ({"words": SAFE[:-1] + b"\x12"}, r"to one pin of the converter and nothing to the other"),
-        ({"words": b"\x12" + SAFE[1:-1] + b"\x21"}, r"joins end a of coil 6 to INA but end b of coil 1 to INB"),
-        ({"words": SAFE[:-1] + b"\x42"}, r"joins end a of coil 1 and end b of coil 1 to INA at once"),
-        ({"words": SAFE[:-1] + b"\x80"}, r"state x: bit 7 of word 5 must be 0; its switch is not wired"),
-    ],
-)
-def test_settings_that_could_join_what_must_not_be_are_refused(board, reader, change, message):
-    if "words" in change:
-        change = {"states": (dataclasses.replace(SETTINGS.states[0], name="x", words=change["words"]),)}
-    refused(HardwareError, message, reader.configure, dataclasses.replace(SETTINGS, **change))
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"states": ()}, "at least one state; got none"),
+    ({"safe_words": b"\x10" + SAFE[1:]}, "the safe words must ground end a of coil 6"),
+    ({"states": (dataclasses.replace(SETTINGS.states[0], name="x", words=SAFE[:-1] + b"\x23"),)},
+     "state x joins end a of coil 1 to ground and INA"),
+])  # fmt: skip
+def test_settings_that_could_join_what_must_not_be_are_refused(board, reader, changes, message):
+    refused(HardwareError, message, reader.configure, dataclasses.replace(SETTINGS, **changes))
     assert at_rest(board)
     refused(HardwareError, "must be open and configured before a scan", reader.scan)
 
@@ -260,7 +249,7 @@ def test_a_reader_without_settings_or_closed_says_so(board):
     reader.close()
 
 
-@pytest.mark.parametrize("step", range(6 * TRANSFERS_OF_A_STATE + 1))
+@pytest.mark.parametrize("step", [*range(TRANSFERS_OF_A_STATE), 20, *range(30, 37)])
 def test_a_transfer_that_is_not_acknowledged_costs_one_state_and_no_other_but_the_last_look_all(board, step):
     reader, _ = faulty_at(board, {step}, board.bus.refuse)
     scan = reader.scan()
@@ -282,7 +271,7 @@ def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream(board
     assert board.chain.words == SAFE
 
 
-@pytest.mark.parametrize("state", range(6))
+@pytest.mark.parametrize("state", [0, 5])
 def test_a_converter_that_is_reset_in_a_scan_gives_no_value_of_it(board, state):
     board.misuse.strict = False  # woken with dividers 0, as after any reset
     reader, _ = faulty_at(board, {state * TRANSFERS_OF_A_STATE + 3}, lambda: brown_out(board.chip))
@@ -295,7 +284,7 @@ def test_a_converter_that_is_reset_in_a_scan_gives_no_value_of_it(board, state):
     assert not any(faults(configured(reader).scan()))
 
 
-@pytest.mark.parametrize("register", [None, 0x08, 0x0C, 0x10, 0x19, 0x1B])
+@pytest.mark.parametrize("register", [None, 0x08, 0x1B])
 def test_a_reset_or_a_register_that_a_broken_transfer_changed_is_found_by_a_single_scan(board, register):
     board.misuse.strict = False
 
@@ -332,12 +321,6 @@ def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back(board, rea
         assert SampleFault.SWITCHES_DIFFER in faults(next(stream))
     refused(SwitchFault, r"returned other words than it was sent in 3 consecutive scans", next, stream)
     assert board.chip.asleep
-
-
-def test_a_chain_that_is_not_wired_back_is_not_compared(board):
-    board.chain.readback = False
-    board.switches.broken = False
-    assert not any(faults(configured(reader_of(board)).scan()))
 
 
 def test_a_port_that_is_gone_is_told_and_the_other_bus_is_still_used(board):

@@ -1,7 +1,6 @@
 """Every way in which a stream or a session with a board ends: by name, within its time, and with a way on."""
 
 import itertools
-from contextlib import closing
 
 import pytest
 from support.refusals import refused
@@ -133,17 +132,6 @@ def test_a_silent_board_is_waited_for_once_after_an_interrupt(board, reader):
     with Lasting(board) as it:
         reader.close()
     assert (it.seconds, board.closed) == (0.0, True)
-
-
-def test_an_error_of_the_caller_stops_the_board(board, reader):
-    def measure():
-        with closing(reader.scans()) as stream:
-            next(stream)
-            raise KeyError
-
-    with pytest.raises(KeyError):
-        measure()
-    assert board.mode == "i"
 
 
 def test_reconnecting_is_a_new_session_without_settings(board, reader):

@@ -4,7 +4,7 @@
 | ----------------------- | ----------------------------------------------------------------------------------------- |
 | COILARRAY_TEST_PORT     | port of the real board, as --port takes it; without it only the emulator is tested        |
 | COILARRAY_TEST_DESIGN   | design of its coils, a name or a file; gast2020 by default                                |
-| COILARRAY_TEST_OPTIONS  | further options of all commands, as "--wiring my.toml --clock-MHz 43.31 --drive coil1=9"  |
+| COILARRAY_TEST_OPTIONS  | further options of all commands, as "--wiring my.toml --settings my_board.toml"  |
 | COILARRAY_TEST_OUT      | folder for board.json, run.sqlite and rate.sqlite, which may become test data             |
 
 `docs/hardware/on_a_real_board.md` says how to run them, and what a failure means.
@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from support.command_line import toml_file
 
 from coilarray import couple_design, load_design
 from coilarray.cli.main import main
@@ -62,7 +61,6 @@ class BoardUnderTest:
 
 BOARDS = [
     pytest.param(("emulator", "starter", ""), id="emulator"),
-    pytest.param(("emulator?channels=0,1&clock=40MHz", "starter", None), id="without switches"),
     pytest.param(
         (PORT, os.environ.get("COILARRAY_TEST_DESIGN", "gast2020"), os.environ.get("COILARRAY_TEST_OPTIONS", "")),
         id="board",
@@ -74,9 +72,6 @@ BOARDS = [
 @pytest.fixture(params=BOARDS, scope="module")
 def tested(request, tmp_path_factory):
     port, design, options = request.param
-    if options is None:
-        settings = toml_file(tmp_path_factory.mktemp("settings") / "settings.toml", coils=["coil1", "coil2"])
-        options = f"--settings {settings}"
     own = os.environ.get("COILARRAY_TEST_OUT") if port == PORT else None
     folder = Path(own) if own else tmp_path_factory.mktemp("board")
     folder.mkdir(parents=True, exist_ok=True)

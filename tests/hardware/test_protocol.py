@@ -23,7 +23,7 @@ from coilarray.hardware.wire.protocol import MAX_LINE, LineParser, command_line,
 
 from coilarray.hardware.wire.protocol import (  # isort: skip
     Answer, Greeting, Heartbeat, MessageError, Mode, Pong, Refusal, ScanMessage, StreamEnd, StreamEndReason,
-    parse_message, read_greeting, read_pong, read_scan,
+    parse_message, read_greeting, read_pong,
 )  # fmt: skip
 from coilarray.hardware.wire.protocol import BoardTime
 
@@ -78,30 +78,6 @@ def test_a_scan_is_read():
         RawSample(0x0179, 0xFFFF, 0x0048), RawSample(0x0179, 0x0000, 0x0048), RawSample(0x0ABC, 0xDEF0, 0x0048),
     )  # fmt: skip
     assert parse_message(SCAN) == ScanMessage(7, 1_000_000, 0xD9A4, 0x1234ABCD, samples)
-
-
-@pytest.mark.slow
-@settings(max_examples=30)
-@given(
-    st.tuples(*(st.integers(0, 2**bits - 1) for bits in (32, 32, 16, 32))),
-    st.lists(
-        st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3)
-        | st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3, drive=st.integers(0, 2**16 - 1))
-        | st.sampled_from(list(SampleFault)[1:]).map(lambda fault: RawSample(0, 0, 0, fault)),
-        min_size=1, max_size=24,
-    ),
-)  # fmt: skip
-def test_any_scan_comes_back(numbers, samples):
-    words = [
-        f"!{s.fault:X}"
-        if s.fault
-        else f"{s.msb:04X}{s.lsb:04X}"
-        + ("" if s.status == 0x0048 else f".{s.status:04X}")
-        + ("" if s.drive is None else f":{s.drive:04X}")
-        for s in samples
-    ]
-    text = "S{:08X},{:08X},{:04X},{:08X},".format(*numbers) + ",".join(words)
-    assert parse_message(text) == read_scan(text[1:].split(",")) == ScanMessage(*numbers, tuple(samples))
 
 
 @pytest.mark.parametrize(("text", "message"), [

@@ -81,15 +81,6 @@ def test_a_press_is_found_under_the_correction():
     assert readings[-1].press.begin == readings[21].elapsed
 
 
-@pytest.mark.slow
-def test_the_noise_of_the_reference_is_added():
-    spread = [
-        np.std([one.states[0].delta for one in live(400, reference=names, noise=1e-6)[10:]])
-        for names in ((), ["coil2"])
-    ]
-    assert spread[1] / spread[0] == pytest.approx(np.sqrt(2), rel=0.1)  # 390 scans tell each to 3.6 %
-
-
 def test_a_response_less_its_reference():
     delta = np.arange(12.0).reshape(1, 2, 2, 3) * 1e-4
     coords = {"depth": [1e-3], "y": [0.0, 1e-3], "x": [0.0, 1e-3], "state": ["a", "b", "c"]}

