@@ -276,14 +276,9 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     if symptoms:
         return SelfTest(tuple(checks.values()), symptoms, tuple(fault.text for fault in fitting), ())
     words = {one.trial.words for one in seen}
-    untested = [
-        fault.text
-        for fault in fitting
-        if fault.stuck
-        or fault.missing
-        or fault.shorted  # other maps that change nothing are no faults
-        or any(fault.predict(one) != good.predict(one) for one in words)
-    ]
+    broken = {fault.text for fault in fitting if fault.stuck or fault.missing or fault.shorted}
+    other = {fault.text for fault in fitting if any(fault.predict(one) != good.predict(one) for one in words)}
+    untested = [fault.text for fault in fitting if fault.text in broken | other]  # no maps that change nothing
     return SelfTest(tuple(checks.values()), (), (), tuple(untested))
 
 
