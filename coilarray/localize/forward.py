@@ -176,13 +176,21 @@ class ForwardModel(ResponseSpline):
             The smaller model.
         """
         kept = [self.states.index(name) for name in chosen_states(self.states, states)]
-        coefficients = np.ascontiguousarray(self.spline.c[..., kept])
-        spline, errors = NdBSpline(self.spline.t, coefficients, self.spline.k), self.errors
+        unread = None if self.unread is None else self.unread[..., kept]
+        return self._with(kept, self.spline.c[..., kept], tuple(one[kept] for one in self.common), unread)
+
+    def _with(
+        self, kept: list[int], coefficients: FloatArray, common: tuple[FloatArray, ...], unread: BoolArray | None
+    ) -> ForwardModel:
+        """Return the model of some states, with other coefficients of its spline."""
         return replace(
-            self, states=tuple(states), spline=spline, common=tuple(one[kept] for one in self.common),
-            errors=tuple(errors[k] for k in kept if errors),
-            unread=None if self.unread is None else self.unread[..., kept],
-        )  # fmt: skip
+            self,
+            states=tuple(self.states[k] for k in kept),
+            spline=NdBSpline(self.spline.t, np.ascontiguousarray(coefficients), self.spline.k),
+            common=common,
+            errors=tuple(self.errors[k] for k in kept if self.errors),
+            unread=unread,
+        )
 
     @property
     def common_noise(self) -> FloatArray:
@@ -207,15 +215,11 @@ class ForwardModel(ResponseSpline):
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
         coefficients = self.spline.c[..., kept] - self.spline.c[..., taken].mean(axis=-1, keepdims=True)
         own = self.noise / math.sqrt(len(taken))
-        spline, errors = NdBSpline(self.spline.t, coefficients, self.spline.k), self.errors
         common = (*(one[kept] - one[taken].mean() for one in self.common), np.full(len(kept), own))
         unread = self.unread
         if unread is not None:
             unread = unread[..., kept] | unread[..., taken].any(axis=-1, keepdims=True)
-        return replace(
-            self, states=others, spline=spline, common=common, errors=tuple(errors[k] for k in kept if errors),
-            unread=unread,
-        )  # fmt: skip
+        return self._with(kept, coefficients, common, unread)
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
         """Compute δ of every state at points in m.
@@ -286,11 +290,6 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
         raise LocalizeError(f"{unknowns} unknowns need at least as many states; the model has {', '.join(states)}.")
 
 
-def noise_of(model: ForwardModel, noise: npt.ArrayLike | None) -> FloatArray:
-    """Return the standard deviation of δ of every state, by default the model's."""
-    return checked_noise(model.states, model.noise if noise is None else noise)
-
-
 def whitening_of(
     model: ForwardModel,
     noise: npt.ArrayLike | None,
@@ -304,7 +303,7 @@ def whitening_of(
     relative to δ, is added for δ (…, states) if given. States that the converter cannot read at points (…, 3) in m, if
     given, do not count. Raises LocalizeError as `checked_noise`.
     """
-    deviations = noise_of(model, noise)
+    deviations = checked_noise(model.states, model.noise if noise is None else noise)
     if delta is not None and any(model.errors):
         deviations = np.hypot(deviations, np.array(model.errors) * delta)
     unread = None if points is None else model.unread_at(points)

@@ -16,8 +16,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.netcdf import variables
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, noise_of, whitening_of
+from coilarray.localize.forward import ForwardModel, checked_noise, whitening_of
 
 _SINGULAR = 1e-13  # least eigenvalue of a scaled information, whose entries are rounded to 1e-16
 
@@ -28,7 +29,7 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
     It is about x, y and, if it is unknown, the depth. Shape (…, unknowns, unknowns), for points (…, 3). The noise is
     the standard deviation of δ, one number or a number for each state, independent from state to state. By default it
     is the model's noise, including its common part. The table's error counts, and states that the converter cannot read
-    do not. Raises LocalizeError for arguments that `ForwardModel.jacobian` and `noise_of` refuse.
+    do not. Raises LocalizeError for arguments that `ForwardModel.jacobian` and `checked_noise` refuse.
     """
     at = np.asarray(points, dtype=np.float64)
     scaled = whitening_of(model, noise, model.delta(at), at).slopes(model.jacobian(at))
@@ -98,22 +99,22 @@ def identifiability(
     if along.ndim != 1 or across.ndim != 1:
         raise LocalizeError(f"x and y must be rows of positions; got shapes {along.shape} and {across.shape}.")
     X, Y = np.meshgrid(along, across)
-    sigma = noise_of(model, noise)
+    sigma = checked_noise(model.states, model.noise if noise is None else noise)
     common = model.common_noise if noise is None else np.zeros_like(sigma)
     information = fisher_information(model, np.stack([X, Y, np.full_like(X, depth)], axis=-1), noise)
     deviations = np.sqrt(np.diagonal(covariance_of(information), axis1=-2, axis2=-1))
     values, _, _ = _scaled_eigen(information)
     singular = values[..., 0] <= _SINGULAR
     condition = np.where(singular, np.inf, values[..., -1] / np.where(singular, 1.0, values[..., 0]))
-    names = [("x", "y", "h")[axis] for axis in model.free]
-    where = ("y", "x")
-    variables: dict[str, tuple[tuple[str, str], FloatArray, dict[str, str]]] = {
-        f"sigma_{name}": (where, deviations[..., k], {"units": "m", "long_name": f"least standard deviation of {name}"})
-        for k, name in enumerate(names)
-    }
-    variables["condition"] = (where, condition, {"units": "1", "long_name": "condition of the information"})
+    where, names = ("y", "x"), [("x", "y", "h")[axis] for axis in model.free]
     return xr.Dataset(
-        variables,
+        variables(
+            *(
+                (f"sigma_{name}", where, deviations[..., k], "m", f"least standard deviation of {name}")
+                for k, name in enumerate(names)
+            ),
+            ("condition", where, condition, "1", "condition of the information"),
+        ),
         coords={"y": ("y", across, {"units": "m"}), "x": ("x", along, {"units": "m"})},
         attrs={"depth": float(depth), "noise": sigma.tolist(), "common_noise": common.tolist()},
     )

@@ -8,7 +8,7 @@ freedom as unknowns. On a board that is symmetric in y both signs of y are modes
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, zip_longest
 from typing import Literal
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
-from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.table import html_card, html_table
 from coilarray.compute.threads import ranges
@@ -109,21 +109,6 @@ class Mode:
         found = dict(zip(self.unknowns, self.deviations.tolist(), strict=True))
         values = (found.get(k, np.inf) for k in range(max(found) + 1))
         return tuple(value if value < UNKNOWN_DEVIATION else None for value in values)
-
-    def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
-        """Test whether points lie in the mode's ellipsoid.
-
-        The points (…, 3) are in m. The ellipsoid about the mode holds the true position with `confidence`. A point is
-        inside if (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
-
-        Returns
-        -------
-        ndarray of bool, shape (…,)
-            True for the points inside.
-        """
-        away = (np.asarray(points, dtype=np.float64) - [self.x, self.y, self.depth])[..., self.unknowns]
-        distance = np.einsum("...i,ij,...j->...", away, self.information, away)
-        return np.asarray(distance <= _quantile(len(self.information), confidence))
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,52 +325,35 @@ def _solve_block(
     model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float, alarm: float
 ) -> list[Location]:
     """Locate the readings of one block."""
+    states = len(model.states)
     nothing = whitening_of(model, noise).chi_square(readings)
-    pressed = np.flatnonzero(chdtrc(len(model.states), nothing) <= alarm)
-    reason = "nothing is pressed" if model.parameters == PARAMETERS else "no target is noticed"
-    result = [_nothing(float(value), len(model.states), reason) for value in nothing]
+    chances = chdtrc(states, nothing)
+    what = "nothing is pressed" if model.parameters == PARAMETERS else "no target is noticed"
+    result = [
+        Location(
+            "nothing pressed",
+            f"{what}: noise alone makes such a reading with a probability of {chance:.2g}.",
+            chi_square=value,
+            degrees_of_freedom=states,
+            probability=chance,
+        )
+        for value, chance in zip(nothing.tolist(), chances.tolist(), strict=True)
+    ]
+    pressed = np.flatnonzero(chances <= alarm)
     if len(pressed):
-        minima = _minima(model, readings[pressed], noise, confidence)
-        ends = np.searchsorted(minima.owner, np.arange(len(pressed) + 1)).tolist()
-        for k, (first, last) in zip(pressed, pairwise(ends), strict=True):
-            modes = tuple(minima.mode(one) for one in range(first, last) if minima.is_new(first, one))
-            result[k] = _judged(modes, float(minima.pressure[first]), len(model.states), alarm)
+        for k, (modes, pressure) in zip(pressed, _modes(model, readings[pressed], noise, confidence), strict=True):
+            result[k] = _judged(modes, pressure, states, alarm)
     return result
 
 
-@dataclass(frozen=True, eq=False)
-class _Minima:
-    """Minima of χ² in the likelihood region, a row each. They are ordered by reading and then from the best."""
+def _modes(
+    model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float
+) -> Iterator[tuple[tuple[Mode, ...], float]]:
+    """Find the minima of χ² in the likelihood region of every reading, best first.
 
-    owner: IntArray
-    points: FloatArray
-    chi_square: FloatArray
-    fisher: FloatArray
-    gaussian: BoolArray
-    edge: BoolArray
-    free: list[int]  # indices of the unknowns among x, y and depth
-    names: tuple[str, ...]  # of x, y and depth
-    pressure: FloatArray  # fall of χ² beyond the border of the table, if the model were linear there
-    unread: list[tuple[str, ...]]  # states that the converter cannot read there
-    known: FloatArray  # `fisher` without the unread states
-
-    def is_new(self, first: int, k: int) -> bool:
-        """Test whether minimum k is more than a standard deviation from every one since the first."""
-        away = (self.points[k] - self.points[first:k])[:, self.free]
-        return bool((np.einsum("ni,nij,nj->n", away, self.fisher[first:k], away) > _SAME).all())
-
-    def mode(self, k: int) -> Mode:
-        """Return minimum k as a result."""
-        x, y, depth = self.points[k].tolist()
-        border = tuple(self.names[axis] for axis, at in zip(self.free, self.edge[k].tolist(), strict=True) if at)
-        gaussian, free = bool(self.gaussian[k]), tuple(self.free)
-        chi_square = float(self.chi_square[k])
-        return Mode(x, y, depth, self.known[k], chi_square, gaussian, border, free, self.unread[k])
-
-
-def _minima(model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float) -> _Minima:
-    """Find the minima of χ² in the likelihood region."""
-    quantile = _quantile(model.unknowns, confidence)
+    The number beside the modes is the fall of χ² beyond the border of the table, if the model were linear there.
+    """
+    quantile = float(chdtri(model.unknowns, 1 - confidence))
     of_readings = whitening_of(model, noise, readings)
     owner, points = starts(model, readings, noise, of_readings)
     points, chi_square = refine(model, readings[owner], points, of_readings.of(owner))
@@ -404,16 +372,22 @@ def _minima(model: ForwardModel, readings: FloatArray, noise: FloatArray | None,
     pressure = np.einsum("ni,nij,nj->n", slope, np.where(known[:, None, None], covariance, 0.0), slope)
     pressure[points[:, 2] <= 0] = 0  # a depth below zero is no indentation either
     gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, weights, quantile)
-    edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
+    edge = (points <= model.lower) | (points >= model.upper)
     unread, counted = model.unread_at(points), fisher
     missing: list[tuple[str, ...]] = [()] * len(points)
     if unread is not None:
         seen = whitening_of(model, noise, readings[owner], points).slopes(jacobian)
         counted, gaussian = seen.swapaxes(1, 2) @ seen, gaussian & ~unread.any(axis=-1)
         missing = [tuple(name for name, no in zip(model.states, row, strict=True) if no) for row in unread]
-    return _Minima(
-        owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure, missing, counted
-    )
+    for first, last in pairwise(np.searchsorted(owner, np.arange(len(readings) + 1)).tolist()):
+        modes = []
+        for k in range(first, last):
+            away = (points[k] - points[first:k])[:, model.free]
+            if (np.einsum("ni,nij,nj->n", away, fisher[first:k], away) > _SAME).all():
+                border = tuple(model.parameters[axis] for axis in model.free if edge[k, axis])
+                shape = (counted[k], float(chi_square[k]), bool(gaussian[k]), border, tuple(model.free), missing[k])
+                modes.append(Mode(*points[k].tolist(), *shape))
+        yield tuple(modes), float(pressure[first])
 
 
 def _is_gaussian(
@@ -440,13 +414,6 @@ def _is_gaussian(
     return result
 
 
-def _nothing(chi_square: float, states: int, what: str) -> Location:
-    """Location of a reading that noise alone explains."""
-    probability = float(chdtrc(states, chi_square))
-    reason = f"{what}: noise alone makes such a reading with a probability of {probability:.2g}."
-    return Location("nothing pressed", reason, (), chi_square, states, probability)
-
-
 def _judged(modes: tuple[Mode, ...], pressure: float, states: int, alarm: float) -> Location:
     """Location of the modes of a reading above the noise."""
     best = modes[0]
@@ -468,10 +435,6 @@ def _judged(modes: tuple[Mode, ...], pressure: float, states: int, alarm: float)
         verdict = "border"
         reason = f"{edge}; the indenter may be outside."
     return Location(verdict, reason, modes, best.chi_square, freedom, probability)
-
-
-def _quantile(freedom: int, confidence: float) -> float:
-    return float(chdtri(freedom, 1 - confidence))
 
 
 def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:

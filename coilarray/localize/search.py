@@ -71,8 +71,9 @@ def _kept_scan(model: ForwardModel, noise: tuple[float, ...] | None) -> Scan:
 
 def _scan_of(model: ForwardModel, weights: Whitening) -> Scan:
     """Prepare the scan of a table for one covariance."""
-    counts = [max(_even(min(len(axis) - 1, _MOST_CELLS)), 1) for axis in (model.x, model.y)]
-    shape = (*counts, _DEPTH_CELLS if len(model.depth) > 1 else 1)
+    # an even number of cells: on the middle line a symmetric board has no slope across it
+    columns, rows = (max((min(len(axis), _MOST_CELLS + 1)) // 2 * 2, 1) for axis in (model.x, model.y))
+    shape = (columns, rows, _DEPTH_CELLS if len(model.depth) > 1 else 1)
     span = model.upper - model.lower
     axes = [low + length * (np.arange(n) + 0.5) / n for low, length, n in zip(model.lower, span, shape, strict=True)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -82,20 +83,7 @@ def _scan_of(model: ForwardModel, weights: Whitening) -> Scan:
     lower = np.linalg.cholesky(np.eye(model.unknowns) + slopes.swapaxes(1, 2) @ slopes)
     Q = np.linalg.solve(lower, slopes.swapaxes(1, 2))
     forms = np.concatenate((scaled[:, None], Q), axis=1)
-    return Scan(
-        (shape[0], shape[1], shape[2]),
-        model.free,
-        size,
-        centres,
-        scaled,
-        slopes,
-        np.ascontiguousarray(forms.T.swapaxes(0, 1)),
-    )
-
-
-def _even(count: int) -> int:
-    """Make a number of cells even. On the middle line a symmetric board has no slope across it."""
-    return count + count % 2
+    return Scan(shape, model.free, size, centres, scaled, slopes, np.ascontiguousarray(forms.T.swapaxes(0, 1)))
 
 
 def starts(
