@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, ncx2
-from support.contacts import first_coils_design
+from support.contacts import IDEAL, first_coils_design
 from support.localize_boards import FIELD, ROW, bells, board
 
 from coilarray.elastomer.scattering import LayerMesh
@@ -19,7 +19,7 @@ from coilarray.localize.forward import forward_model, table_grid, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import deviance, locate, locate_all
 from coilarray.localize.search import refine
-from coilarray.response.map import Imperfections, response_map
+from coilarray.response.map import MapAccuracy, response_map
 
 pytestmark = pytest.mark.slow
 
@@ -201,8 +201,8 @@ def paper():
     design, quick = (
         first_coils_design(4),
         {
-            "imperfections": Imperfections(network="ideal"),
-            "accuracy": LayerMesh(harmonics=8, width=0.3, rows=4),
+            "imperfections": IDEAL,
+            "accuracy": MapAccuracy(mesh=LayerMesh(harmonics=8, width=0.3, rows=4)),
         },
     )
     depths, x, y = table_grid(design, deepest=1.7e-3)
