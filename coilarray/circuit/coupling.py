@@ -194,21 +194,15 @@ def couple(
     L, R = checked_network(inductance, resistance)
     if L.shape != (len(names), len(names)):
         raise NetworkError(f"{len(names)} names need an inductance matrix of that many rows; got shape {L.shape}.")
-    ends = _checked_terminations(len(names), terminations)
+    ends: list[Termination] = ["short"] * len(L) if terminations is None else list(terminations)
+    if len(ends) != len(L) or not set(ends) <= {"short", "open"}:
+        raise NetworkError(f"terminations must be {len(L)} of 'short' or 'open'; got {ends}.")
     network = bare_network(names, L, R, Switches(short_resistance / 2, tank_capacitance=capacitance))
     opened = [name for name, end in zip(names, ends, strict=True) if end == "open"]
     states = [
         ScanState(name, ((name, 1),), exceptions={other: "open" for other in opened if other != name}) for name in names
     ]
     return _coupled(network, states, ends, R)
-
-
-def _checked_terminations(n: int, terminations: Sequence[Termination] | None) -> list[Termination]:
-    """Check the termination of each of n passive coils, all shorted by default."""
-    states: list[Termination] = ["short"] * n if terminations is None else list(terminations)
-    if len(states) != n or not set(states) <= {"short", "open"}:
-        raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
-    return states
 
 
 def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequence[str], R: FloatArray) -> xr.Dataset:

@@ -122,11 +122,18 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class PortImpedance:
-    """Impedance in Ω between two terminals at a frequency in Hz."""
+class StateResult:
+    """Impedance seen by the converter in one state at one frequency in Hz.
+
+    The `impedance` in Ω is between the sides of the converter without the tank's capacitor. The `admittance` in S
+    includes it. `currents` (n,) flow through every coil in A per A in the first measured coil.
+    """
 
     frequency: float
     impedance: complex
+    state: ScanState
+    admittance: complex
+    currents: ComplexArray
 
     @property
     def apparent_inductance(self) -> float:
@@ -137,19 +144,6 @@ class PortImpedance:
     def effective_resistance(self) -> float:
         """R_eff = Re Z in Ω."""
         return self.impedance.real
-
-
-@dataclass(frozen=True, eq=False)
-class StateResult(PortImpedance):
-    """Impedance seen by the converter in one state at one frequency.
-
-    The `impedance` in Ω is between the sides of the converter without the tank's capacitor. The `admittance` in S
-    includes it. `currents` (n,) flow through every coil in A per A in the first measured coil.
-    """
-
-    state: ScanState
-    admittance: complex
-    currents: ComplexArray
 
     @property
     def quality_factor(self) -> float:
@@ -277,12 +271,11 @@ def _solve_with_tank(
     wiring: _Wiring,
     frequencies: FloatArray,
     inductances: FloatArray | ComplexArray,
-    winding_capacitances: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Solve a state, and return also the admittances (f,) in S with the tank's capacitor, see `_solve`."""
     switches, state = network.switches, wiring.state
     measured = {name for name, _ in state.measured}
-    winding = network.winding_capacitance if winding_capacitances is None else winding_capacitances
+    winding = network.winding_capacitance
     at_coil = np.full(len(network.names), switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
     bare_tank = np.array([0.0 if name in measured else c for name, c in zip(network.names, at_coil, strict=True)])
     around = _around(network, wiring, frequencies)
@@ -363,14 +356,13 @@ def changed_resonances(
     result: StateResult,
     inductances: FloatArray | ComplexArray | Callable[[FloatArray], FloatArray | ComplexArray],
     cases: int | None = None,
-    winding_capacitances: FloatArray | None = None,
 ) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-    """Follow a resonance while inductances and capacitances change.
+    """Follow a resonance while inductances change.
 
     `inductances` (cases, n, n) in H replace the network's own, with losses −ΔR/ω as imaginary parts. A function gives
-    them at frequencies (cases,) in Hz. `winding_capacitances` (cases, n) in F may be negative, as the tank is in
-    parallel. The result is the frequencies (cases,) in Hz, and the impedances in Ω and admittances with the tank in S
-    at these. All cases are solved at once by the secant method. A NetworkError is raised if there is no resonance.
+    them at frequencies (cases,) in Hz. The result is the frequencies (cases,) in Hz, and the impedances in Ω and
+    admittances with the tank in S at these. All cases are solved at once by the secant method. A NetworkError is raised
+    if there is no resonance.
     """
     wiring, f0 = _wire(network, result.state), result.frequency
     if not callable(inductances):
@@ -378,7 +370,7 @@ def changed_resonances(
 
     def solve(at: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         changed = inductances(at) if callable(inductances) else constant
-        return _solve_with_tank(network, wiring, at, changed, winding_capacitances)
+        return _solve_with_tank(network, wiring, at, changed)
 
     first = susceptance_slope(network, result.state, f0)
     frequencies: FloatArray = np.full(cases or 1, f0)

@@ -1,10 +1,15 @@
-"""Files of a network: SPICE subcircuits and Touchstone files, chosen by the suffix."""
+"""Files for other programs: SPICE subcircuits and Touchstone files of a network, and FastHenry input of current paths.
+
+FastHenry (Kamon, Tsuk & White, IEEE Trans. MTT 42, 1750, 1994) takes nodes, and between them straight segments of a
+width and a thickness, as `coilarray.geometry.Conductor` does. Its width also lies in the x-y plane across the segment.
+"""
 
 from __future__ import annotations
 
 import itertools
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,11 +22,18 @@ from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_text
+from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.scan_states import paper_plan
 from coilarray.electromagnetics.inductance import coupling_matrix
-from coilarray.errors import OutputError
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.errors import GeometryError, OutputError, require_positive
+from coilarray.geometry import Conductor
 
 _POINTS = 201  # frequencies of a Touchstone file
+_MM = 1e-3
+_STEEP = 1e-9  # horizontal part of a direction below which a segment is vertical, as in electromagnetics.inductance
+_STEP_TOLERANCE = 1e-6  # relative; FastHenry prints frequencies with six digits
+_SMALLEST_STEP = 1.001  # FastHenry sweeps up to 1.001 fmax
 _NAME_LENGTH = 60  # FastHenry reads names into buffers of 80 bytes
 _CORNERS_A_DECADE = 4
 _ABOVE = 30.0  # reach of the corners over the highest frequency; eddy currents begin with the frequency squared
@@ -327,3 +339,92 @@ def touchstone(
     network = skrf.Network(frequency=skrf.Frequency.from_f(f, unit="hz"), z=Z, z0=reference_resistance)
     network.port_names = list(ports)
     write_text(target, network.write_touchstone(target.name, return_string=True, form="ri"))
+
+
+def fasthenry_input(
+    source: Source,
+    frequencies: npt.ArrayLike,
+    *,
+    title: str = "",
+    resistivity: float = RESISTIVITY_COPPER,
+    filaments_across: tuple[int, int] = (1, 1),
+) -> str:
+    """Write current paths as a FastHenry input file (.inp).
+
+    Every segment of the source needs a cross-section, else a GeometryError is raised. The names of the paths become the
+    names of the ports. The frequencies in Hz rise by one factor, since FastHenry sweeps from fmin to fmax by a factor.
+    The resistivity is in Ω·m. `filaments_across` the width and the thickness of every segment (nwinc, nhinc) show the
+    skin and proximity effects. (1, 1) is direct current. The `title` is the first line.
+
+    A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width × thickness,
+    the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right. FastHenry turns all
+    names to lower case.
+
+    Returns
+    -------
+    str
+        Text of the file, with lengths in mm of 17 digits.
+
+    Examples
+    --------
+    >>> square = [[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]]
+    >>> text = fasthenry_input(Conductor(square, 0.15e-3, 35e-6, name="loop"), [1e5, 1e6])
+    >>> text.splitlines()[-3:]
+    ['.external N1_1 N1_5 loop', '.freq fmin=100000 fmax=1000000 ndec=1', '.end']
+    """
+    conductors = as_conductors(source)
+    ports = plain_names([conductor.name for conductor in conductors])
+    require_positive("resistivity", resistivity, " Ω·m", ValueError)
+    if len(filaments_across) != 2 or any(int(count) != count or count < 1 for count in filaments_across):
+        raise ValueError(f"filaments_across must be two positive integers; got {filaments_across}.")
+    sweep = _sweep(frequencies)
+    lines = [
+        f"* {' '.join(title.split()) or 'coilarray'}",
+        ".units mm",
+        f".default rho={_digits(resistivity / _MM)} nwinc={int(filaments_across[0])} nhinc={int(filaments_across[1])}",
+    ]
+    for number, (conductor, port) in enumerate(zip(conductors, ports, strict=True), start=1):
+        lines += [f"* {port}", *_path_lines(conductor, number, resistivity)]
+    for number, (conductor, port) in enumerate(zip(conductors, ports, strict=True), start=1):
+        lines.append(f".external N{number}_1 N{number}_{len(conductor.vertices)} {port}")
+    return "\n".join([*lines, sweep, ".end", ""])
+
+
+def _digits(value: float) -> str:
+    return format(value, ".17g")
+
+
+def _sweep(frequencies: npt.ArrayLike) -> str:
+    """Write the frequency line of a sweep."""
+    f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
+    if f.ndim != 1 or not f.size:
+        raise ValueError(f"at least one frequency is needed, as one row; got shape {np.shape(frequencies)}.")
+    if not (np.isfinite(f).all() and (f > 0).all()):
+        raise ValueError(f"frequencies must be positive and finite; got {f.min()} Hz.")
+    if len(f) == 1:
+        return f".freq fmin={_digits(f[0])} fmax={_digits(f[0])} ndec=1"
+    factor = float(f[-1] / f[0]) ** (1 / (len(f) - 1))
+    if factor <= _SMALLEST_STEP or not np.allclose(f, f[0] * factor ** np.arange(len(f)), rtol=_STEP_TOLERANCE, atol=0):
+        raise ValueError(
+            f"FastHenry sweeps frequencies that rise by one factor above {_SMALLEST_STEP} (numpy.geomspace); "
+            f"the {len(f)} given, {f[0]:g} to {f[-1]:g} Hz, do not: write one file for each."
+        )
+    return f".freq fmin={_digits(f[0])} fmax={_digits(f[-1])} ndec={_digits(1 / math.log10(factor))}"
+
+
+def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterator[str]:
+    """Write the nodes and segments of a current path."""
+    if conductor.is_filament or not (conductor.areas > 0).all():
+        raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
+    for i, (x, y, z) in enumerate((conductor.vertices / _MM).tolist(), start=1):
+        yield f"N{number}_{i} x={_digits(x)} y={_digits(y)} z={_digits(z)}"
+    steps = np.diff(conductor.vertices, axis=0)
+    vertical = np.hypot(steps[:, 0], steps[:, 1]) < _STEEP * conductor.lengths
+    sections = zip(conductor.widths.tolist(), conductor.thicknesses.tolist(), conductor.areas.tolist(), strict=True)
+    for i, (width, thickness, area) in enumerate(sections, start=1):
+        line = f"E{number}_{i} N{number}_{i} N{number}_{i + 1} w={_digits(width / _MM)} h={_digits(thickness / _MM)}"
+        if vertical[i - 1]:  # every direction in the x-y plane is across it, so state one
+            line += " wx=1 wy=0 wz=0"
+        if not math.isclose(area, width * thickness, rel_tol=1e-14):
+            line += f" rho={_digits(resistivity * width * thickness / area / _MM)}"
+        yield line

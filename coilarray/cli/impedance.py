@@ -151,8 +151,7 @@ def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
     """Write the network of a design for another program."""
     from coilarray.circuit.board_circuit import board_circuit
     from coilarray.circuit.coupling import couple_design
-    from coilarray.circuit.fasthenry import fasthenry_input
-    from coilarray.circuit.network_files import exchange_frequencies, export_network
+    from coilarray.circuit.network_files import exchange_frequencies, export_network, fasthenry_input
     from coilarray.compute.files import write_text
 
     if out.suffix.lower() == ".inp":

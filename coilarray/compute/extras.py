@@ -34,12 +34,8 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 
 def not_installed(purpose: str, package: str, extra: str) -> str:
     """Return the message on how to install `package` by an extra."""
-    return f"{purpose} need {package}, which is not installed: {_install_command(extra)}."
-
-
-def _install_command(extra: str) -> str:
-    """Return the command that adds an extra to this coilarray."""
-    return f"{python_command(Path.cwd())} -m pip install {_requirement(extra)}"
+    command = f"{python_command(Path.cwd())} -m pip install {_requirement(extra)}"
+    return f"{purpose} need {package}, which is not installed: {command}."
 
 
 def python_command(folder: Path) -> str:

@@ -44,18 +44,14 @@ def code_version() -> str:
     processor and its mathematical library are not included. They change last digits.
     """
     digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
-    for path in _sources():
-        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return f"{metadata.version('coilarray')}+{digest.hexdigest()[:12]}"
-
-
-def _sources() -> list[Path]:
-    """Return the source and data files that decide results, in the same order on every machine."""
-    found = []
+    sources: dict[str, Path] = {}
     for folder, inside, files in os.walk(_ROOT, followlinks=True):  # geometry is a link in a working copy
         inside[:] = [name for name in inside if name not in _SHOWS]
-        found += [Path(folder, name) for name in files if name.endswith((".py", ".toml", ".csv"))]
-    return sorted(found, key=lambda path: path.relative_to(_ROOT).as_posix())
+        paths = (Path(folder, name) for name in files if name.endswith((".py", ".toml", ".csv")))
+        sources |= {path.relative_to(_ROOT).as_posix(): path for path in paths}
+    for name, path in sorted(sources.items()):
+        digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return f"{metadata.version('coilarray')}+{digest.hexdigest()[:12]}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,28 +74,17 @@ class Store:
         make_folder(path.parent)
         write_bytes(path, json.dumps(value).encode())
 
-    def get_dataset(self, key: str) -> xr.Dataset | None:
-        """Return the dataset kept under a key, None if missing or unreadable."""
-        from coilarray.compute.netcdf import load_part
-
-        return load_part(self._path(key, "nc"))
-
-    def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
-        """Keep a dataset under a key. Raises OutputError."""
-        from coilarray.compute.netcdf import save_dataset
-
-        path = self._path(key, "nc")
-        make_folder(path.parent)
-        save_dataset(dataset, path)
-
     def dataset(self, parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
         """Return the dataset kept for some parts, as in `content_key`, or compute and keep it."""
-        key = content_key(*parts)
-        found = self.get_dataset(key)
+        from coilarray.compute.netcdf import load_part, save_dataset
+
+        path = self._path(content_key(*parts), "nc")
+        found = load_part(path)
         if found is None:
             found = compute()
             with suppress(OutputError):  # a full disk is no reason to lose it
-                self.put_dataset(key, found)
+                make_folder(path.parent)
+                save_dataset(found, path)
         return found
 
     def keys(self) -> set[str]:

@@ -17,7 +17,7 @@ from coilarray.design.write import document_text
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
     r"""Return the text of a TOML file changed to `document`; None if the change needs a new text.
 
-    Tables of a list are identified by their name, else by their place. New entries are added at the end of their table.
+    Items of a list are identified by their name, or content. New entries are added at the end of their table.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def _edit(table: Any, old: Mapping[str, Any], wanted: Mapping[str, Any]) -> None
 
 def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence[Mapping[str, Any]]) -> None:
     """Change a list of tables; a table that is kept, in whatever place, keeps its comments."""
-    before, after, there = _names(old), _names(wanted), list(tables)
+    before, after, there = list(map(_known_by, old)), list(map(_known_by, wanted)), list(tables)
     found = []
     for k, (name, item) in enumerate(zip(after, wanted, strict=True)):
         renamed = len(old) == len(wanted) and before[k] not in after
@@ -73,13 +73,9 @@ def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence
         tables.append(table)
 
 
-def _names(tables: Sequence[Mapping[str, Any]]) -> list[Any]:
-    return [item.get("name", k) for k, item in enumerate(tables)]
-
-
 def _edit_list(items: Array, old: Sequence[Any], wanted: Sequence[Any]) -> None:
     """Change a list of the file; an item that is kept keeps its comment."""
-    before, after = ([_known_by(item) for item in both] for both in (old, wanted))
+    before, after = list(map(_known_by, old)), list(map(_known_by, wanted))
     for _, first, end, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes()[::-1]:
         both = min(end - first, stop - start)
         for k in range(both):

@@ -4,8 +4,7 @@ Who checks whom:
 
 ==================  =====================================================================================
 SPICE subcircuit    ngspice against `active_coil`, nodal analysis with capacitors and `impedance`; text against matrix
-FastHenry input     the paths read back; FastHenry where installed
-FastHenry Zc.mat    a file in its printf formats, typed by hand
+FastHenry input     the paths read back
 Touchstone          scikit-rf's reader against Z; one port against (Z − R)/(Z + R)
 ==================  =====================================================================================
 """
@@ -24,15 +23,15 @@ from hypothesis import strategies as st
 from support.active_coil import active_coil
 from support.coil_paths import random_matrix
 
-from coilarray import Conductor, couple_design, dc_resistance, inductance_matrix, load_design
+from coilarray import Conductor, couple_design, load_design
 from coilarray.circuit.board_circuit import bare_network, board_circuit
 from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.fasthenry import fasthenry_input, read_zc_matrix
 from coilarray.circuit.impedance import sweep_design
 from coilarray.circuit.network import Network, between_coils, solve_state
 from coilarray.circuit.network_files import (
     exchange_frequencies,
     export_network,
+    fasthenry_input,
     plain_names,
     spice_subcircuit,
     touchstone,
@@ -42,9 +41,6 @@ from coilarray.design.scan_states import ScanState, Switches
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 
 needs_ngspice = pytest.mark.skipif(not shutil.which("ngspice"), reason="ngspice is not installed (Debian: ngspice)")
-needs_fasthenry = pytest.mark.skipif(
-    not shutil.which("fasthenry"), reason="no fasthenry on PATH; not in Debian or PyPI"
-)
 needs_skrf = pytest.mark.skipif(not find_spec("skrf"), reason="scikit-rf is not installed (extra rf)")
 
 SQUARE = np.array([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]])
@@ -377,58 +373,6 @@ def test_sweep_is_the_one_of_fasthenry():
     while not swept or 10 ** (np.log10(low) + len(swept) / density) <= 1.001 * high:
         swept.append(10 ** (np.log10(low) + len(swept) / density))
     np.testing.assert_allclose(swept, f, rtol=1e-13)  # logarithms and powers, rounded
-
-
-ZC = """Row 2:  n2_1  to  n2_5, port name: upper
-Row 1:  n1_1  to  n1_5
-Impedance matrix for frequency = 100000 2 x 2
-       0.00123     +0.0236j   -1.5e-07     +0.0111j\x20
-      -1.5e-07     +0.0111j       0.002    -1.2e-05j\x20
-Impedance matrix for frequency = 1e+06 2 x 2
-       0.00456      +0.236j    2.5e-07      +0.111j\x20
-       2.5e-07      +0.111j       0.003     +1e+02j\x20
-"""  # formats "%13.6lg %+13.6lgj " and "%lg" of FastHenry 3.0, ports in its falling order
-
-
-def test_zc_matrix():
-    f, names, Z = read_zc_matrix(ZC)
-    assert (f.tolist(), names) == ([1e5, 1e6], ("n1_1 to n1_5", "upper"))
-    assert Z.tolist() == [
-        [[0.00123 + 0.0236j, -1.5e-7 + 0.0111j], [-1.5e-7 + 0.0111j, 0.002 - 1.2e-5j]],
-        [[0.00456 + 0.236j, 2.5e-7 + 0.111j], [2.5e-7 + 0.111j, 0.003 + 100j]],
-    ]
-
-
-@pytest.mark.parametrize(("old", "new", "message"), [
-    (ZC, "", "each impedance matrix must have 0 rows; got []"),
-    (ZC, "Row 1:  a  to  b\n", "each impedance matrix must have 1 rows; got []"),
-    ("Row 2", "Row 3", "line 3: 2 named rows do not fit a matrix of 2 x 2"),
-    ("100000 2 x 2", "100000 3 x 3", "line 3: 2 named rows do not fit a matrix of 3 x 3"),
-    ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
-    ("+0.236j", "+nanj", "line 7: a matrix must have 2 rows of 2 impedances"),
-    ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: a matrix must have 2 rows of 2 impedances"),
-    (ZC.splitlines(keepends=True)[-1], "", "each impedance matrix must have 2 rows; got [2, 1]"),
-    ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
-])  # fmt: skip
-def test_bad_zc_matrix(old, new, message):
-    assert old in ZC
-    with pytest.raises(ValueError, match=re.escape(message)) as caught:
-        read_zc_matrix(ZC.replace(old, new))
-    assert "\n" not in str(caught.value)
-
-
-@needs_fasthenry
-def test_fasthenry_itself(tmp_path):
-    loops = [Conductor(SQUARE + np.array([0, 0, z]), 1.5e-4, 35e-6, name=f"loop{k}") for k, z in enumerate((0, 1e-3))]
-    (tmp_path / "loops.inp").write_text(fasthenry_input(loops, [1e3, 1e4]), encoding="utf-8")
-    command = ["fasthenry", "-sludecomp", "-mdirect", "loops.inp"]
-    subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=120, check=True)
-    f, names, Z = read_zc_matrix((tmp_path / "Zc.mat").read_text(encoding="ascii"))
-    assert (f.tolist(), names) == ([1e3, 1e4], ("loop0", "loop1"))
-    L = inductance_matrix(loops)
-    # six digits of |Z|, of which ωL is 1/20 at 10 kHz: 2e-5; and FastHenry's filaments for bars at right angles
-    np.testing.assert_allclose(Z[1].imag / (2 * np.pi * f[1]), L, rtol=0, atol=1e-3 * L.max())
-    np.testing.assert_allclose(np.diag(Z[0].real), dc_resistance(loops), rtol=1e-4)  # six digits, reflected loss less
 
 
 def impedances(n, frequencies, seed=2):

@@ -14,16 +14,26 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.circuit.coupling import Termination
-from coilarray.circuit.network import PortImpedance, checked_network
+from coilarray.circuit.network import checked_network
 from coilarray.compute.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class ActiveCoil(PortImpedance):
-    """Impedance of an active coil, the currents (n,) per ampere of it, and the parts Re(M_ak i_k) in H."""
+class ActiveCoil:
+    """Impedance of an active coil in Ω, the currents (n,) per ampere of it, and the parts Re(M_ak i_k) in H."""
 
+    frequency: float
+    impedance: complex
     currents: ComplexArray
     contributions: FloatArray
+
+    @property
+    def apparent_inductance(self) -> float:
+        return self.impedance.imag / (2 * math.pi * self.frequency)
+
+    @property
+    def effective_resistance(self) -> float:
+        return self.impedance.real
 
 
 def active_coil(
