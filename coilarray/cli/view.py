@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Kind = Literal["window", "picture", "film", "page", "parts", "field"]
 _KINDS: dict[str, Kind] = {
-    ".png": "picture", ".gif": "film", ".mp4": "film", ".html": "page", ".vtm": "parts", "": "parts",
+    ".png": "picture", ".gif": "film", ".mp4": "film", ".html": "page", ".vtm": "parts",
     ".nc": "field", ".vtr": "field",
 }  # fmt: skip
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
@@ -55,7 +55,7 @@ def view(
         shared.file_option(
             ("--out", "-o"),
             "File to write instead of a window: a picture (.png), a film of the indenter over the board (.gif, .mp4), "
-            "a page to turn the scene in a browser (.html), parts for ParaView (.vtm, or a folder), or the numbers of "
+            "a page to turn the scene in a browser (.html), parts for ParaView (.vtm), or the numbers of "
             "the field (.nc, .vtr).",
         ),
     ] = None,
@@ -165,11 +165,8 @@ def _kind(out: Path | None) -> Kind:
         return "window"
     kind = _KINDS.get(out.suffix.lower())
     if kind is None:
-        raise OutputError(f"--out must end in {', '.join(filter(None, _KINDS))}, or be a folder; got {out}.")
-    if out.suffix:
-        shared.check_file("--out", out, None)
-    else:
-        shared.check_folder(out)
+        raise OutputError(f"--out must end in {', '.join(_KINDS)}; got {out}.")
+    shared.check_file("--out", out, None)
     return kind
 
 

@@ -19,7 +19,7 @@ from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh,
 from coilarray.viz.datasets.meshes import MM_PER_M, barrel_mesh, board_mesh, copper_mesh, surface_of
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, METAL, SHEETS, cycled
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, Text, direction
+from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Text
 
 if TYPE_CHECKING:
     import pyvista
@@ -61,7 +61,7 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
         Scene to `draw`, to `show` or to save, lengths in mm.
     """
     # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
-    lift = (array.bounds[3] - array.bounds[1]) * math.tan(direction("oblique").elevation)
+    lift = (array.bounds[3] - array.bounds[1]) * math.tan(math.radians(ANGLES["oblique"][0]))
     above = scene_of_sheets(array, sheets, lift, lift / 3)
     return above + scene_of_board(array) + (_risers(array, above) if above.parts else Scene())
 

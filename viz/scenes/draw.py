@@ -19,7 +19,7 @@ import shapely
 from coilarray.compute.display_units import PLAIN, true_minus
 from coilarray.viz.datasets.meshes import surface_of
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.scene import Camera, Part, Scale, Scene, Side, Text, aim, direction, seen_from
+from coilarray.viz.scenes.scene import Camera, Part, Scale, Scene, Side, Text, aim, seen_from
 
 if TYPE_CHECKING:
     import pyvista
@@ -154,17 +154,18 @@ def text_name(text: Text) -> str:
 
 def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
     """Camera that shows all of a scene."""
-    bars, towards = BAR_WIDTH * len(scene.scales), direction(side)
-    notes = (_NOTE_RIM + _NOTE_LINE * len(scene.notes)) * pixel_of(size) / size[1] if scene.notes else 0.0
-    camera = aim(scene.bounds, size, towards, right=bars, bottom=notes)
+    free = {
+        "right": BAR_WIDTH * len(scene.scales),
+        "bottom": (_NOTE_RIM + _NOTE_LINE * len(scene.notes)) * pixel_of(size) / size[1] if scene.notes else 0.0,
+    }
+    camera = aim(scene.bounds, size, side, **free)
     if not scene.groups:
         return camera
     width, height = legend_size(scene, size) if panel is None else panel
     corners = np.array(list(itertools.product(*np.reshape(scene.bounds, (3, 2)))))
     hull = shapely.MultiPoint(seen_from(camera, corners, size)).convex_hull
-    if hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0)):
-        return aim(scene.bounds, size, towards, left=width, right=bars, bottom=notes)
-    return camera
+    covered = hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0))
+    return aim(scene.bounds, size, side, left=width, **free) if covered else camera
 
 
 def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:

@@ -19,7 +19,7 @@ from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import require_pyvista
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.draw import actor_of, bar_of, gradient
-from coilarray.viz.scenes.scene import SIDES, Part, Scale, Scene, Side, aim, direction
+from coilarray.viz.scenes.scene import SIDES, Part, Scale, Scene, Side, aim
 
 _SIZE = (1600, 900)  # size of the picture to which line widths refer
 _STOPS = 32  # colours of a bar
@@ -103,7 +103,7 @@ def _archive(scene: Scene) -> bytes:
 
     serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="3d")
     serializers.initialize_serializers()
-    camera = aim(scene.bounds, _SIZE, direction("oblique"))
+    camera = aim(scene.bounds, _SIZE, "oblique")
     renderer = vtkRenderer()
     renderer.SetBackground(1.0, 1.0, 1.0)
     for part in scene.parts:
@@ -139,7 +139,7 @@ def _thick(part: Part, mm_per_pixel: float) -> Part:
 
 def _view(scene: Scene, side: Side) -> dict[str, Any]:
     """Camera for a side in the script's terms."""
-    camera = aim(scene.bounds, _SIZE, direction(side))
+    camera = aim(scene.bounds, _SIZE, side)
     position, focus, up = (np.array(one) for one in (camera.position, camera.focus, camera.up))
     distance = float(np.linalg.norm(position - focus))
     out = (position - focus) / distance

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -22,30 +21,17 @@ Side = Literal["oblique", "top", "front", "right", "cut"]
 SIDES: tuple[Side, ...] = ("oblique", "top", "front", "right")
 """Sides that pages offer."""
 
-# degrees of elevation and azimuth
-_ANGLES: dict[Side, tuple[float, float]] = {
+ANGLES: dict[Side, tuple[float, float]] = {
     "oblique": (48.0, -97.0),
     "top": (90.0, -90.0),
     "front": (0.0, -90.0),
     "right": (0.0, 0.0),
     "cut": (28.0, -118.0),
 }
+"""Elevation and azimuth of the camera in degrees; azimuth 0 is +x, and −90° is the front."""
+
 FILLED = 0.88
 """Share of the picture's height or width that a scene fills."""
-
-
-@dataclass(frozen=True)
-class Direction:
-    """Direction from the scene to the camera in rad; azimuth 0 is +x, and −π/2 is the front."""
-
-    elevation: float
-    azimuth: float
-
-
-def direction(side: Side) -> Direction:
-    """Direction of a side."""
-    elevation, azimuth = _ANGLES[side]
-    return Direction(math.radians(elevation), math.radians(azimuth))
 
 
 @dataclass(frozen=True)
@@ -61,45 +47,25 @@ class Camera:
 def aim(
     bounds: tuple[float, float, float, float, float, float],
     size: tuple[int, int],
-    towards: Direction,
+    view: Side | Camera,
     left: float = 0.0,
     right: float = 0.0,
     bottom: float = 0.0,
 ) -> Camera:
     """Aim a camera at the centre of a box.
 
-    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares `left`, `right` and `bottom` of the
-    picture's width and height stay free at its edges, for a legend, colour bars and notes.
+    It looks from a side or as another camera. `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares
+    `left`, `right` and `bottom` of the picture's width and height stay free at its edges, for a legend, colour bars and
+    notes.
     """
-    sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
-    out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])
-    along = np.array([-math.sin(towards.azimuth), math.cos(towards.azimuth), 0.0])
-    return _aimed(bounds, size, out, along, left, right, bottom)
-
-
-def aim_again(
-    camera: Camera,
-    bounds: tuple[float, float, float, float, float, float],
-    size: tuple[int, int],
-    left: float,
-    right: float,
-) -> Camera:
-    """Aim a camera at another box, with the arguments of `aim`."""
-    out = np.array(camera.position) - camera.focus
-    along = np.cross(camera.up, out)
-    return _aimed(bounds, size, out / np.linalg.norm(out), along / np.linalg.norm(along), left, right)
-
-
-def _aimed(
-    bounds: tuple[float, float, float, float, float, float],
-    size: tuple[int, int],
-    out: npt.NDArray[np.float64],
-    along: npt.NDArray[np.float64],
-    left: float,
-    right: float,
-    bottom: float = 0.0,
-) -> Camera:
-    """Aim from a direction, with `along` from left to right."""
+    if isinstance(view, Camera):
+        out = np.array(view.position) - view.focus
+        along = np.cross(view.up, out)
+        out, along = out / np.linalg.norm(out), along / np.linalg.norm(along)
+    else:
+        elevation, azimuth = np.radians(ANGLES[view])
+        along = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])  # from left to right
+        out = np.cross(along, [0.0, 0.0, 1.0]) * np.cos(elevation) + [0.0, 0.0, np.sin(elevation)]
     up = np.cross(out, along)
     corners = np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
     seen = corners @ np.column_stack((along, up))

@@ -13,7 +13,7 @@ import numpy as np
 from coilarray.design.model import Design
 from coilarray.viz.scenes.board import board_in_pieces, board_scene
 from coilarray.viz.scenes.draw import bar_of, draw_parts, gradient, set_camera, text_name
-from coilarray.viz.scenes.scene import FILLED, SIDES, Camera, Scene, Side, Text, aim, aim_again, direction
+from coilarray.viz.scenes.scene import FILLED, SIDES, Camera, Scene, Side, Text, aim
 from coilarray.viz.studio.drawing import BoardParts
 from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.session import Panel, Session
@@ -129,9 +129,7 @@ class SceneView:
             room = max(0.0, _RULER / size[0] - (1.0 - FILLED) / 2)
             set_camera(
                 self._plotter,
-                aim(bounds, size, direction(self._side), left=room, right=room)
-                if self._aimed is None
-                else aim_again(self._camera(), bounds, size, left=room, right=room),
+                aim(bounds, size, self._side if self._aimed is None else self._camera(), room, room),
             )
             self._aimed = self._camera()
 
