@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.board_text import array_text, board, pads, path, segment, square_spiral, via
+from support.board_text import board, pads, path, segment, square_spiral, via
 from support.boards import FOUR_LAYERS
 from support.command_line import runner, successes
 
 from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.fabrication.kicad_writer import board_text
 from coilarray.geometry import Array, Placement, Spiral
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -35,7 +36,7 @@ def small_array():
 @pytest.mark.slow
 def test_a_board_becomes_a_design_with_the_same_matrix(capsys):
     array = small_array()
-    out = good(capsys, write(array_text(array)), "back.toml")
+    out = good(capsys, write(board_text(array, "board", "")), "back.toml")
     assert out.splitlines()[-2:] == ["wrote back.toml", "next: coilarray check back.toml, coilarray report back.toml"]
     rows = [line.split() for line in out.splitlines() if line.startswith("c")]
     assert rows[1][:6] == ["coil", "net", "shape", "layers", "turns", "length"]
@@ -113,7 +114,7 @@ def test_only_the_wanted_nets(capsys):
 
 @pytest.mark.slow
 def test_a_stackup_from_a_design(capsys):
-    file = write(array_text(small_array()))
+    file = write(board_text(small_array(), "board", ""))
     good(capsys, file, "--stackup", "gast2020")
     assert load_design("design.toml").array.stackup == load_design("gast2020").array.stackup
     message = refused(capsys, file, "--stackup", "gast_fem", "--force")

@@ -130,60 +130,6 @@ def test_points_keep_their_place_to_half_a_nanometre(x: float, y: float, x0: int
     assert abs((y0 - v) * 1e-9 - y) < 0.501e-9
 
 
-@pytest.mark.slow
-def test_tracks_are_the_paths_of_the_coils(exported: Any) -> None:
-    array, _, board = exported
-    place, layers = reader(board), copper_names(array.stackup)
-    tracks = list(board.children("segment"))
-    for number, placement in enumerate(array.placements, start=1):
-        own = iter([track for track in tracks if track.need("net").number() == number])
-        for points, widths, layer in placement.traces():
-            for start, end, width in zip(points, points[1:], widths, strict=False):
-                track = next(own)
-                assert np.abs(place(position(track, "start")) - start).max() < 1.1 * NANOMETRE
-                assert np.abs(place(position(track, "end")) - end).max() < 1.1 * NANOMETRE
-                assert abs(track.need("width").number() * 1e-3 - width) < 0.6 * NANOMETRE
-                assert track.need("layer").text() == layers[layer]
-        assert next(own, None) is None
-
-
-def test_the_path_of_a_coil_is_unbroken(exported: Any) -> None:
-    """From pad 1 over every track and via to pad 2, to the last digit of the file."""
-    board = exported[-1]
-    ends: dict[str, list[tuple[str, ...]]] = {}
-    for track in board.children("segment"):
-        pair = [track.need(end).words for end in ("start", "end")]
-        ends.setdefault(track.need("net").text(), []).append((*pair[0], *pair[1]))
-    for footprint, tracks in zip(board.children("footprint"), ends.values(), strict=True):
-        assert all(before[2:] == after[:2] for before, after in pairwise(tracks))
-        pads = [position(footprint) + position(pad) for pad in footprint.children("pad")]
-        for pad, end in zip(pads, (tracks[0][:2], tracks[-1][2:]), strict=True):
-            assert np.abs(pad - np.array(end, dtype=float) * 1e-3).max() < 1e-12  # only the sum of the two is rounded
-
-
-def test_vias_and_pads_are_the_holes(exported: Any) -> None:
-    array, _, board = exported
-    place, layers = reader(board), copper_names(array.stackup)
-    holes = drills(array)
-
-    def check(item: Node, at: Any, hole: Any, error: float) -> None:
-        assert np.abs(place(at) - (hole.x, hole.y)).max() < error
-        sizes = [item.need(key).number() * 1e-3 for key in ("size", "drill")]
-        assert sizes == pytest.approx([hole.pad, hole.diameter], abs=0.6 * NANOMETRE)
-
-    for via, hole in zip(board.children("via"), [hole for hole in holes if hole.kind == "via"], strict=True):
-        check(via, position(via), hole, 0.6 * NANOMETRE)
-        assert via.need("layers").words == (layers[hole.layers[0]], layers[hole.layers[-1]])
-        assert ("blind" in via.words) == (hole.layers != array.stackup.names)
-        assert array.names[int(via.need("net").number()) - 1] == hole.net
-    parts = board.children("footprint")
-    pads = [(part, pad) for part in parts for pad in part.children("pad") if pad.child("drill")]
-    through = [hole for hole in holes if hole.kind == "terminal" and hole.layers == array.stackup.names]
-    for (footprint, pad), hole in zip(pads, through, strict=True):
-        check(pad, position(footprint) + position(pad), hole, 1.1 * NANOMETRE)
-        assert pad.need("net").text(1) == hole.net
-
-
 def test_pads_of_terminals(tmp_path: Path) -> None:
     for k, footprint in enumerate(written(reference_board(turns=5), tmp_path).children("footprint"), start=1):
         assert footprint.need("fp_text").words[:2] == ("reference", f"C{k}")

@@ -11,14 +11,13 @@ import subprocess
 import sys
 import zipfile
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, reference_board, small_board
+from support.boards import FOUR_LAYERS, small_board
 from support.kicad_tools import find_kicad
 from support.refusals import refused
 
@@ -101,43 +100,6 @@ NO_STACKUP = {f"stackup.{key}" for key in ("copper_thickness_um", "dielectric_th
 
 def lacking(name: str) -> dict[str, str]:
     return {other: text for other, text in BOARD.items() if other != name}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("through_holes", [True, False])
-def test_export_and_import_give_the_same_inductances(through_holes: bool, tmp_path: Path) -> None:
-    array = reference_board(count=2, through_holes=through_holes)
-    board = read_gerbers(export(array, tmp_path))
-    # the file rounds places to 1 nm, which is 1e-5 of the gap of the turns; 1.2e-7 measured
-    expected = inductance_matrix(array.conductors())
-    assert np.abs(inductances(board, array.names) / expected - 1).max() < 1e-6
-
-
-def test_everything_of_our_own_export_comes_back(tmp_path: Path) -> None:
-    array = small_board()
-    board = read_gerbers(export(array, tmp_path))
-    assert board.stackup.names == array.stackup.names
-    for field in ("copper_thickness", "dielectric_thickness", "epsilon_r"):
-        assert getattr(board.stackup, field) == pytest.approx(getattr(array.stackup, field), rel=1e-12)
-    assert (board.assumed, board.notes, board.areas, board.pads) == ({}, (), (), ())
-    assert board.edge == pytest.approx(array.bounds, abs=1e-9)
-    tracks = {(t.net, t.layer, *np.round([*t.start, *t.end, t.width], 9).tolist()) for t in board.tracks}
-    expected = {
-        (placement.name, layer, *np.round([*start, *end, width], 9).tolist())
-        for placement in array.placements
-        for line, widths, layer in placement.traces()
-        for (start, end), width in zip(pairwise(line), widths, strict=True)
-    }
-    assert tracks == expected
-    holes = {(h.net, h.kind, h.layers, *np.round([h.x, h.y, h.drill, h.pad], 9).tolist()) for h in board.holes}
-    kinds = {"via": "via", "terminal": "pad"}
-    assert holes == {
-        (h.net, kinds[h.kind], h.layers, *np.round([h.x, h.y, h.diameter, h.pad], 9).tolist()) for h in drills(array)
-    }
-    ends = {(h.net, h.number): (h.x, h.y) for h in board.holes if h.kind == "pad"}
-    for placement in array.placements:
-        for number, place in zip("12", placement.to_board(placement.coil.terminal_points).tolist(), strict=True):
-            assert ends[placement.name, number] == pytest.approx(tuple(place), abs=1e-9)
 
 
 def test_messages_point_to_the_line_and_a_folder_reads_as_its_zip(tmp_path: Path) -> None:

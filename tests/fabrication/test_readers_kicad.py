@@ -18,12 +18,13 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from support.board_text import KICAD_6, KICAD_7, KICAD_8, KICAD_9, array_text, board, pads, path, segment, via
+from support.board_text import KICAD_6, KICAD_7, KICAD_8, KICAD_9, board, pads, path, segment, via
 from support.boards import reference_board
 from support.refusals import refused
 
 from coilarray.errors import BoardError
 from coilarray.fabrication.kicad_reader import read_kicad
+from coilarray.fabrication.kicad_writer import board_text
 from coilarray.fabrication.sexpr import Quoted, parse_sexpr, read_sexpr
 from coilarray.geometry import Stackup
 from coilarray.geometry.arcs import CHORD_ERROR, arc_points
@@ -129,7 +130,7 @@ def test_layers_go_from_top_to_bottom_by_their_names(read):
 
 def test_stackups_that_are_said_or_given(read):
     array = reference_board(count=1, turns=3)
-    found = read(array_text(array))
+    found = read(board_text(array, "board", ""))
     assert found.stackup.names == array.stackup.names
     for key in ("copper_thickness", "dielectric_thickness", "epsilon_r"):
         np.testing.assert_allclose(getattr(found.stackup, key), getattr(array.stackup, key), rtol=1e-9)  # 1 nm in mm
@@ -474,7 +475,7 @@ def test_a_board_that_kicad_has_saved_again_reads_the_same(tmp_path, read):
     if python is None or subprocess.run([python, "-c", "import pcbnew"], capture_output=True, check=False).returncode:
         pytest.skip("the system's python has no pcbnew")
     edge = '(gr_rect (start 0 0) (end 300 200) (layer "Edge.Cuts") (width 0.1) (fill none) (tstamp 0))'
-    text = array_text(reference_board(turns=5, through_holes=False)).rstrip()[:-1]
+    text = board_text(reference_board(turns=5, through_holes=False), "board", "").rstrip()[:-1]
     before = read(text + edge + FOOTPRINTS.replace('"A"', '"C1"') + ")\n")
     environment = {**os.environ, "KICAD_CONFIG_HOME": str(tmp_path)}
     files = [str(tmp_path / name) for name in ("b.kicad_pcb", "again.kicad_pcb")]

@@ -14,16 +14,14 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.board_text import KICAD_8, array_text, board, pads, path, segment, square_spiral, via
-from support.boards import FOUR_LAYERS, many_layers, one_coil
+from support.board_text import KICAD_8, board, pads, path, segment, square_spiral, via
+from support.boards import many_layers, one_coil
 from support.refusals import refused
 
-from coilarray.electromagnetics.inductance import inductance_matrix
-from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import BoardError
 from coilarray.fabrication.board import BoardCopper, Hole, SurfacePad, Track
 from coilarray.fabrication.tracing import trace_coils, traced_array, turn_gap
-from coilarray.geometry import Array, Placement, PlatedHole, Spiral, Stackup
+from coilarray.geometry import PlatedHole, Spiral, Stackup
 
 GRID = 1e-9  # m: resolution of KiCad's files; a point is off by half of it at most
 TWO_LAYERS = Stackup(("top", "bottom"), (35e-6, 35e-6), (1e-3,), (4.5,))
@@ -64,38 +62,6 @@ def end_pads(numbers):
 
 def hole(x, y, *, net="A", kind="via", number="", pad=0.6e-3):
     return Hole(x / 1e3, y / 1e3, 0.3e-3, pad, ("top", "bottom"), net, kind, "file:hole", number)
-
-
-def small_array(**options):
-    """Three coils of two shapes on four layers, one of them turned."""
-    coil = Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3, 0.2).coil()
-    other = Spiral(4, 6e-3, 4, 0.2e-3, 0.15e-3, layers=3, return_lead=True).coil()
-    left, right = (
-        Placement("left", coil, ("L1", "L2"), -5e-3, 0.2e-3),
-        Placement("right", coil, ("L3", "L4"), 5e-3, -0.1e-3),
-    )
-    return Array(FOUR_LAYERS, (left, right, Placement("zigzag", other, FOUR_LAYERS.names, 16e-3, 1e-3, 0.7)), **options)
-
-
-@pytest.mark.parametrize("through", [True, False])
-def test_an_array_comes_back_with_its_inductances(read, through):
-    array = small_array(through_holes=through)
-    found = as_array(read(array_text(array))).array
-    assert found.names == array.names
-    assert found.through_holes is through
-    assert [p.layers for p in found.placements] == [p.layers for p in array.placements]
-    for new, old in zip(found.conductors(), array.conductors(), strict=True):
-        np.testing.assert_allclose(new.vertices, old.vertices, rtol=0, atol=0.6 * GRID)
-        np.testing.assert_allclose(new.areas, old.areas, rtol=1e-9)
-    for new, old in zip(found.placements, array.placements, strict=True):
-        assert (new.coil.via, new.coil.terminal) == (old.coil.via, old.coil.terminal)
-        assert new.coil.gap == pytest.approx(old.coil.gap, abs=1e-6)  # rounded to 1 µm
-    # the same shape twice is one coil; the turned one has a shape of its own
-    assert found.placements[0].coil is found.placements[1].coil
-    L, before = (inductance_matrix(each.conductors()) for each in (found, array))
-    # places are off by 0.5 nm of gaps of 0.15 mm: 3e-6 of a logarithm, averaged over many turns
-    np.testing.assert_allclose(L, before, rtol=1e-6, atol=1e-6 * np.diag(before).min())
-    np.testing.assert_allclose(dc_resistance(found), dc_resistance(array), rtol=1e-6)
 
 
 @pytest.mark.slow

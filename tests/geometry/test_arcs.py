@@ -1,78 +1,18 @@
 """Arcs: corners of lines that are rounded, and boards of arcs written as arcs and read back."""
 
 import math
-import re
-import zipfile
-from dataclasses import replace
 
 import ezdxf
 import numpy as np
 import pytest
 import shapely
-from support.boards import many_layers, round_spiral
+from support.boards import arcs_board
 
 from coilarray.fabrication.drawings import write_dxf
-from coilarray.fabrication.gerber_reader import read_gerbers
-from coilarray.fabrication.gerber_writer import write_gerbers
-from coilarray.fabrication.kicad_reader import read_kicad
-from coilarray.fabrication.kicad_writer import write_kicad
-from coilarray.fabrication.nets import board_layers, check_nets
-from coilarray.geometry import Array, FabRules, Placement, RoundedSpiral, copper_by_layer
 from coilarray.geometry.arcs import CHORD_ERROR, Arc, arc_size, coarser_line, pieces_of, rounded_line
-
-
-def arcs_board():
-    """A circle, a racetrack that is wound the other way and turned, and a rounded rectangle with an odd layer."""
-    shapes = (
-        (round_spiral(4e-3, 4, 0.2e-3, 0.2e-3), 2, 0.0),
-        (RoundedSpiral(7e-3, 12e-3, 4, 0.2e-3, 0.2e-3, 3.5e-3, winding="cw"), 2, 0.7),
-        (RoundedSpiral(10e-3, 6e-3, 3, 0.2e-3, 0.2e-3, 1e-3, direction=math.pi / 2), 1, 0.0),
-    )
-    places = []
-    for k, (spiral, layers, rotation) in enumerate(shapes):
-        coil = replace(spiral, layers=layers, return_lead=layers == 1).coil()
-        places.append(Placement(f"coil{k + 1}", coil, ("L1", "L2"), 16e-3 * k, 1e-3 * k, rotation))
-    return Array(many_layers(2), tuple(places))
-
 
 BOARD = arcs_board()
 ARCS = sum(len(arcs) for place in BOARD.placements for arcs in place.coil.arcs)
-
-
-def text_of(file):
-    if file.suffix != ".zip":
-        return file.read_text(encoding="utf-8")
-    with zipfile.ZipFile(file) as archive:
-        return "".join(archive.read(name).decode() for name in archive.namelist() if "_Cu" in name)
-
-
-def kicad(folder):
-    return write_kicad(BOARD, folder / "project", name="board", rules=FabRules())[0]
-
-
-def gerbers(folder):
-    write_gerbers(BOARD, folder / "board.zip", name="board")
-    return folder / "board.zip"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("write", "read", "arc"),
-    [(kicad, read_kicad, r"\(arc \(start .*\(mid "), (gerbers, read_gerbers, r"(?m)^G0[23]\*$")],
-    ids=["kicad", "gerber"],
-)
-def test_boards_of_arcs_are_written_as_arcs_and_read_back(write, read, arc, tmp_path):
-    file = write(tmp_path)
-    assert len(re.findall(arc, text_of(file))) == ARCS
-    layers, holes = board_layers(read(file))
-    assert check_nets(BOARD, layers, holes) == ()
-    for layer, nets in copper_by_layer(BOARD).items():
-        expected = shapely.union_all(list(nets.values()))
-        copper = shapely.union_all(layers[layer])
-        # pieces of both are within 0.9 µm of the arcs; the strokes' ends under pads are round, corners of leads are too
-        assert copper.buffer(2 * CHORD_ERROR).contains(expected.buffer(-0.03e-3))
-        assert copper.symmetric_difference(expected).area < 2e-3 * expected.area
-        assert copper.area == pytest.approx(expected.area, rel=5e-4)
 
 
 def test_paths_of_a_dxf_drawing_have_bulges(tmp_path):

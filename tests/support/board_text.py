@@ -6,8 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from coilarray.geometry import Array, drills
-
 KICAD_6, KICAD_7, KICAD_8, KICAD_9 = 20211014, 20221018, 20240108, 20241229
 
 
@@ -71,54 +69,6 @@ def pads(*places, net='1 "A"', size="1 1", turn=0.0, at=(0.0, 0.0)):
     )
     where = pair("at", at[0] * 1e-3, at[1] * 1e-3)[:-1]
     return f'(footprint "lib:coil" (layer "F.Cu")\n{where} {turn})\n{inside}\n)'
-
-
-def stackup_text(array: Array) -> str:
-    """Stack-up of an array as KiCad's setup has it."""
-    board_layers = array.stackup
-    rows = ['(layer "F.Mask" (type "Top Solder Mask") (thickness 0.01))']
-    for k, name in enumerate(layer_names(len(board_layers.names))):
-        rows.append(f'(layer "{name}" (type "copper") (thickness {mm(board_layers.copper_thickness[k])}))')
-        if k < len(board_layers.epsilon_r):
-            slab, epsilon = board_layers.dielectric_thickness[k], board_layers.epsilon_r[k]
-            rows.append(
-                f'(layer "dielectric {k + 1}" (type "core") (thickness {mm(slab)}) (material "FR4") '
-                f"(epsilon_r {epsilon:g}) (loss_tangent 0.02))"
-            )
-    rows.append('(copper_finish "None")')
-    return "(stackup\n" + "\n".join(rows) + ")"
-
-
-def array_text(array: Array, **options) -> str:
-    """Board of an array: a track a segment, vias, and a footprint of the two terminals of each coil."""
-    names = dict(zip(array.stackup.names, layer_names(len(array.stackup.names)), strict=True))
-    items = []
-    for number, placement in enumerate(array.placements, start=1):
-        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True):
-            points = placement.to_board(line)
-            items += [
-                f"(segment {pair('start', *a)} {pair('end', *b)} (width {mm(w)}) "
-                f'(layer "{names[layer]}") (net {number}))'
-                for a, b, w in zip(points[:-1].tolist(), points[1:].tolist(), widths.tolist(), strict=True)
-            ]
-        own = [hole for hole in drills(array) if hole.net == placement.name]
-        for hole in own:
-            if hole.kind == "via":
-                blind = "" if hole.layers == array.stackup.names else "blind"
-                ends = f'"{names[hole.layers[0]]}" "{names[hole.layers[-1]]}"'
-                items.append(
-                    f"(via {blind} {pair('at', hole.x, hole.y)} (size {mm(hole.pad)}) (drill {mm(hole.diameter)}) "
-                    f"(layers {ends}) (net {number}))"
-                )
-        ends = [hole for hole in own if hole.kind == "terminal"]
-        items += [
-            f'(footprint "coil" (layer "F.Cu") {pair("at", hole.x, hole.y)} (pad "{k + 1}" thru_hole circle (at 0 0) '
-            f"(size {mm(hole.pad)} {mm(hole.pad)}) (drill {mm(hole.diameter)}) (layers *.Cu *.Mask) "
-            f'(net {number} "{placement.name}")))'
-            for k, hole in reversed(list(enumerate(ends)))
-        ]
-    users, setup = array.stackup.names, f"{stackup_text(array)} (aux_axis_origin 100 100)"
-    return board(*items, layers=len(users), users=users, setup=setup, nets=array.names, **options)
 
 
 def square_spiral(turns=3, outer=10.0, pitch=1.0):

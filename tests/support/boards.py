@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -120,3 +121,17 @@ def square_turns(
         points.append((left, low))
         right, high = right - pitch, high - pitch
     return [(centre + sense * x, y) for x, y in points]
+
+
+def arcs_board() -> Array:
+    """A circle, a racetrack that is wound the other way and turned, and a rounded rectangle with an odd layer."""
+    shapes = (
+        (round_spiral(4e-3, 4, 0.2e-3, 0.2e-3), 2, 0.0),
+        (RoundedSpiral(7e-3, 12e-3, 4, 0.2e-3, 0.2e-3, 3.5e-3, winding="cw"), 2, 0.7),
+        (RoundedSpiral(10e-3, 6e-3, 3, 0.2e-3, 0.2e-3, 1e-3, direction=math.pi / 2), 1, 0.0),
+    )
+    places = []
+    for k, (spiral, layers, rotation) in enumerate(shapes):
+        coil = replace(spiral, layers=layers, return_lead=layers == 1).coil()
+        places.append(Placement(f"coil{k + 1}", coil, ("L1", "L2"), 16e-3 * k, 1e-3 * k, rotation))
+    return Array(many_layers(2), tuple(places))
