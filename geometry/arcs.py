@@ -76,7 +76,8 @@ def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArra
     radius, turn = arc_size(start, middle, end)
     pieces = max(_LEAST_PIECES, count)
     angles = math.atan2(*(a - centre)[::-1]) + turn * np.linspace(0, 1, pieces + 1)
-    inner = radius * _inner_radius(pieces, abs(turn) / pieces)
+    inside, area = pieces - 2, abs(turn) / math.sin(abs(turn) / pieces)
+    inner = radius * ((math.sqrt(1 + inside * area) - 1) / inside)  # the positive root of the equation in `arc_points`
     points = centre + inner * np.column_stack((np.cos(angles), np.sin(angles)))
     points[0], points[-1] = a, c
     return np.asarray(points)
@@ -95,12 +96,6 @@ def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
     if (over - first) % (2 * math.pi) > turn:
         turn -= 2 * math.pi
     return float(np.hypot(*(np.array(start) - centre))), turn
-
-
-def _inner_radius(pieces: int, angle: float) -> float:
-    """Ratio of the inner points' radius to the arc's. It is the positive root of the equation in `arc_points`."""
-    middle, area = pieces - 2, pieces * angle / math.sin(angle)
-    return (math.sqrt(1 + middle * area) - 1) / middle
 
 
 def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:

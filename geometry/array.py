@@ -329,7 +329,12 @@ class Array(SeveralCoils):
         """
         shape = coil.coil()
         layers = len(shape.lines)
-        sets = 1 if pitch is None else _sets_of_layers(shape, count, pitch)
+        sets = 1
+        if pitch is not None:  # as many as keep overlapping coils apart
+            require_positive("pitch", pitch)
+            outline, near = shapely.Polygon(shape.outline), (1 - _SAME_PLACE) * shape.gap
+            moved = (shapely.affinity.translate(outline, steps * pitch) for steps in range(1, count))
+            sets = next((k for k, other in enumerate(moved, start=1) if outline.distance(other) >= near), count)
         board = stackup or shape.stackup or Stackup.usual(layers, sets)
         if len(board.names) < sets * layers:
             overlapping = f", as {sets} neighbours overlap" if sets > 1 else ""
@@ -417,15 +422,6 @@ class Array(SeveralCoils):
         return replace(self, placements=tuple(placements))
 
 
-def _sets_of_layers(coil: Coil, count: int, pitch: float) -> int:
-    """Least number of layer sets that keep overlapping coils of a row apart."""
-    require_positive("pitch", pitch)
-    outline = shapely.Polygon(coil.outline)
-    moved = (shapely.affinity.translate(outline, steps * pitch) for steps in range(1, count))
-    near = (1 - _SAME_PLACE) * coil.gap
-    return next((steps for steps, other in enumerate(moved, start=1) if outline.distance(other) >= near), count)
-
-
 def current_path(placement: Placement, stackup: Stackup, chord: float = CHORD) -> Conductor:
     """Return the current path of one coil, vias included. `chord` is as in `Coil.current_lines`."""
     coil = placement.coil
@@ -510,7 +506,13 @@ def lattice(
         )
     row, column = np.divmod(np.arange(rows * columns), columns)
     if kind == "rings":
-        i, row = _rings(rings).T
+        # each ring starts at its corner at angle 0
+        around = [np.zeros((1, 2), dtype=np.int64)]
+        corners = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])
+        for ring in range(1, rings + 1):
+            along = np.arange(ring)[None, :, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
+            around.append((ring * corners[:, None] + along).reshape(-1, 2))
+        i, row = np.vstack(around).T
     elif kind == "hexagonal":
         i = column - row // 2
     elif kind == "triangle":
@@ -525,19 +527,6 @@ def lattice(
     points -= 0.5 * (points.min(axis=0) + points.max(axis=0))
     c, s = math.cos(direction), math.sin(direction)
     return points @ np.array([[c, s], [-s, c]]), np.column_stack((i, row))
-
-
-def _rings(count: int) -> IntArray:
-    """Axial coordinates (i, j) of a point and its rings.
-
-    The rings are hexagonal. There are `count` rings. Each starts at its corner at angle 0.
-    """
-    points = [np.zeros((1, 2), dtype=np.int64)]
-    corners = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])
-    for ring in range(1, count + 1):
-        along = np.arange(ring)[None, :, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
-        points.append((ring * corners[:, None] + along).reshape(-1, 2))
-    return np.vstack(points)
 
 
 def array_words(array: Array) -> str:

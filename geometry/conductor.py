@@ -76,7 +76,16 @@ class Conductor:
         given = {"widths": widths, "thicknesses": thicknesses}
         if areas is not None:
             given["areas"] = areas
-        sizes = {key: _per_segment(value, n, key, name) for key, value in given.items()}
+        sizes: dict[str, FloatArray] = {}
+        for key, value in given.items():
+            try:
+                array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (n,)), order="C")
+            except (TypeError, ValueError):
+                message = f"{key} of {name} must be one number or {n}, one a segment; got {value!r}."
+                raise GeometryError(message) from None
+            if not (np.isfinite(array).all() and (array >= 0).all()):
+                raise GeometryError(f"{key} of {name} must be finite and not negative; got {array.min()}.")
+            sizes[key] = array
         if ((sizes["widths"] > 0) != (sizes["thicknesses"] > 0)).any():
             raise GeometryError(f"widths and thicknesses of {name} must be both zero or both positive.")
         for key in ("widths", "thicknesses"):
@@ -123,14 +132,3 @@ class Conductor:
     def is_filament(self) -> bool:
         """Whether any segment has no cross-section."""
         return bool((self.widths == 0).any())
-
-
-def _per_segment(value: npt.ArrayLike, n: int, key: str, name: str) -> FloatArray:
-    """Broadcast a value to one number per segment. The numbers are checked."""
-    try:
-        array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (n,)), order="C")
-    except (TypeError, ValueError):
-        raise GeometryError(f"{key} of {name} must be one number or {n}, one a segment; got {value!r}.") from None
-    if not (np.isfinite(array).all() and (array >= 0).all()):
-        raise GeometryError(f"{key} of {name} must be finite and not negative; got {array.min()}.")
-    return array

@@ -75,7 +75,9 @@ def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
 
     holes = _holes(array)
     at = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
+    nets = np.array([hole.net for hole in holes])
     reach = max((hole.diameter / 2 for hole in holes), default=0.0)
+    pierced = {layer: np.array([layer in hole.layers for hole in holes]) for layer in array.stackup.names}
     built: dict[tuple[int, tuple[str, ...], float], list[tuple[str, str, Prism, trimesh.Trimesh]]] = {}
     pieces: dict[str, trimesh.Trimesh] = {}
     for place in array.placements:
@@ -86,18 +88,14 @@ def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
             barrels = [("barrel", str(n), prism) for _, n, prism in _barrels(alone)]
             built[key] = [(kind, part, prism, _extruded(prism)) for kind, part, prism in (*copper, *barrels)]
         away = np.array([place.x, place.y, 0.0])
-        own = [prism.shape for kind, _, prism, _ in built[key] if kind == "copper"]
-        edges = shapely.total_bounds(own).reshape(2, 2)
-        about = (at >= edges[0] - reach + away[:2]) & (at <= edges[1] + reach + away[:2])
-        others = [
-            replace(one, x=one.x - place.x, y=one.y - place.y)
-            for one in (holes[k] for k in np.flatnonzero(about.all(axis=1)).tolist())
-            if one.net != place.name
-        ]
         for kind, part, prism, solid in built[key]:
             name = f"copper/{part}/{place.name}" if kind == "copper" else f"barrel/{place.name}/{part}"
-            through = _near(prism, [one for one in others if kind == "copper" and part in one.layers])
-            whole = _extruded(_drilled(prism, through)) if through else solid
+            whole = solid
+            if kind == "copper" and len(holes):
+                foreign = np.flatnonzero((nets != place.name) & pierced[part])
+                near = foreign[shapely.dwithin(prism.shape, shapely.points(at[foreign] - away[:2]), reach)]
+                moved = [replace(holes[k], x=holes[k].x - place.x, y=holes[k].y - place.y) for k in near.tolist()]
+                whole = _extruded(_drilled(prism, moved)) if moved else solid
             pieces[name] = trimesh.Trimesh(whole.vertices + away, whole.faces, process=False)
     laminate = _laminate(array)
     return pieces if laminate is None else {**pieces, "board": _extruded(laminate)}
@@ -201,10 +199,3 @@ def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
     """Cut holes out of a prism."""
     bored = shapely.union_all([disc(hole.x, hole.y, hole.diameter) for hole in holes])
     return replace(prism, shape=shapely.difference(prism.shape, bored))
-
-
-def _near(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
-    """Return the holes near a prism. They may meet its outline."""
-    at = np.asarray(shapely.points(np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)))
-    radius = max((hole.diameter / 2 for hole in holes), default=0.0)
-    return [holes[k] for k in np.flatnonzero(shapely.dwithin(prism.shape, at, radius)).tolist()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -144,37 +144,22 @@ def _hole_points(
     points: dict[int, FloatArray] = {}
     for (inside, step), layers in places.items():
         begins = [[line[end] for line, end in zip(windings[k : k + 2], (-1, 0), strict=False)] for k in layers]
-        fan = _Fan(
-            spiral.junction(layers[0]),
-            spiral.outwards(step) * (-1 if inside else 1),
-            np.array([pads[layer] for layer in layers]),
-            begins,
-        )
-        for k, layer, point in zip(
-            range(len(layers)), layers, _fan(spiral, fan, lines, fixed, inside=inside), strict=True
-        ):
+        own = np.array([pads[layer] for layer in layers])
+        direction = spiral.outwards(step) * (-1 if inside else 1)
+        fan = _fan(spiral, spiral.junction(layers[0]), direction, own, begins, lines, fixed, inside=inside)
+        for layer, point, stubs in zip(layers, fan, begins, strict=True):
             points[layer] = point
             fixed.append((point, pads[layer]))
-            lines += [np.stack((begin, point)) for begin in begins[k]]
+            lines += [np.stack((begin, point)) for begin in stubs]
     return [points[layer] for layer in range(len(pads))]
-
-
-@dataclass(frozen=True)
-class _Fan:
-    """Holes at one place, with their rays, pads and stubs.
-
-    Place and direction of the rays have the shape (2,), the pads have the shape (m,). Lengths are in m.
-    """
-
-    place: FloatArray
-    direction: FloatArray
-    pads: FloatArray
-    begins: list[list[FloatArray]]
 
 
 def _fan(
     spiral: Winding,
-    fan: _Fan,
+    end: FloatArray,
+    direction: FloatArray,
+    pads: FloatArray,
+    begins: Sequence[Sequence[FloatArray]],
     lines: Sequence[FloatArray],
     fixed: Sequence[tuple[FloatArray, float]],
     *,
@@ -182,11 +167,11 @@ def _fan(
 ) -> FloatArray:
     """Nearest points in m where all pads have clearance.
 
-    The points have the shape (m, 2) and lie on rays from a place. The pads keep the gap to all copper and to one
-    another. `lines` are the centre lines to be cleared, each of shape (n, 2). `fixed` are the other holes, by place and
-    pad diameter. All are in m. The rays run towards the centre if `inside`.
+    The points have the shape (m, 2) and lie on rays from `end` about a `direction`. The `pads` (m,) keep the gap to all
+    copper and to one another. `begins` are the beginnings of the stubs to each pad. `lines` are the centre lines to be
+    cleared, each of shape (n, 2). `fixed` are the other holes, by place and pad diameter. All are in m. The rays run
+    towards the centre if `inside`.
     """
-    end, direction, pads = fan.place, fan.direction, fan.pads
     m = len(pads)
     gap = (1 - _TOUCH) * spiral.gap  # a pad that just fits does so in every orientation of the coil
     # to the other side for a winding of the other sense, which is the mirror image
@@ -209,13 +194,13 @@ def _fan(
         for centre, pad in fixed:
             clear &= np.hypot(*np.moveaxis(points - centre, -1, 0)) >= (pads + pad) / 2 + gap
             for i in range(m):
-                beside = _to_stubs(centre, fan.begins[i], points[:, i])
+                beside = _to_stubs(centre, begins[i], points[:, i])
                 clear[:, i] &= beside >= pad / 2 + gap + spiral.width / 2
         free = np.asarray(clear.all(axis=1))
         for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stubs
             free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + gap
             for j, other in ((i, i + 1), (i + 1, i)):
-                free &= _to_stubs(points[:, j], fan.begins[other], points[:, other]) >= clear_of_trace[j]
+                free &= _to_stubs(points[:, j], begins[other], points[:, other]) >= clear_of_trace[j]
         for i in range(m):  # last, and only if it decides: it takes by far the longest
             there = np.flatnonzero(free)
             free[there] = ~shapely.dwithin(shapely.points(points[there, i]), obstacles, float(clear_of_trace[i]))
