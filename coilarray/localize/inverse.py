@@ -385,8 +385,9 @@ def _modes(
             away = (points[k] - points[first:k])[:, model.free]
             if (np.einsum("ni,nij,nj->n", away, fisher[first:k], away) > _SAME).all():
                 border = tuple(model.parameters[axis] for axis in model.free if edge[k, axis])
-                shape = (counted[k], float(chi_square[k]), bool(gaussian[k]), border, tuple(model.free), missing[k])
-                modes.append(Mode(*points[k].tolist(), *shape))
+                x, y, depth = points[k].tolist()
+                shown = (bool(gaussian[k]), border, tuple(model.free), missing[k])
+                modes.append(Mode(x, y, depth, counted[k], float(chi_square[k]), *shown))
         yield tuple(modes), float(pressure[first])
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import NamedTuple
+
+import numpy as np
 
 from coilarray.design.readout import INTERNAL_CLOCK, INTERNAL_CLOCK_PER_KELVIN
 from coilarray.errors import HardwareError
@@ -133,8 +133,7 @@ class Indenter:
         self, before_change: Callable[[], None] = lambda: None, check: Callable[[Place], None] = lambda place: None
     ) -> None:
         self._before_change, self._check = before_change, check
-        self._times: list[float] = [0.0]
-        self._places: list[Place] = [LIFTED]
+        self._path = np.array([(0.0, *LIFTED)]).T  # times, x, y and depths
 
     def press(self, x: float, y: float, depth: float) -> None:
         """Press at once at a position to a depth."""
@@ -142,8 +141,7 @@ class Indenter:
 
     def lift(self) -> None:
         """Lift at once."""
-        last = self._places[-1]
-        self.press(last.x, last.y, 0.0)
+        self.press(*self._path[1:3, -1].tolist(), 0.0)
 
     def follow(self, path: Sequence[tuple[float, float, float, float]]) -> None:
         """Move along straight lines through points in time.
@@ -151,24 +149,12 @@ class Indenter:
         Each point has a rising time in s by the board's clock, and x, y and depth in m. The indenter stands still
         before the first and after the last time.
         """
-        times = [point[0] for point in path]
-        if not path or not all(math.isfinite(value) for point in path for value in point):
-            raise HardwareError("a path of the indenter must have at least one point, all finite.")
-        if any(later <= earlier for earlier, later in pairwise(times)):
-            raise HardwareError("times of a path of the indenter must rise.")
-        if min(point[3] for point in path) < 0:
-            raise HardwareError("depths of a path of the indenter must not be negative.")
-        places = [Place(*point[1:]) for point in path]
-        for place in places:
-            self._check(place)
+        for point in path:
+            self._check(Place(*point[1:]))
         self._before_change()
-        self._times, self._places = times, places
+        self._path = np.array(path).T
 
     def at(self, time: float) -> Place:
         """Return the place of the indenter."""
-        after = bisect_right(self._times, time)
-        if after == 0 or after == len(self._times):
-            return self._places[max(after - 1, 0)]
-        start, stop = self._times[after - 1 : after + 1]
-        share = (time - start) / (stop - start)
-        return Place(*(a + share * (b - a) for a, b in zip(*self._places[after - 1 : after + 1], strict=True)))
+        times, *rows = self._path
+        return Place(*(float(np.interp(time, times, row)) for row in rows))

@@ -115,6 +115,7 @@ class LiveTracker:
     def rezero(self) -> None:
         """Measure the baseline again from the next scan on."""
         self._rest: list[tuple[float, Mapping[str, float]]] = []  # times in s, and L in H by state
+        self._waiting = self._scans
         self._base: dict[str, float] | None = None
         self._noise = math.nan
         self._common: float | None = None
@@ -133,7 +134,7 @@ class LiveTracker:
         location, problem = None, ""
         if base is not None and want_location and self._model is not None:
             location, problem = self._located(self._model, states)
-        press = None
+        press, times = None, self._times
         if self._presses is not None and base is not None:
             press = self._presses.take(elapsed, self._touchable(states), location)
         return LiveReading(
@@ -141,11 +142,11 @@ class LiveTracker:
             time=scan.time,
             elapsed=elapsed,
             states=states,
-            waiting=0 if base is not None else self._still_needed(),
+            waiting=0 if base is not None else self._waiting,
             location=location,
             problem=problem,
             noise=None if base is None else self._noise,
-            rate=self._rate(),
+            rate=(len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else None,
             lost=self._lost,
             press=press,
             received=scan.received,
@@ -156,7 +157,9 @@ class LiveTracker:
     def _measure_baseline(self, elapsed: float, values: Mapping[str, float]) -> None:
         """Collect baseline values of every state."""
         self._rest.append((elapsed, values))
-        enough = {name for name, count in self._counts().items() if count >= self._scans}
+        counts = Counter(name for _, one in self._rest for name in one)
+        enough = {name for name, count in counts.items() if count >= self._scans}
+        self._waiting = max(self._scans - min(counts.values(), default=0), 1)
         everything = len(enough) == self._states
         late = len(self._rest) >= _PATIENCE * self._scans and enough > set(self._reference)
         if not (everything or late):
@@ -224,13 +227,6 @@ class LiveTracker:
             for state in states
         )
 
-    def _counts(self) -> Counter[str]:
-        """Count the baseline values of each state."""
-        return Counter(name for _, one in self._rest for name in one)
-
-    def _still_needed(self) -> int:
-        return max(self._scans - min(self._counts().values(), default=0), 1)
-
     @staticmethod
     def _state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
         """Return δ of one state relative to the baseline."""
@@ -273,8 +269,3 @@ class LiveTracker:
             self._times.clear()
         self._last = scan.boot, scan.sequence
         self._times.append(scan.time)
-
-    def _rate(self) -> float | None:
-        if len(self._times) < 2:
-            return None
-        return (len(self._times) - 1) / (self._times[-1] - self._times[0])

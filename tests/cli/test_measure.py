@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import re
 import shutil
 import sqlite3
 import time
@@ -21,7 +20,6 @@ from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.stages import PersonStage
 
 pytestmark = pytest.mark.slow
 
@@ -190,33 +188,6 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
 
 
-def test_person_at_the_keyboard(board, grid, campaign, tmp_path, capsys, monkeypatch):
-    """The same campaign as a real board without a machine has it; the emulator plays the board."""
-    asked = []
-
-    def person_at(indenter):
-        def obey(text):
-            asked.append(text)
-            numbers = [float(number) * 1e-3 for number in re.findall(r"-?[\d.]*\d", text)]
-            if text.startswith("Move"):
-                where[:] = numbers
-            elif text.startswith("Press"):
-                indenter.press(*where, numbers[0])
-            else:
-                indenter.lift()
-
-        where = [0.0, 0.0]
-        return PersonStage(obey)
-
-    monkeypatch.setattr(campaign_command, "_stage", lambda _, board, *__, **___: person_at(board.emulator.indenter))
-    measure_campaign(capsys, *board, *grid, "--out", tmp_path / "person.sqlite")
-    assert len(asked) == 3 * 12
-    for name in ("person", "campaign"):
-        scan_info(capsys, tmp_path / f"{name}.sqlite", "--out", tmp_path / f"{name}.nc")
-    person, machine = (load_part(tmp_path / f"{name}.nc").delta for name in ("person", "campaign"))
-    np.testing.assert_allclose(person, machine, atol=2e-6)  # the noise of two readings, four deviations
-
-
 def test_resume_of_a_campaign(board, grid, campaign, tmp_path, capsys):
     """Positions that are taken back out of a recording are the ones that are measured again."""
     scan_info(capsys, campaign, "--out", tmp_path / "before.nc")
@@ -254,10 +225,8 @@ def test_never_overwritten(board, grid, campaign, tmp_path, capsys):
         (["--single", "--scans", 3], "--single and --scans cannot be given together"),
         (["--scans", 3, "--seconds", 3], "--scans and --seconds cannot be given together"),
         (["--scans", 0], "--scans must be 1 to"),
-        (["--scans", "x"], "--scans"),
-        *((["--seconds", wrong], "--seconds must be positive") for wrong in (0, "nan")),
+        (["--seconds", "nan"], "--seconds must be positive"),
         (["--single", "--resume"], "--resume is not for --single"),
-        *((["--port", name], name) for name in ("nowhere", "/dev/nothing-here")),
         (["--wiring", "no.toml"], "no.toml"),
         (["--rate", 0], "--rate must be positive"),
         (["--rate", 1e9], "rate"),
@@ -273,8 +242,7 @@ def test_never_overwritten(board, grid, campaign, tmp_path, capsys):
         (["--emulate", "press=1,2,-3"], "--emulate press must be 3 finite numbers, the last of at least 0"),
         (["--emulate", "press=0,0,1", "--emulate", "press=0,0,1"], "--emulate must give press once"),
         (["--out", "no/folder/run.sqlite"], "cannot write no/folder/run.sqlite: there is no folder no/folder"),
-        (["--single", "--out", "no/run.sqlite"], "cannot write no/run.sqlite: there is no folder no"),
-        *((["--out", folder], f"cannot write {folder}: it is a folder") for folder in (".", "/proc/self")),
+        (["--out", "."], "cannot write .: it is a folder"),
     ],
 )
 def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):

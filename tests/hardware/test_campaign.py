@@ -386,16 +386,3 @@ def test_settings_fit_the_coils():
     mixed = design_settings(DESIGN, two_coil_wiring(), drives={"coil2": 3}).states
     assert (mixed[0].drive, mixed[1].drive) == (settings.states[0].drive, 3)
     assert [state.name for state in design_settings(DESIGN, two_coil_wiring(), states=["coil2"]).states] == ["coil2"]
-
-
-@pytest.mark.parametrize(
-    ("design", "options", "message"),
-    [
-        (load_design("gast2020"), {}, "wiring two_coils has no coil 'coil3' of the design gast2020"),
-        (DESIGN, {"states": ["coil9"]}, "has no state 'coil9'; there are coil1, coil2"),
-        (DESIGN, {"states": ["coil1", "coil1"]}, "named once"),
-        (DESIGN, {"drives": {"x": 3}}, "a drive names the coil 'x'"),
-    ],
-)
-def test_wrong_settings(design, options, message):
-    refused(HardwareError, message, design_settings, design, two_coil_wiring(), **options)

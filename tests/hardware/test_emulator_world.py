@@ -23,7 +23,7 @@ from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock, emulated_board
 from coilarray.hardware.emulator.conditions import LIFTED, Place
-from coilarray.hardware.emulator.sensor_world import SensorWorld, response_table, spline_of_changes, table_axes
+from coilarray.hardware.emulator.sensor_world import SensorWorld, response_table, table_axes
 from coilarray.hardware.scan.design_settings import board_network
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.response.map import Imperfections, response_map
@@ -184,19 +184,6 @@ def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(table, mapp
     assert larger > 1
 
 
-def test_the_table_is_exact_for_what_its_splines_can_be():
-    depth, y, x = np.linspace(0.2, 1.2, 6) ** 2 * 1e-3, np.linspace(-3, 3, 5) * 1e-3, np.linspace(-4, 4, 6) * 1e-3
-
-    def change(x, y, h):  # cubic across, from the second to the third power of the root of the depth
-        return (1 + 200 * x - 3e4 * x**2 + 5e6 * x**3) * (2 - 100 * y + 1e6 * y**3) * (3 * h - 40 * h**1.5)
-
-    given = change(x, y[:, None], depth[:, None, None])[..., None, None] * np.array([[1.0, 0.5], [0.5, 2.0]])
-    table = spline_of_changes(x, y, depth, given)
-    for place in (Place(1.1e-3, -2.3e-3, 0.7e-3), Place(-3.9e-3, 2.9e-3, 0.01e-3), Place(0, 0, 1.44e-3)):
-        assert table.values_at(np.array(place))[1, 0] == pytest.approx(0.5 * change(*place), rel=1e-9, abs=1e-15)
-    assert np.array_equal(table.values_at(np.array(LIFTED)), np.zeros((2, 2)))
-
-
 def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
     depth, y, x = table_axes(PAPER)
     assert max(np.diff(x).max(), np.diff(y).max()) <= 1.2e-3
@@ -211,26 +198,6 @@ def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
     edges = 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
     depth, y, x = table_axes(parse_design(window.replace('origin = "coil2" ', edges)))
     assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, 26e-3, -6e-3, 6e-3, 1e-3))
-
-
-def test_a_moving_indenter_is_averaged_over_a_conversion(make):
-    board = make()
-    board.indenter.follow([(0.0, 0.0, 0.0, 0.5e-3), (1.0, 0.0, 0.0, 0.8e-3)])
-    driver = Scanner(board)
-    driver.configure()
-    driver.sleep()
-    driver.switch("coil2")
-    driver.write(0x1E, 7 << 11)
-    woken = board.clock.now() + 95e-6  # the end of the transaction
-    driver.wake()
-    moving = driver.result()
-    middle = woken + 16384 / 43.4e6 + 16 * 64 / 21.7e6 + 16 * LONG / 21.7e6 / 2
-    board.indenter.press(*board.indenter.at(middle))
-    still = board.true_tank().frequency
-    board.indenter.lift()
-    # the middle of the path against the mean over it: second order in the 15 µm of depth it moves, 1e-8 of L
-    assert abs(moving - still) < STEP
-    assert abs(still / board.true_tank().frequency - 1) > 0.9e-4
 
 
 @pytest.mark.parametrize(("place", "said"), [
@@ -290,19 +257,6 @@ def test_warm_copper_lowers_the_frequency():
         assert tank.parallel_resistance == pytest.approx(50e-6 / (r * 120e-12), rel=1e-6)
     damped = replace(alone, resistance=lambda frequency: np.array([[1e5]]))
     assert SensorWorld(damped, lambda: None).resonator(FIRST, LIFTED, 25.0) is None  # it cannot oscillate
-
-
-def test_two_coils_in_series_and_in_parallel_store_what_their_matrix_says(network, table):
-    bare = replace(network, winding_capacitance=np.zeros(6), mutual_capacitance=np.zeros((6, 6)))
-    world = SensorWorld(bare, lambda: table)
-    L = bare.inductance
-    pair = (("coil1", 1), ("coil4", 1))
-    parallel = 1 / np.linalg.inv(L[np.ix_([0, 3], [0, 3])]).sum()
-    for connection, expected in (("series", L[0, 0] + L[3, 3] + 2 * L[0, 3]), ("parallel", parallel)):
-        tank = world.resonator(ScanState("pair", pair, connection, "open"), LIFTED, 25.0)
-        quality = tank.quality_factor
-        found = (1 - 1 / quality**2) / ((2 * math.pi * tank.frequency) ** 2 * 120e-12)
-        assert found == pytest.approx(expected, rel=1e-3)  # of two coils with different losses
 
 
 def test_an_open_short_or_grounded_converter_has_no_tank_and_only_the_first_channel_is_wired(make, scanned):
