@@ -78,13 +78,14 @@ def _json_reading(text: str) -> Reading:
         raise
     except (ValueError, RecursionError):
         raise LocalizeError(f"a reading must be JSON; got {shown(text.strip())}.") from None
-    pairs = value.items() if isinstance(value, dict) else enumerate(value, 1) if isinstance(value, list) else None
-    if pairs is None:
+    named = value if isinstance(value, dict) else dict(enumerate(value, 1)) if isinstance(value, list) else None
+    if named is None:
         raise LocalizeError(f"a reading must be an object or a list of numbers; got {shown(text.strip())}.")
-    for name, one in pairs:
+    for name, one in named.items():
         if isinstance(one, bool) or not isinstance(one, (int, float)):
             raise LocalizeError(f"δ of {shown(name)} must be a number; got {shown(str(one))}.")
-    return {name: _number(name, one) for name, one in pairs} if isinstance(value, dict) else [*map(float, value)]
+    numbers = {str(name): _number(str(name), one) for name, one in named.items()}
+    return numbers if isinstance(value, dict) else list(numbers.values())
 
 
 def _csv_readings(content: str, path: Path) -> Iterator[Reading | LocalizeError]:
@@ -215,7 +216,7 @@ def locate(
         _by_response(found, used, reference, noise) if hasattr(found, "delta") else _by_ellipses(found, others)
     )
     if stream:
-        _stream(lambda one: solve([ready])[0] if isinstance(ready := prepared(one), dict) else {"error": str(ready)})
+        _stream(lambda one: solve([fit])[0] if isinstance(fit := prepared(one), dict) else {"error": str(fit)})
         return
     from coilarray.report.position import position_table
 

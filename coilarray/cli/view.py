@@ -17,12 +17,9 @@ from coilarray.errors import GeometryError, OutputError
 from coilarray.viz.offscreen import require_pyvista
 
 if TYPE_CHECKING:
-    from coilarray.compute.arrays import FloatArray
     from coilarray.design.model import Design
-    from coilarray.viz.scenes.design import Item, View
+    from coilarray.viz.scenes.design import Item
     from coilarray.viz.scenes.scene import Scene, Side
-
-    Axes = tuple[FloatArray, FloatArray, FloatArray]
 
 Kind = Literal["window", "picture", "film", "page", "parts", "field"]
 _KINDS: dict[str, Kind] = {
@@ -105,8 +102,21 @@ def view(
 
     Example: coilarray view gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
     """
-    kind, pixels = _kind(out), _pixels(size)
-    items = () if show is None else _items(show)
+    kind = _kind(out)
+    pixels: dict[str, tuple[int, int]] = {}
+    if size is not None:
+        if (match := _SIZE.fullmatch(size)) is None:
+            raise OutputError(f"--size must be as 1600x900; got {size!r}.")
+        pixels = {"size": (int(match[1]), int(match[2]))}
+    items: tuple[Item, ...] = ()
+    if show is not None:
+        from coilarray.viz.scenes.design import ITEMS
+
+        wanted = [name.strip() for name in show.split(",")]
+        for name in wanted:
+            if name not in ITEMS:
+                raise OutputError(f"--show must be of {', '.join(ITEMS)}; got {name!r}.")
+        items = tuple(item for item in ITEMS if item in wanted)
     given = {
         "--show": show, "--from": side if side != "oblique" else None, "--size": size, "--layers": layers,
         "--coil": coil, "--at-mm": at_mm, "--depth-mm": depth_mm, "--distance-mm": distance_mm,
@@ -130,7 +140,7 @@ def view(
         line, data = _write_field(opened, out, coil, heights, spacing_mm or _SPACING_MM, distance)
         shared.print_result({**shared.design_record(opened), **data}, as_json=as_json, lines=[line])
         return
-    from coilarray.viz.scenes.design import View, board_and_metal
+    from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
 
     items = items or board_and_metal(opened)
     if distance is not None and "target" not in items:
@@ -148,9 +158,24 @@ def view(
             coil=coil, spacing=spacing, at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth,
             distance=distance, table=kept_table(opened, None) if "location" in items else None,
         )  # fmt: skip
-        scene = _scene(opened, asked)
+        with ExitStack() as bar:
+
+            def track(text: str) -> Any:
+                bar.close()  # of the work before
+                return bar.enter_context(shared.progress_bar(text))
+
+            scene = scene_of_design(opened, asked, track)
         notes = list(scene.notes)
-        lines = [*notes, *_write_scene(scene, kind, out, opened.name, side, pixels)]
+        written = [out]
+        if out is None:
+            viz.show(scene, side=side)
+        elif kind == "parts":
+            written = list(viz.save_vtk(scene, out))
+        elif kind == "page":
+            viz.save_page(scene, out, title=opened.name, side=side)
+        else:
+            viz.save_picture(scene, out, side=side, **pixels)
+        lines = [*notes, *([] if out is None else [f"wrote {', '.join(map(str, written))}"])]
     data = {**shared.design_record(opened), "file": out and str(out), "notes": notes}
     shared.print_result(data, as_json=as_json, lines=lines)
 
@@ -185,22 +210,6 @@ def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, in
         check_window()
 
 
-def _write_scene(
-    scene: Scene, kind: Kind, out: Path | None, name: str, side: Side, pixels: dict[str, tuple[int, int]]
-) -> list[str]:
-    """Write a scene or show it, and return lines about files."""
-    if out is None:
-        viz.show(scene, side=side)
-        return []
-    if kind == "parts":
-        return [f"wrote {', '.join(str(path) for path in viz.save_vtk(scene, out))}"]
-    if kind == "page":
-        viz.save_page(scene, out, title=name, side=side)
-    else:
-        viz.save_picture(scene, out, side=side, **pixels)
-    return [f"wrote {out}"]
-
-
 def _write_film(design: Design, out: Path, side: Side, pixels: dict[str, tuple[int, int]], depth: float | None) -> None:
     """Write the film of an indenter that moves along x over the middle coil."""
     from coilarray.viz.scenes.touch import touch_along
@@ -229,7 +238,13 @@ def _write_field(
     active = design.array.middle_coil if coil is None else coil
     if active not in design.array.names:
         raise GeometryError(f"--coil must be one of {', '.join(design.array.names)}; got {active}.")
-    axes = _axes(design, heights, spacing_mm)
+    x_min, y_min, x_max, y_max = design.array.bounds
+    ranges = ((x_min, x_max), (y_min, y_max), heights or (design.field_height, design.field_height))
+    shape = [math.ceil((end - start) / (spacing_mm * 1e-3) * (1 - 1e-12)) + 1 for start, end in ranges]
+    if (count := math.prod(shape)) > _MOST_POINTS:
+        raise GeometryError(f"--spacing-mm {spacing_mm:g} gives {count} points; at most {_MOST_POINTS} are allowed.")
+    import numpy as np
+
     from coilarray.circuit.coupling import couple_design, operating_field
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
@@ -240,9 +255,9 @@ def _write_field(
         from coilarray.response.target import with_target_as_plate
 
         design = with_target_as_plate(design, (0.0, 0.0), distance)
-    shape = [len(axis) for axis in axes]
+    axes = (np.linspace(start, end, n) for (start, end), n in zip(ranges, shape, strict=True))
     coupling = couple_design(design)
-    with shared.progress_bar(f"field at {math.prod(shape)} points") as progress:
+    with shared.progress_bar(f"field at {count} points") as progress:
         result = operating_field(design, coupling, active, *axes, current=1e-3, progress=progress)
     if out.suffix.lower() == ".nc":
         save_dataset(result, out)
@@ -258,20 +273,6 @@ def _write_field(
     return f"{line}{peak * 1e6:.4g} µT at 1 mA", data
 
 
-def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float) -> Axes:
-    """x, y and z of the grid in m, at most a spacing apart."""
-    import numpy as np
-
-    x_min, y_min, x_max, y_max = design.array.bounds
-    ranges = ((x_min, x_max), (y_min, y_max), heights or (design.field_height, design.field_height))
-    counts = [math.ceil((end - start) / (spacing_mm * 1e-3) * (1 - 1e-12)) + 1 for start, end in ranges]
-    count = math.prod(counts)
-    if count > _MOST_POINTS:
-        raise GeometryError(f"--spacing-mm {spacing_mm:g} gives {count} points; at most {_MOST_POINTS} are allowed.")
-    x, y, z = (np.linspace(start, end, n) for (start, end), n in zip(ranges, counts, strict=True))
-    return x, y, z
-
-
 def _heights(text: str) -> tuple[float, float]:
     try:
         values = [float(part) * 1e-3 for part in text.split(":")]
@@ -283,36 +284,3 @@ def _heights(text: str) -> tuple[float, float]:
             f"--z-mm must be a number or FROM:TO with FROM below TO, at most {shared.LONGEST_MM:g}; got {text!r}."
         )
     return values[0], values[-1]
-
-
-def _items(text: str) -> tuple[Item, ...]:
-    from coilarray.viz.scenes.design import ITEMS
-
-    named = [name.strip() for name in text.split(",")]
-    for name in named:
-        if name not in ITEMS:
-            raise OutputError(f"--show must be of {', '.join(ITEMS)}; got {name!r}.")
-    return tuple(item for item in ITEMS if item in named)
-
-
-def _scene(design: Design, wanted: View) -> Scene:
-    """Compute a scene, with a progress bar for each part."""
-    from coilarray.viz.scenes.design import scene_of_design
-
-    with ExitStack() as bar:
-
-        def track(text: str) -> Any:
-            bar.close()  # of the work before
-            return bar.enter_context(shared.progress_bar(text))
-
-        return scene_of_design(design, wanted, track)
-
-
-def _pixels(text: str | None) -> dict[str, tuple[int, int]]:
-    """Return width and height as the argument ``size``, nothing by default."""
-    if text is None:
-        return {}
-    match = _SIZE.fullmatch(text)
-    if match is None:
-        raise OutputError(f"--size must be as 1600x900; got {text!r}.")
-    return {"size": (int(match[1]), int(match[2]))}

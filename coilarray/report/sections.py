@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +72,7 @@ class Results:
         """Draw pictures in the other process."""
         return self._drawing.submit(function, *arguments)
 
-    def plot(self, plot: str, name: str, caption: str, *arguments: object, **options: object) -> Future[list[Picture]]:
+    def plot(self, plot: str, name: str, caption: str, *arguments: object, **options: Any) -> Future[list[Picture]]:
         """Draw a picture by a function of `coilarray.viz`, given by its name."""
         return self.draw(partial(figures.plotted, **options), plot, name, caption, *arguments)
 
