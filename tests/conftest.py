@@ -84,6 +84,14 @@ def pytest_collection_modifyitems(items):
     items.sort(key=order)
 
 
+def pytest_terminal_summary(terminalreporter, config):
+    """Name the tests without the mark slow that took longer than its limit of 1 s."""
+    passed = terminalreporter.getreports("passed") if config.option.markexpr == "not slow" else []
+    for report in passed:
+        if report.when == "call" and report.duration > 1.0:
+            terminalreporter.write_line(f"{report.duration:.1f} s, not marked slow: {report.nodeid}")
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config):
     """Two more than there are cores, as many of the slow tests only wait; each has to read all files of tests."""
