@@ -136,7 +136,13 @@ def distortion(
     of_balls = {name: ellipse_curves(response, states, levels) for name, response in solid.items()}
     effects |= {f"indenter of {name}": one.determined_x0 - curves.determined_x0 for name, one in of_balls.items()}
     result = _dataset(design, states, levels, curves, opened, effects).assign_attrs(noise=base.attrs["noise"])
-    result = result.assign(_balls(result, {"without": base, **solid}, {"without": curves, **of_balls}))
+    dims, kinds = ("indenter", "state", "delta"), {"without": curves, **of_balls}
+    for name in PARAMETERS:
+        values = [np.where(one.undetermined, np.nan, getattr(one, name)) for one in kinds.values()]
+        result[f"indenter_{name}"] = (dims, np.array(values), {"units": "m"})
+    peaks = [one.delta.isel(depth=0).sel(state=list(states)).max(("x", "y")) for one in (base, *solid.values())]
+    result["indenter_peak"] = (dims[:2], np.array(peaks), {"units": "1"})
+    result = result.assign_coords(indenter=list(kinds))
     if not draws:
         return result
     drawn = []
@@ -178,23 +184,6 @@ DISTORTION = Schema(
     ),
 )  # fmt: skip
 """Schema of the result of `distortion` when it is read from a file."""
-
-
-def _balls(
-    result: xr.Dataset, responses: dict[str, xr.Dataset], curves: dict[str, EllipseCurves]
-) -> dict[str, xr.DataArray]:
-    """Return the comparison of indenters with and without material."""
-    states, indenters = result.state.values.tolist(), list(responses)
-    values = {
-        f"indenter_{name}": xr.DataArray(
-            [np.where(one.undetermined, np.nan, getattr(one, name)) for one in curves.values()],
-            dims=("indenter", "state", "delta"), attrs={"units": "m"},
-        )
-        for name in PARAMETERS
-    }  # fmt: skip
-    peaks = [one.delta.isel(depth=0).sel(state=states).max(("x", "y")).values for one in responses.values()]
-    values["indenter_peak"] = xr.DataArray(peaks, dims=("indenter", "state"), attrs={"units": "1"})
-    return {name: value.assign_coords(indenter=indenters) for name, value in values.items()}
 
 
 def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:

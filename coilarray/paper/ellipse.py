@@ -171,14 +171,6 @@ def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArr
     Every spacing is divided into `refinement` parts, and 1 leaves the map unchanged. At the sampled positions, in m, it
     has the sampled values. Raises LocalizeError for fewer than four positions along x or y, coordinates that do not
     rise, values that are not finite, or a refinement that is not positive.
-
-    Examples
-    --------
-    >>> axis = np.arange(5) * 1e-3
-    >>> square = xr.DataArray(np.add.outer(axis**2, axis**2), {"y": axis, "x": axis}, ("y", "x"))
-    >>> refined = refined_map(square, 2)
-    >>> refined.shape, round(float(refined[1, 1]) * 1e6, 9)
-    ((9, 9), 0.5)
     """
     if refinement < 1 or refinement != int(refinement):
         raise LocalizeError(f"refinement must be a positive integer; got {refinement}.")
@@ -201,6 +193,10 @@ def fit_ellipses(
     step: float = STEP,
 ) -> xr.Dataset:
     """Fit an ellipse to each level of a response.
+
+    Raises LocalizeError A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that
+    are not on y = 0, a state without closed curves or without any ellipse, settings that are not positive, more than
+    3000 levels or 10⁹ points in all of them.
 
     Parameters
     ----------
@@ -229,13 +225,6 @@ def fit_ellipses(
         ``points`` is their number. ``refused`` is the reason why a step has no ellipse, empty if it has one. Refused
         steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
 
-    Raises
-    ------
-    LocalizeError
-        A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that are not on y =
-        0, a state without closed curves or without any ellipse, settings that are not positive, more than 3000 levels
-        or 10⁹ points in all of them.
-
     Notes
     -----
     Follows Sect. 5 of Gast & Zimmermann (2020). The docstring of the module lists the details that the paper leaves
@@ -245,9 +234,7 @@ def fit_ellipses(
     delta = _delta(response, depth)
     for name, value in (("threshold", threshold), ("step", step)):
         require_positive(name, value, "", LocalizeError)
-    wanted = _wanted(delta, states)
-    _check_map(delta.sel(state=wanted))
-    chosen = _with_a_peak(delta.sel(state=wanted), 6 * step, required=states is not None)
+    chosen = _with_a_peak(delta, states, 6 * step)
     _check_axis(response, delta, chosen)
     points = len(chosen) * int(np.prod([(delta.sizes[axis] - 1) * refinement + 1 for axis in ("y", "x")]))
     _require_few_levels(float(delta.sel(state=chosen).max()), step, points)
@@ -257,9 +244,7 @@ def fit_ellipses(
     count = max(1, int(np.floor((peaks.max() - step) / step)) + 1)
     levels = step + step * np.arange(count, dtype=np.float64)
     spacing = float(np.median(np.diff(delta.x.values)))
-    rows = [
-        _fit_levels(fine.x.values, fine.y.values, fine.values, levels, threshold, refinement, spacing) for fine in maps
-    ]
+    rows = [_fit_levels(fine, levels, threshold, refinement, spacing) for fine in maps]
     for state, row in zip(chosen, rows, strict=True):
         if all(one.refused for one in row):
             raise LocalizeError(f"no level of {state} is an ellipse: the map has no closed curves of δ ≥ {step:.3g}.")
@@ -284,15 +269,10 @@ class _Level:
 
 
 def _fit_levels(
-    along: FloatArray,
-    across: FloatArray,
-    values: FloatArray,
-    levels: FloatArray,
-    threshold: float,
-    refinement: int,
-    spacing: float,
+    fine: xr.DataArray, levels: FloatArray, threshold: float, refinement: int, spacing: float
 ) -> list[_Level]:
-    """Fit rising levels of the refined values (y, x). The positions `along` x and `across`, along y, are in m."""
+    """Fit rising levels of a refined map (y, x)."""
+    values = fine.values
     peak = np.unravel_index(np.argmax(values), values.shape)
     top, left, part = 0, 0, values  # the window of the hill of the last level contains the hills of all higher levels
     found = []
@@ -304,24 +284,16 @@ def _fit_levels(
         regions, _ = label(part >= level - threshold)
         hill = regions == regions.flat[np.argmax(part)]  # connected with the peak
         rows, columns = np.nonzero(within & hill)
-        found.append(_fit_level(along, across, values, rows + top, columns + left, peak, refinement, spacing))
+        found.append(_fit_level(fine, rows + top, columns + left, refinement, spacing))
         of_rows, of_columns = (np.flatnonzero(hill.any(axis=axis)) for axis in (1, 0))
         part = part[of_rows[0] : of_rows[-1] + 1, of_columns[0] : of_columns[-1] + 1]
         top, left = top + int(of_rows[0]), left + int(of_columns[0])
     return found
 
 
-def _fit_level(
-    along: FloatArray,
-    across: FloatArray,
-    values: FloatArray,
-    rows: IntArray,
-    columns: IntArray,
-    peak: tuple[np.intp, ...],
-    refinement: int,
-    spacing: float,
-) -> _Level:
-    """Fit the points of one level. The points are (n,) rows and columns of the refined values."""
+def _fit_level(fine: xr.DataArray, rows: IntArray, columns: IntArray, refinement: int, spacing: float) -> _Level:
+    """Fit the points of one level, (n,) rows and columns of the refined map."""
+    along, across, values = fine.x.values, fine.y.values, fine.values
     if len(rows) < LEAST_POINTS:
         return _Level(len(rows), refused="too few points")
     x, y = along[columns], across[rows]
@@ -335,7 +307,8 @@ def _fit_level(
     rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
     of_cell = np.bincount(rows // refinement * len(along) + columns // refinement)
     errors = standard_errors(ellipse, x, y, max(int(np.count_nonzero(of_cell)), _CORNERS))
-    holds_peak = bool(ellipse.distance(along[peak[1]], across[peak[0]]) <= spacing)
+    row, column = np.unravel_index(np.argmax(values), values.shape)
+    holds_peak = bool(ellipse.distance(along[column], across[row]) <= spacing)
     undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A) and holds_peak)
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
@@ -353,36 +326,33 @@ def _delta(response: xr.Dataset, depth: float | None) -> xr.DataArray:
     return delta.isel(depth=nearest)
 
 
-def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
-    """States to fit, checked against the response."""
+def _with_a_peak(delta: xr.DataArray, states: Sequence[str] | None, least: float) -> list[str]:
+    """States whose curves close within the map, which all given states must do."""
     known = [str(state) for state in delta.state.values]
-    if states is None:
-        return known
-    for state in states:
+    wanted = known if states is None else list(states)
+    for state in wanted:
         if state not in known:
             raise LocalizeError(f"the response has no state {state!r}; it has {', '.join(known)}.")
-    if not states or len(set(states)) != len(states):
-        raise LocalizeError(f"states must name one state or more, each once; got {list(states)}.")
-    return list(states)
-
-
-def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[str]:
-    """States whose curves close within the map. If they are required, all of them must close."""
-    largest = {state: float(delta.sel(state=state).max()) for state in delta.state.values.tolist()}
+    if not wanted or len(set(wanted)) != len(wanted):
+        raise LocalizeError(f"states must name one state or more, each once; got {wanted}.")
+    _check_map(delta.sel(state=wanted))
+    largest = {state: float(delta.sel(state=state).max()) for state in wanted}
     inner = delta.isel(x=slice(1, -1), y=slice(1, -1))
-    closed = [state for state in largest if float(inner.sel(state=state).max()) == largest[state]]
-    for state in largest:
-        if required and state not in closed:
-            raise LocalizeError(f"the curves of {state} do not close: its largest δ is at the edge of the map.")
-    states = [state for state in closed if required or largest[state] >= least]
-    if not states:
+    closed = [state for state in wanted if float(inner.sel(state=state).max()) == largest[state]]
+    if states is not None:
+        for state in wanted:
+            if state not in closed:
+                raise LocalizeError(f"the curves of {state} do not close: its largest δ is at the edge of the map.")
+        return closed
+    found = [state for state in closed if largest[state] >= least]
+    if not found:
         need = f"the map has no closed curves of δ = {PER_MILLION.text(least, '.3')}, from which ellipses are fitted"
         most = max(largest, key=lambda state: largest[state])
         if largest[most] >= least:
             raise LocalizeError(f"{need}: where δ is that large, its peak is at the edge. Take a wider map.")
         reached = PER_MILLION.text(largest[most], ".3")
         raise LocalizeError(f"{need}: {most} reaches {reached} at most. Press deeper.")
-    return states
+    return found
 
 
 def _require_few_levels(largest: float, step: float, points: int) -> None:

@@ -134,15 +134,6 @@ class EllipseModel:
 
     They are in the order of the row, in which neighbours overlap. Raises LocalizeError for no coils, or two of one
     name.
-
-    Examples
-    --------
-    >>> from coilarray.paper.published import published_model
-    >>> model = published_model()
-    >>> model.names
-    ('coil1', 'coil2', 'coil3')
-    >>> round(model["coil1"].ellipse(3e-4).A * 1e3, 2)
-    12.87
     """
 
     coils: tuple[CoilEllipses, ...]
@@ -212,12 +203,6 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
     """Write a model as JSON with a checksum.
 
     A free text on its origin is added. Numbers are in SI units and full precision.
-
-    Examples
-    --------
-    >>> from coilarray.paper.published import published_model
-    >>> model_from_json(model_to_json(published_model())) == published_model()
-    True
     """
     coils = [
         {

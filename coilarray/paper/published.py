@@ -34,11 +34,6 @@ def published_rows(name: str) -> list[dict[str, str]]:
     -------
     list of dict of str to str
         One dictionary for each row, with the text of its cells by the names of the columns.
-
-    Examples
-    --------
-    >>> published_rows("table_2")[0]
-    {'real_x_mm': '-8.75', 'real_y_mm': '-3.6', 'determined_x_mm': '-8.83', 'error_mm': '-0.08'}
     """
     text = resources.files("coilarray.paper").joinpath("published", f"{name}.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
@@ -48,13 +43,6 @@ def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, 
     """Return the coefficients of Table A1 in mm.
 
     They are p4 … p0. The keys are "A", "B" or "x0" and the name of the coil.
-
-    Examples
-    --------
-    The misprint of A3's p3 is kept on request.
-
-    >>> table_a1()["A", "coil3"][1], table_a1(as_printed=True)["A", "coil3"][1]
-    (-8811000000.0, -8811000000000.0)
     """
     table: dict[tuple[str, str], list[float]] = {}
     for row in published_rows("table_a1"):
@@ -82,12 +70,6 @@ def difference_from_published(design: Design) -> str:
 
     The coils are compared by their names and by their places in the map, which must be within 1 mm of the published
     centre of their ellipses near the peak.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> difference_from_published(load_design("gast2020")), difference_from_published(load_design("gast_fem"))
-    ('', 'it has no coil2, coil3')
     """
     names, setup = design.array.names, design.indentation
     if missing := [name for name in _COILS if name not in names]:
@@ -133,12 +115,6 @@ def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
     are in m, by default the paper's grid, 2 mm apart over x ±26 and y ±6 mm. Each δ is found by bisection. Beyond the
     ellipse of δ = 0 the polynomials are continued down to δ = -2e-4, so that the map passes smoothly through zero.
     Further out it is flat.
-
-    Examples
-    --------
-    >>> delta = published_map(x=[-8.75e-3], y=[-3.6e-3]).delta
-    >>> delta.dims, round(float(delta.sel(state="coil1").item()) * 1e3, 3)
-    (('depth', 'y', 'x', 'state'), 0.809)
     """
     along, across = (
         np.arange(-end, end + _SPACING / 2, _SPACING) if given is None else np.asarray(given, dtype=np.float64)

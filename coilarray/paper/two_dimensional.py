@@ -27,7 +27,9 @@ def line_response(
 ) -> xr.Dataset:
     """Compute δ of one coil in a two-dimensional model.
 
-    The cross-section of the coil consists of infinite wires, and the indenter is an infinite cylinder.
+    The cross-section of the coil consists of infinite wires, and the indenter is an infinite cylinder. Raises
+    ElastomerError A design without an indentation, an unknown coil, an indenter that is not round, or a rectangular
+    sample. Raises MetalError A design with plates.
 
     Parameters
     ----------
@@ -49,24 +51,10 @@ def line_response(
         ``base_inductance`` and ``inductance`` are in H/m, ``force`` is in N/m, and ``contact_radius`` is half the width
         of the contact in m.
 
-    Raises
-    ------
-    ElastomerError
-        A design without an indentation, an unknown coil, an indenter that is not round, or a rectangular sample.
-    MetalError
-        A design with plates.
-
     Notes
     -----
     The model leaves out the ends of the coil and of the dent along y. In the full model the dent is a small part of the
     coil. Here it is as long as the coil.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> line = line_response(load_design("gast_fem"), depths=[1e-3], x=[0.0])
-    >>> line.delta.dims, line.delta.shape
-    (('depth', 'y', 'x', 'state'), (1, 1, 1, 1))
     """
     design = design_of(design)
     setup = indentation_of(design)

@@ -4,7 +4,6 @@ import importlib.util
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -63,14 +62,6 @@ def test_without_pyvista_one_line_says_so_and_nothing_is_tried(fresh, missing):
     ):
         assert problem.startswith(f"{what} need PyVista, which is not installed: ")
         assert problem.endswith('[3d]".')
-
-
-def test_threads_share_one_probe(fresh):
-    probes = []
-    fresh.setattr(offscreen, "_run_probe", lambda environment: probes.append(environment) or WORKS)
-    with ThreadPoolExecutor(8) as pool:
-        assert set(pool.map(lambda _: offscreen.rendering_problem(), range(8))) == {None}
-    assert len(probes) == 1
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")

@@ -149,26 +149,6 @@ def test_zeros_are_between_samples_that_have_values():
     assert np.isfinite(sweeps.zero_crossings([0, 1, 2, 3], [1.0, 0.0, 0.0, 1.0])).all()
 
 
-def test_pairs_share_a_panel_of_a_sweep():
-    couplings, worst = sweeps.sweep_figure(results.pitch_sweep()).axes
-    assert couplings.get_ylabel() == "coupling coefficient k"
-    assert worst.get_ylabel() == "worst_k"
-    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
-    labels = [ax.get_ylabel() for ax in sweeps.sweep_figure(texts).axes]
-    assert labels == ["k[coil1,coil2]", "k[coil1,coil3]", "worst_k"]
-
-
-def test_sweeps_of_another_shape_are_refused():
-    with pytest.raises(ValueError, match=r"lines need one entry, .*; got array.pitch_mm, array.columns"):
-        sweeps.plot_sweep_lines(results.grid_sweep(), "span_mm")
-    with pytest.raises(ValueError, match=r"a map needs a grid over two entries; got array.pitch_mm"):
-        sweeps.plot_sweep_map(results.pitch_sweep(), "worst_k")
-    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
-    for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
-        with pytest.raises(ValueError, match="must be over one entry with numbers, and have k of a pair"):
-            sweeps.plot_coupling_sweep(wrong)
-
-
 def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
     """exp(−(x/w)²) is half at w √ln 2; cubic splines through samples w/4 apart are off by less than 1e-3 of that."""
     width = 8e-3

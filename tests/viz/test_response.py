@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.contour import QuadContourSet
-from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from support import plot_results as results
 from support.plot_results import curves
@@ -49,18 +48,6 @@ def test_colours_hold_every_value_and_zero_is_drawn_where_there_is_something():
     positive = plot_response(response(), "coil1")
     assert not contours(positive)[1]
     assert contours(positive)[0][0].levels[0] > 0  # of one sign: all colours from what is nothing up
-
-    # A bell whose tails waver about zero by 1e-4 of it: a line where the ring begins, none in the tails.
-    def ringing(x, y, state, depth):
-        tail = 1e-4 * np.cos(x / 1e-3) * np.cos(y / 1e-3)
-        return depth * ((1 - (x / 5e-3) ** 2) * np.exp(-((x / 5e-3) ** 2)) + tail)
-
-    (line,) = contours(plot_response(response(ringing), "coil1"))[1]
-    for piece in line.get_paths():
-        # the node where it crosses is 0 to 1e-4 high, so that the line is off by less than one spacing of 2 mm
-        np.testing.assert_allclose(np.abs(piece.vertices[:, 0]), 5.0, atol=2.0)
-    waver = response(lambda x, y, state, depth: 1e-4 * depth * np.cos(x / 1e-3) + (state == 0) * (np.abs(x) < 1e-3))
-    assert not contours(response_figure(waver).axes[1])[1]
 
 
 def test_outlines_and_names_of_the_coils():
@@ -111,16 +98,6 @@ def test_profiles_of_all_states_or_all_depths_along_x_or_y():
     np.testing.assert_allclose(line.get_ydata(), 2e-3 * data.y * 1e6, rtol=1e-12)  # where it answers most, at x = 4 mm
     assert ax.get_xlabel() == "y (mm)"
     assert ax.get_title(loc="left") == "Response at x = 4 mm, coil2, 1 mm deep"
-
-
-def test_profiles_mark_the_coils_and_refuse_what_is_not_there():
-    ax = plot_response_profile(response())
-    marks = [line.get_xdata()[0] for line in ax.lines if isinstance(line, Line2D) and line.get_linestyle() == ":"]
-    assert {-5.0, 5.0} <= {round(float(mark), 9) for mark in marks}
-    with pytest.raises(ValueError, match="state must be one of"):
-        plot_response_profile(response(), "nothing")
-    with pytest.raises(ValueError, match="depth must be the position"):
-        plot_response_profile(response(), depth=-3)
 
 
 def crowd(count):
@@ -184,9 +161,7 @@ def test_of_many_states_those_in_the_middle_that_answer_are_shown():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("count", "stretch"), [(1, 0.1), (1, 10.0), (2, 1.0), (3, 10.0), (5, 1.0), (6, 0.1), (12, 10.0)]
-)
+@pytest.mark.parametrize(("count", "stretch"), [(1, 0.1), (2, 1.0), (6, 0.1), (12, 10.0)])
 def test_figures_of_any_shape_fit_on_a_page(count, stretch):
     data = crowd(count).assign_coords(y=np.array([-6e-3, -2e-3, 3e-3]) * stretch)
     figure = response_figure(data)

@@ -1,7 +1,6 @@
 """Scenes: what stands in them, where it is seen, and that a picture shows it; without rendering, the one line."""
 
 import itertools
-import sys
 from dataclasses import replace
 from typing import get_args
 
@@ -212,29 +211,9 @@ def test_the_longest_pictures_are_not_blank(size, plotter, tmp_path):
     assert (imread(tmp_path / "long.png")[..., 1] < 0.5).any()
 
 
-@pytest.mark.slow
-def test_letters_get_smaller_in_a_narrow_picture(plotter, tmp_path):
-    """So that the numbers of a colour bar, which has a part of the width, end before the edge."""
-    mesh = box()
-    mesh.cell_data["v"] = np.arange(6.0)
-    scene = Scene((Part("six", mesh, scale=Scale("v", "volts", "V", -0.05555, 0.05555)),))
-    for size in ((800, 450), (500, 900)):
-        save_picture(scene, tmp_path / "bar.png", size=size)
-        rim = imread(tmp_path / "bar.png")[:, -2:, :3]
-        assert (rim > 0.99).all(), size
-
-
 def test_a_board_of_one_layer_has_no_laminate_and_is_drawn(plotter):
     coil = path_coil([[(0, 0), (1e-2, 0), (1e-2, 5e-3)]], 0.5e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     single = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     draw(board_scene(single), plotter)
     assert "copper top" in plotter.actors
     assert "board" not in plotter.actors
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
-def test_without_a_screen_no_window_is_opened(board, monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(MissingDependencyError, match="needs a screen"):
-        show(board_scene(board))
