@@ -18,7 +18,7 @@ from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.readings import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
 from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain, held_signals, orderly_termination
-from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, open_ft232h, open_ft232h_bus
+from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, open_ft232h
 from coilarray.hardware.wire.ports import (
     EMULATOR,
     ChannelBoard,
@@ -247,13 +247,11 @@ def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
                 switches = SpiSwitchChain(port.spi_bus, port.spi_device, mode=port.mode, readback=port.readback)
                 opened.callback(switches.close)
                 kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
-        elif port.board is not None:
-            bus, kind = open_ft232h_bus(port.url, port.address), "FTDI adapter"
-            opened.callback(bus.close)
         else:
-            bus, switches = open_ft232h(port.url, port.address, mode=port.mode, readback=port.readback)
+            wired = port.board is None
+            bus, switches = open_ft232h(port.url, port.address, switches=wired, mode=port.mode, readback=port.readback)
             opened.callback(bus.close)
-            kind = "FT232H"
+            kind = "FT232H" if wired else "FTDI adapter"
         reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
         opened.pop_all()
     return reader

@@ -175,7 +175,7 @@ class ChipDriver:
         except BusFault as fault:
             if not settings.scanning:
                 raise
-            return _no_sample(_fault_of(fault))
+            return _no_sample(fault)
         if not settings.scanning:
             errors = 0
             for look in looks:
@@ -330,10 +330,6 @@ class DirectReader:
             raise HardwareError(f"the interval must be finite and not negative; got {interval} s.")
         return self._stream(interval)
 
-    def peek(self, address: int) -> int:
-        """Read a register of the converter."""
-        return self._chips.bus.read(address)
-
     def rest(self) -> None:
         """Put the converter to sleep and ground all coils.
 
@@ -407,7 +403,7 @@ class DirectReader:
             (sample,) = chips.results(chip_settings)
             chips.sleep(attempts=1)
         except BusFault as fault:
-            sample = _no_sample(_fault_of(fault))
+            sample = _no_sample(fault)
         if not chips.asleep:
             with contextlib.suppress(BusFault):  # the next state tries again before it closes a switch
                 chips.sleep()
@@ -428,7 +424,7 @@ class DirectReader:
                 chips.wake(chip_settings)
                 samples = list(chips.results(chip_settings))
         except BusFault as fault:
-            samples = [_no_sample(_fault_of(fault))] * len(chip_settings.names)
+            samples = [_no_sample(fault)] * len(chip_settings.names)
         if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
             with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
                 chips.sleep()
@@ -450,30 +446,26 @@ class DirectReader:
     def _judge(self, chip_settings: ChipSettings, faults: Sequence[SampleFault]) -> None:
         """Decide whether the faults of a scan end the stream."""
         for k, fault in enumerate(faults):
+            state = chip_settings.names[k]
             self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
             self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
-        reasons = (self._reason(chip_settings.names[k], k, fault) for k, fault in enumerate(faults))
-        self._failure = next((reason for reason in reasons if reason is not None), None)
-        if self._failure is None:
-            return
-        self._chip_settings = None
-        with contextlib.suppress(HardwareError):
-            if isinstance(self._failure, BusFault):
-                self._chips.bus.clear()
-            self.rest()
-
-    def _reason(self, state: str, k: int, fault: SampleFault) -> HardwareError | None:
-        """Return why a fault of a state ends the stream."""
-        if fault == SampleFault.CONVERTER_RESET:
-            return BoardRestarted("the converter lost its settings while it was measuring.")
-        if self._differing[k] >= _FAULTY_SCANS:
-            return SwitchFault(
-                f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} "
-                "consecutive scans."
-            )
-        if self._faulty[k] >= _FAULTY_SCANS:
-            return BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} consecutive scans.")
-        return None
+            reason: HardwareError | None = None
+            if fault == SampleFault.CONVERTER_RESET:
+                reason = BoardRestarted("the converter lost its settings while it was measuring.")
+            elif self._differing[k] >= _FAULTY_SCANS:
+                reason = SwitchFault(
+                    f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} "
+                    "consecutive scans."
+                )
+            elif self._faulty[k] >= _FAULTY_SCANS:
+                reason = BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} consecutive scans.")
+            self._failure = self._failure or reason
+        if self._failure is not None:
+            self._chip_settings = None
+            with contextlib.suppress(HardwareError):
+                if isinstance(self._failure, BusFault):
+                    self._chips.bus.clear()
+                self.rest()
 
     @contextlib.contextmanager
     def _resting_on_failure(self) -> Iterator[None]:
@@ -491,11 +483,8 @@ def _mask(address: int) -> int:
     return _DRIVE_MASK if address in _DRIVE_CURRENTS else 0xFFFF
 
 
-def _fault_of(fault: BusFault) -> SampleFault:
-    """Return the sample fault of a failed transfer."""
-    return SampleFault.BUS_TIMEOUT if isinstance(fault, BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
-
-
-def _no_sample(fault: SampleFault) -> RawSample:
+def _no_sample(fault: SampleFault | BusFault) -> RawSample:
     """Return the sample of a state without a measurement."""
+    if isinstance(fault, BusFault):
+        fault = SampleFault.BUS_TIMEOUT if isinstance(fault, BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
     return RawSample(0, 0, 0, fault)

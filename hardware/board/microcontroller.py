@@ -179,13 +179,6 @@ class MicrocontrollerReader:
         self._prepare()
         return self._session.ask(_chain, "CHAIN")
 
-    def peek(self, address: int) -> int:
-        """Read a register of the converter, 0 to 0xFF."""
-        if not 0 <= address <= 0xFF:
-            raise HardwareError(f"address must be 0 to 0xFF; got {address:#x}.")
-        self._prepare()
-        return self._session.ask(_word, "PEEK", f"{address:02X}")
-
     def close(self) -> None:
         """Put the board to rest and close the port.
 

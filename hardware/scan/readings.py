@@ -100,9 +100,6 @@ class Reader(Protocol):
         A scan runs once every `interval` in s, or as fast as possible for 0.
         """
 
-    def peek(self, address: int) -> int:
-        """Read the register at an `address` of the converter."""
-
     def rest(self) -> None:
         """Ground all coils and put the converter to sleep."""
 

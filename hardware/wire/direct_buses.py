@@ -175,36 +175,27 @@ _NO_LIBUSB = "No backend available"  # pyftdi's message without it
 
 
 def open_ft232h(
-    url: str, address: int, *, mode: int = SPI_MODE, readback: bool = False
-) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain]:
-    """Open an FT232H adapter with converter and switches.
+    url: str, address: int, *, switches: bool = True, mode: int = SPI_MODE, readback: bool = False
+) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain | None]:
+    """Open an FT232H adapter with converter and, if there are any, switches.
 
     The adapter has a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, and the converter an I²C address. The switches
     have an SPI `mode`, 0 to 3. With `readback` the end of their chain is wired back.
     """
-    idle = _SYNC | (_CLOCK if mode & 2 else 0)
-    with _opened(url, direction=_DRIVEN << _SECOND_PORT, initial=idle << _SECOND_PORT) as controller:
-        if controller.width <= _SECOND_PORT:
-            raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
-        controller.ftdi.write_data(bytes([_SET_HIGH, idle, _DRIVEN]))  # pyftdi drives only pins that begin high
-        return Ft232hRegisterBus(controller, url, address), Ft232hSwitchChain(controller, url, mode, readback)
-
-
-def open_ft232h_bus(url: str, address: int) -> Ft232hRegisterBus:
-    """Open the adapter of a pyftdi URL without switches."""
-    with _opened(url) as controller:
-        return Ft232hRegisterBus(controller, url, address)
-
-
-@contextlib.contextmanager
-def _opened(url: str, **pins: int) -> Iterator[Any]:
-    """Open an adapter."""
     controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
+    idle = _SYNC | (_CLOCK if mode & 2 else 0)
+    pins = {"direction": _DRIVEN << _SECOND_PORT, "initial": idle << _SECOND_PORT} if switches else {}
     try:
         controller.configure(url, frequency=I2C_SPEED, **pins)
         controller.set_retry_count(1)  # this module judges a failed transfer itself
         controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
-        yield controller
+        bus = Ft232hRegisterBus(controller, url, address)
+        if not switches:
+            return bus, None
+        if controller.width <= _SECOND_PORT:
+            raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
+        controller.ftdi.write_data(bytes([_SET_HIGH, idle, _DRIVEN]))  # pyftdi drives only pins that begin high
+        return bus, Ft232hSwitchChain(controller, url, mode, readback)
     except (OSError, ValueError, usb.UsbToolsError) as error:
         _close(controller)
         if _NO_LIBUSB in str(error):

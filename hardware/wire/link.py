@@ -30,10 +30,10 @@ from coilarray.hardware.wire.protocol import (
     Answer,
     BoardTime,
     Greeting,
+    Heartbeat,
     LineParser,
     Message,
     MessageError,
-    Pong,
     Refusal,
     ScanMessage,
     StreamEnd,
@@ -188,7 +188,7 @@ class Session:
         """Send PING and keep the reply."""
         self.keep(self.ask(read_pong, "PING", patience=patience))
 
-    def keep(self, pong: Pong) -> None:
+    def keep(self, pong: Heartbeat) -> None:
         """Store the reply to PING."""
         self.check_boot(pong.boot)
         self.present(pong.time)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import binascii
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import TypeVar
@@ -60,11 +60,10 @@ class ScanMessage:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """Message of a board that has nothing else to send."""
+    """Message of a board that has nothing else to send, or its reply to PING."""
 
     boot: int
-    time: int
-    configuration: int
+    time: int  # in µs, which wraps at 2³²
     mode: Mode
 
 
@@ -73,7 +72,6 @@ class StreamEnd:
     """Message of a board that ended the stream by itself."""
 
     reason: StreamEndReason
-    configuration: int
     boot: int
     text: str
 
@@ -115,9 +113,19 @@ def decimal(field: str) -> int:
 def parse_message(text: str) -> Message:
     """Read the text of an intact line."""
     kind, fields = text[:1], text[1:].split(",")
-    if kind not in _KINDS:
-        raise MessageError(f"a line must begin with S, H, E or <; got {kind!r}.")
-    return _KINDS[kind](fields)
+    if kind == "S":
+        return read_scan(fields)
+    if kind == "H":
+        boot, time, configuration, mode = _exactly(4, fields)
+        hexadecimal(configuration, 4)
+        return _heartbeat(boot, time, mode)
+    if kind == "E":
+        code, configuration, boot, said = _exactly(4, fields)
+        hexadecimal(configuration, 4)
+        return StreamEnd(_member(StreamEndReason, code), hexadecimal(boot, 8), said)
+    if kind == "<":
+        return _reply(fields)
+    raise MessageError(f"a line must begin with S, H, E or <; got {kind!r}.")
 
 
 def read_scan(fields: Sequence[str]) -> ScanMessage:
@@ -163,21 +171,11 @@ def _member(kind: type[_Code], field: str) -> _Code:
     return kind(number)
 
 
-def _heartbeat(fields: Sequence[str]) -> Heartbeat:
-    boot, time, configuration, mode = _exactly(4, fields)
-    return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), hexadecimal(configuration, 4), _mode(mode))
-
-
-def _mode(field: str) -> Mode:
+def _heartbeat(boot: str, time: str, mode: str) -> Heartbeat:
     try:
-        return Mode(field)
-    except ValueError:
-        raise MessageError(f"a mode must be u, i or s; got {field!r}.") from None
-
-
-def _stream_end(fields: Sequence[str]) -> StreamEnd:
-    code, configuration, boot, text = _exactly(4, fields)
-    return StreamEnd(_member(StreamEndReason, code), hexadecimal(configuration, 4), hexadecimal(boot, 8), text)
+        return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), Mode(mode))
+    except ValueError as error:
+        raise MessageError(f"a mode must be u, i or s: {error}.") from None
 
 
 def _reply(fields: Sequence[str]) -> Answer | Refusal:
@@ -192,14 +190,6 @@ def _reply(fields: Sequence[str]) -> Answer | Refusal:
         code, text = _exactly(2, rest)
         return Refusal(number, hexadecimal(code, 1), text)
     raise MessageError(f"a reply must say OK or ERR; got {verdict!r}.")
-
-
-_KINDS: Mapping[str, Callable[[Sequence[str]], Message]] = {
-    "S": read_scan,
-    "H": _heartbeat,
-    "E": _stream_end,
-    "<": _reply,
-}
 
 
 def _exactly(count: int, fields: Sequence[str]) -> Sequence[str]:
@@ -219,15 +209,6 @@ class Greeting:
     device: int
     most_states: int  # that a configuration may have
     most_devices: int
-
-
-@dataclass(frozen=True)
-class Pong:
-    """Reply to PING: the session, the time in µs (wraps at 2³²) and the mode."""
-
-    boot: int
-    time: int
-    mode: Mode
 
 
 def read_version(fields: Sequence[str]) -> tuple[int, int]:
@@ -254,13 +235,12 @@ def read_greeting(fields: Sequence[str]) -> Greeting:
     )
 
 
-def read_pong(fields: Sequence[str]) -> Pong:
+def read_pong(fields: Sequence[str]) -> Heartbeat:
     """Read the fields of a reply to PING."""
     if len(fields) < 4:
         raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
-    boot, time, mode, dropped = fields[:4]
-    decimal(dropped)  # lines that the board could not read
-    return Pong(hexadecimal(boot, 8), hexadecimal(time, 8), _mode(mode))
+    decimal(fields[3])  # lines that the board could not read
+    return _heartbeat(*fields[:3])
 
 
 MAX_LINE = 512

@@ -39,9 +39,9 @@ class ScriptedBoard:
 
     name = "scripted"
 
-    def __init__(self, *, baud=None):
-        self.clock, self.baud = VirtualClock(), baud
-        self.boot, self.version, self.capabilities = 0x1234ABCD, "2.0", "-"
+    def __init__(self):
+        self.clock = VirtualClock()
+        self.boot, self.version = 0x1234ABCD, "2.0"
         self.greeting_tail = "5449,3055,64,8"
         self.skew = 0  # µs of the board's clock at the start of the computer's
         self.hash, self.draft, self.mode, self.sent, self.dropped = 0, [], "u", [], 0
@@ -51,7 +51,6 @@ class ScriptedBoard:
         self.scan_time = SCAN_TIME
         self._coming = b""
         self._going = deque()  # (time from which on a byte is there, bytes)
-        self._line_free = 0.0
         self._last = (None, b"")  # the command before, and its reply
         self._sequence = self._started = self._next_scan = self._interval = 0
         self._heard = self._spoken = 0.0
@@ -115,9 +114,7 @@ class ScriptedBoard:
         if not line:
             return
         self._spoken = self.clock.now()
-        at = max(self._line_free, self.clock.now()) + (len(line) * 10 / self.baud if self.baud else 0)
-        self._line_free = at
-        self._going.append((at, line))
+        self._going.append((self.clock.now(), line))
 
     def heartbeat(self):
         self.say(f"H{self.boot:08X},{self.microseconds():08X},{self.hash:04X},{self.mode}")
@@ -167,7 +164,7 @@ class ScriptedBoard:
 
     def _do_hello(self):
         self._do_stop()
-        return [self.version, "scripted 1", f"{self.boot:08X}", self.greeting_tail, self.capabilities]
+        return [self.version, "scripted 1", f"{self.boot:08X}", self.greeting_tail, "-"]
 
     def _do_stop(self):
         self.mode = "i" if self.hash else "u"
@@ -205,7 +202,7 @@ class ScriptedBoard:
         return [{"7E": "5449", "7F": "3055"}.get(address, "0000")]
 
     def _do_chain(self):
-        return ["same" if "readback" in self.capabilities else "none"]
+        return ["none"]
 
 
 SETTINGS = settings_of(load_wiring("six_coils"))
