@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from statistics import fmean
 from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 
 from pydantic import Field
 
 from coilarray.design.keys import Name, Table
-from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
-from coilarray.design.switch_parts import CONVERTER_PIN, switch_part
+from coilarray.design.scan_states import Passive, ScanState, check_state
+from coilarray.design.switch_parts import switch_part
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import HardwareError, listed, shown
 from coilarray.hardware.chips.ldc1614 import CHANNELS
@@ -30,7 +29,6 @@ WIRINGS = TomlFiles("wiring", HardwareError, "coilarray.hardware.scan.wirings")
 _STARTER = "six_coils"
 _MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF means that it is not wired
 _MOST_DEVICES = 255
-_BUS: tuple[Net, ...] = ("INA", "INB")
 _GROUNDED: Mapping[Passive, tuple[End, ...]] = {
     "ground": ("a", "b"),
     "ground one end": ("a",),
@@ -200,41 +198,6 @@ class Wiring:
             }
             codes += bytes(by_name.get(name, UNUSED) for name in device.bits)
         return bytes(codes)
-
-    def capacitances(self, switches: Switches) -> Switches:
-        """Return switches with the capacitances of the wiring's parts.
-
-        The capacitances are typical values. Traces are not counted. Without switches only the pins of the converter
-        remain. A common pin is the end of a coil if its switches have only one coil end, and a net otherwise. The ends
-        of the coils, and the two sides of the bus, get their mean.
-
-        Examples
-        --------
-        >>> from coilarray.design.switch_parts import PARTS
-        >>> counted = load_wiring("six_coils_4").capacitances(Switches())
-        >>> round(counted.bus_capacitance * 1e12), round(counted.terminal_capacitance * 1e12)
-        (81, 26)
-        """
-        if self.channels:
-            return replace(switches, off_capacitance=0.0, terminal_capacitance=0.0, bus_capacitance=CONVERTER_PIN)
-        at: defaultdict[Terminal | Net, float] = defaultdict(float)
-        of_bus = []
-        for device in self.devices:
-            part = switch_part(device.part)
-            for names in part.common_pins:
-                wired = [switch for switch in device.switches if switch.name in names]
-                of_end = len({switch.terminal for switch in wired}) == 1
-                for k, switch in enumerate(wired):
-                    common, own = (switch.terminal, switch.net) if of_end else (switch.net, switch.terminal)
-                    at[own] += part.source_capacitance
-                    at[common] += part.drain_capacitance if k == 0 else 0.0
-                of_bus += [part for switch in wired if switch.net in _BUS]
-        return replace(
-            switches,
-            off_capacitance=fmean(part.off_capacitance for part in of_bus),
-            terminal_capacitance=fmean(at[terminal] for terminal in self.terminals),
-            bus_capacitance=fmean(at[pin] for pin in _BUS) + fmean(part.closing for part in of_bus) + CONVERTER_PIN,
-        )
 
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
         """Return the words that close the given connections, for the far end of the chain first."""

@@ -9,12 +9,11 @@ import tomllib
 from dataclasses import replace
 from itertools import product
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coilarray.design.scan_states import ScanState, Switches, paper_plan
+from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.design.switch_parts import switch_part
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.scan.switching import check_switching
@@ -279,22 +278,3 @@ def test_switches_that_can_share_their_common_pin(part, devices):
 def test_switches_that_cannot_are_refused_by_name(part, devices, who):
     with pytest.raises(HardwareError, match=f"small: wiring small, {who} share a common pin, which cannot be both"):
         _with_part(part, *devices)
-
-
-def test_capacitances_of_a_wiring():
-    """Against sums over pins: of a measured coil the bus, its own switches and the converter's 4 pF."""
-
-    def on_the_bus(wiring):
-        counted = wiring.capacitances(Switches(on_resistance=2.5))
-        assert counted.on_resistance == 2.5
-        # an isolation of 75 dB at 1 MHz into 50 Ω: the same part's other value in its data sheet
-        assert counted.off_capacitance == pytest.approx(10**-3.75 / (2 * np.pi * 1e6 * 50), rel=1e-3)
-        return (counted.bus_capacitance + counted.terminal_capacitance) * 1e12
-
-    # without the switches that turn a coil round; with them, every side has six pins more
-    straight = [
-        replace(one, switches=tuple(s for s in one.switches if s.name[:2] in ("S1", "S2"))) for one in SIX.devices
-    ]
-    assert on_the_bus(Wiring("straight", "", SIX.coils, tuple(straight))) == pytest.approx(5 * 13 + 48 + 4)
-    assert on_the_bus(SIX) == pytest.approx(11 * 13 + 48 + 4)
-    assert on_the_bus(FOUR) == pytest.approx(48 + 42 + 13 + 4)  # two common pins on the bus, one of them closed

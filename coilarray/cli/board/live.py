@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 _REDRAW = 0.1  # s, at least, from picture to picture
 _BAR, _LEAST_SCALE = 40, 1e-4  # characters; δ at the end of a bar, at least
 _FADE = 0.98  # of the scale of the bars from scan to scan
-_BLOCKS = " ▏▎▍▌▋▊▉█"
 
 
 @board_command()
@@ -206,13 +205,13 @@ def _beside(reading: LiveReading) -> list[str]:
 
 
 def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = ()) -> list[str]:
-    """Return the lines on the screen: a bar for every state, full at δ = `scale`, the position, and the rate."""
+    """Return the lines on the screen: a bar for every state, full at |δ| = `scale`, the position, and the rate."""
     width = max((len(state.name) for state in reading.states), default=0)
     lines = [f"δ in 10⁻⁶; a full bar is {scale * 1e6:.0f}"]
     for state in reading.states:
         why = "" if state.verdict == "good" and not state.reasons else f" {state.verdict}: {', '.join(state.reasons)}"
-        bar = _bar(0.0 if state.delta is None else state.delta / scale)
-        lines.append(f"{state.name:<{width}} {_delta_text(state):>9} {bar}{why}")
+        bar = "█" * round(_BAR * min(abs(state.delta or 0.0) / scale, 1.0))
+        lines.append(f"{state.name:<{width}} {_delta_text(state):>9} {bar:<{_BAR}}{why}")
     lines.append(_place_text(reading))
     rate = "–" if reading.rate is None else f"{reading.rate:.2f}"
     noise = "" if reading.noise is None else f", noise of δ {reading.noise:.1e} of each coil"
@@ -228,17 +227,6 @@ def _delta_text(state: LiveState) -> str:
     if state.delta is None:
         return "bad" if state.verdict == "bad" else "–"
     return number_text(state.delta * 1e6, 1, "+")
-
-
-def _bar(part: float) -> str:
-    """Return a bar of up to 40 characters about a zero at a fifth of its length."""
-    zero = _BAR // 5
-    eighths = round(8 * min(max(part, -1.0), 1.0) * (_BAR - zero))
-    if eighths >= 0:
-        full, rest = divmod(eighths, 8)
-        return (" " * zero + "│" + "█" * full + _BLOCKS[rest]).ljust(_BAR + 2)
-    left = min(round(-eighths / 8), zero)
-    return (" " * (zero - left) + "█" * left + "│").ljust(_BAR + 2)
 
 
 def _place_text(reading: LiveReading) -> str:
