@@ -512,10 +512,14 @@ def test_a_board_is_watched_held_zeroed_and_stopped(page, studio):
     browser.picture(page, "live", rests=False)
     page.click("#pause-board")
     page.wait_for_selector("#pause-board:has-text('Go on')")
-    browser.heard(page)
+
+    def is_held():
+        before = page.get_attribute(path, "d")
+        page.wait_for_timeout(500)  # five scans, or fewer where others compute
+        return page.get_attribute(path, "d") == before
+
+    until(is_held)
     held = page.get_attribute(path, "d")
-    page.wait_for_timeout(500)  # five scans, or fewer where others compute
-    assert page.get_attribute(path, "d") == held
     page.click("#live-span button:has-text('10 s')")  # which draws
     page.wait_for_function(f"held => document.querySelector('{path}').getAttribute('d') !== held", arg=held)
     page.click("#pause-board")

@@ -72,14 +72,11 @@ class DesignPanel(Panel):
             return  # the field was only left; it shows twelve digits of a value that may have more
         session.state.errors = {name: line for name, line in session.state.errors.items() if name != key}
 
-        def refused(line: str) -> None:
-            session.state.errors = {**session.state.errors, key: line}
-
         def made(work: Work) -> Document:
             changed = work.document_with({key: number_of(key, text)})
             return structure.on_its_layers(changed) if key.endswith(".winding_layers") else changed
 
-        session.change(made, refused, entry=key, typed=True)
+        session.change(made, entry=key)
 
     def _look(self) -> None:
         self._session.state.shelf = self._session.setup.shelf.names()
@@ -279,10 +276,7 @@ class BuildPanel(Panel):
         """Change the document of the design by one of the `structure.STEPS`."""
         function = structure.STEPS.get(step)
         if function is not None:
-            self._session.change(
-                lambda work: function(work.opened.document, work.design, *arguments),
-                partial(setattr, self._session.state, "build_problem"),
-            )
+            self._session.change(lambda work: function(work.opened.document, work.design, *arguments), "build_problem")
 
 
 def _rounded(value: float) -> str:

@@ -92,7 +92,7 @@ class Job:
     """Function of a module that runs in a process of its own.
 
     It is called with pickled arguments and a `Link`, and starts at once. In a thread of the job, `on_message` is called
-    with every message of the function, and `on_end` once with the `Outcome`. After `stop` the process has `patience`
+    with every message of the function, and `on_end` once with the `Outcome`. After `QUIT` the process has `patience`
     seconds to end by itself.
     """
 
@@ -118,21 +118,17 @@ class Job:
         self._thread.start()
 
     def send(self, order: str) -> None:
-        """Send a letter to the function, see `Link.orders`."""
+        """Send a letter to the function, see `Link.orders`; after `QUIT` the job ends, and nothing is sent."""
         if not self._stopped.is_set():
             with suppress(OSError):
                 self._connection.send(order)
-
-    def stop(self) -> None:
-        """Ask the job to end and return at once."""
-        if not self._stopped.is_set():
-            self.send(QUIT)
-            self._stopped.set()
-            threading.Thread(target=self._end, args=(self._patience,), daemon=True).start()
+            if order == QUIT:
+                self._stopped.set()
+                threading.Thread(target=self._end, args=(self._patience,), daemon=True).start()
 
     def close(self) -> None:
         """Stop the job, and wait until its process has ended."""
-        self.stop()
+        self.send(QUIT)
         self._thread.join(self._patience + 2 * _GOODBYE)
 
     def _listen(self) -> None:

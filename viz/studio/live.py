@@ -204,9 +204,8 @@ class LivePanel(Panel):
             "live_logged": "", "live_temperature": "",
         }  # fmt: skip
         super().__init__(
-            session, values, start_board=self.start, stop_board=lambda: session.stop_job(_JOB),
-            zero_board=lambda: session.tell_job(_JOB, ZERO), look_at_board=self._look, pause_board=self._pause,
-            span_of_board=self._choose_span, list_recordings=self._list,
+            session, values, start_board=self.start, stop_board=lambda: session.tell_job(_JOB),
+            zero_board=lambda: session.tell_job(_JOB, ZERO), look_at_board=self._look, list_recordings=self._list,
         )  # fmt: skip
         self.show(session.work.design)
 
@@ -220,7 +219,7 @@ class LivePanel(Panel):
         state.live_states = [one.name for one in design.plan]
         state.live_reference = [name for name in state.live_reference if name in state.live_states]
         self._forget(())
-        self._draw()
+        self.draw()
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Board coloured by the last δ, or None before it."""
@@ -264,16 +263,6 @@ class LivePanel(Panel):
     def _list(self) -> None:
         self._session.state.live_recordings = self._session.setup.shelf.files(_RECORDING)
 
-    def _pause(self) -> None:
-        state = self._session.state
-        state.live_paused = not state.live_paused
-        self._look()
-
-    def _choose_span(self, span: float) -> None:
-        if span in SPANS:
-            self._session.state.live_span = span
-            self._draw()
-
     def _forget(self, states: Sequence[str]) -> None:
         """Begin another history."""
         self._history = History(states)
@@ -316,9 +305,9 @@ class LivePanel(Panel):
     def _look(self) -> None:
         """Draw new readings, if there are any."""
         if self._new and not self._session.state.live_paused:
-            self._draw()
+            self.draw()
 
-    def _draw(self) -> None:
+    def draw(self) -> None:
         """Draw the last readings."""
         frame, state, design = self._frame, self._session.state, self._design
         self._new = False
@@ -361,7 +350,7 @@ class LivePanel(Panel):
         """Show why the readings have ended."""
         state = self._session.state
         state.live_running = state.live_other = False
-        self._draw()
+        self.draw()
         state.live_line = {"failed": "", "cancelled": "stopped", "done": "ended"}[outcome.kind]
         state.live_problem = outcome.problem
         if outcome.kind == "failed":

@@ -185,7 +185,7 @@ class MetalPanel(Panel):
         }  # fmt: skip
         session.state.client_only("body_form")
         super().__init__(session, values, add_body=self._add, remove_body=self._remove, move_target=self._move,
-            place_target=self._put, toggle_eddies=self._toggle_eddies,
+            place_target=self._put,
         )  # fmt: skip
 
     def show(self, design: Design, *, anew: bool) -> None:
@@ -252,14 +252,8 @@ class MetalPanel(Panel):
         session.state.stale = sorted({*session.state.stale, "target"})
         session.slow.ask(self.steps(session.work.design))
 
-    def _toggle_eddies(self) -> None:
-        self._session.state.show_eddies = not self._session.state.show_eddies
-        self._session.redraw()
-
     def _add(self, form: dict[str, str | None]) -> None:
-        refused = partial(setattr, self._session.state, "body_problem")
-        self._session.change(lambda work: with_body(work.opened.document, form), refused)
+        self._session.change(lambda work: with_body(work.opened.document, form), "body_problem")
 
     def _remove(self, key: str) -> None:
-        refused = partial(setattr, self._session.state, "body_problem")
-        self._session.change(lambda work: without_body(work.opened.document, key), refused)
+        self._session.change(lambda work: without_body(work.opened.document, key), "body_problem")

@@ -56,9 +56,12 @@ class Page(Session):
         self.design = DesignPanel(self, self.saved)
         self.new = NewPanel(self)
         self.state.tab = "live" if setup.services.alone else "numbers"
-        for function in (self.redraw, self.runs.offer):
-            self.state.change("tab")(lambda function=function, **_: function())
-        self.state.change("matrix_of")(lambda **_: self.numbers.draw())
+        for names, function in (
+            (("tab", "scene_sheets", "show_eddies"), self.redraw), (("tab",), self.runs.offer),
+            (("matrix_of",), self.numbers.draw), (("hidden_groups",), self.scene.hide),
+            (("live_span", "live_paused"), self.live.draw),
+        ):  # fmt: skip
+            self.state.change(*names)(lambda function=function, **_: function())
         self._build_layout()
         self.server.controller.on_server_bind.add(lambda server: setattr(self, "endpoint", server["ws"]))
         self.server.controller.on_error.add(_log_error)
@@ -101,7 +104,7 @@ class Page(Session):
         self.work = work
         design = work.design
         with self.state:
-            self._say_trail()
+            self.state.can_undo, self.state.can_redo = bool(self._before), bool(self._after)
             self.build.show(work)
             self.design.show(work, typed=typed)
             self.switches.show(design, anew=opened)

@@ -13,7 +13,7 @@ from coilarray.compute.display_units import value_text
 from coilarray.compute.threads import Progress
 from coilarray.design.keys import entry_unit
 from coilarray.design.model import Design, build_design_file
-from coilarray.errors import CoilarrayError, DesignError, OutputError
+from coilarray.errors import CoilarrayError, DesignError
 from coilarray.studies.optimize.derive import NAMES, unfit_goals
 from coilarray.studies.optimize.goal import unbeaten
 from coilarray.studies.optimize.run import FILE, read_studies
@@ -147,12 +147,7 @@ def run_folders(folder: Path) -> list[str]:
 
 
 def read_runs(folder: Path) -> tuple[Run, ...]:
-    """Read all studies of a folder with a ``points.jsonl``.
-
-    A missing file or a file without such points raises an OutputError.
-    """
-    if not (folder / FILE).is_file():
-        raise OutputError(f"there is no {FILE} in {folder}: coilarray optimize --out {folder} makes one.")
+    """Read all studies of a folder with a ``points.jsonl``, or raise an OutputError."""
     return tuple(run_of(name, points) for name, points in read_studies(folder).items())
 
 
@@ -336,8 +331,7 @@ class RunsPanel(Panel):
         point = None if run is None else next((one for one in run.points if one.name == name), None)
         if point is not None:
             entries = point.entries
-            refused = partial(setattr, self._session.state, "runs_problem")
-            self._session.change(lambda work: work.document_with(entries), refused)
+            self._session.change(lambda work: work.document_with(entries), "runs_problem")
 
 
 def _list(values: Mapping[str, object]) -> str:

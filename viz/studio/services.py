@@ -67,20 +67,12 @@ class Summary:
     converter: bool = True
 
 
-def compute_table(document: Document, name: str, progress: Progress) -> xr.Dataset:
-    """Compute a response table without storing it."""
-    from coilarray.design.model import build_design
-    from coilarray.localize.forward import table_for
-
-    return table_for(build_design(document, name), progress=progress)
-
-
 @dataclass(frozen=True)
 class Services:
     """Functions that the caller of the studio provides. A missing function has no button, tab or table."""
 
     # Returns the response of a design (document, name) at the positions of `coilarray.localize.forward.table_grid`.
-    response_table: Callable[[Document, str, Progress], xr.Dataset] = compute_table
+    response_table: Callable[[Document, str, Progress], xr.Dataset] | None = None
     # Writes the report of a design (document, name) into a folder and returns its page.
     write_report: Callable[[Document, str, Path, Progress], Path] | None = None
     # Opens a board or a recording, sends lists of frames, and leaves the board at rest. It follows the order `ZERO`.

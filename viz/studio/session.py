@@ -24,7 +24,7 @@ from coilarray.circuit.network import Network
 from coilarray.compute.table import png_url
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, shown
-from coilarray.viz.studio.job import PATIENCE, Calculator, Job, Outcome, time_left
+from coilarray.viz.studio.job import PATIENCE, QUIT, Calculator, Job, Outcome, time_left
 from coilarray.viz.studio.services import Document, Services
 from coilarray.viz.studio.work import Shelf, Work
 
@@ -61,8 +61,8 @@ class _Change(NamedTuple):
     """Change of the design that waits for earlier changes."""
 
     made: Callable[[Work], Document]
-    refused: Callable[[str], None]
-    typed: bool
+    problem: str
+    entry: str
 
 
 class Session(ABC):
@@ -90,7 +90,7 @@ class Session(ABC):
             "problem": "", "job": _NO_JOB, "stale": [], "failures": {}, "shown_accuracy": "", "accuracy": "",
             "can_undo": False, "can_redo": False, "routing": False,
         })  # fmt: skip
-        self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
+        self.trigger("cancel_job", lambda: self.tell_job(self.state.job["name"]))
         self.trigger("undo", lambda: self._step(self._before, self._after))
         self.trigger("redo", lambda: self._step(self._after, self._before))
 
@@ -113,7 +113,7 @@ class Session(ABC):
             self._changing.cancel()
         jobs = list(self._jobs.values())
         for job in jobs:
-            job.stop()
+            job.send(QUIT)
         for job in jobs:
             await asyncio.to_thread(job.close)
 
@@ -132,20 +132,14 @@ class Session(ABC):
         self._changed_at = time.monotonic() if typed else -math.inf
         self._show(work, typed=typed)
 
-    def change(
-        self,
-        made: Callable[[Work], Document],
-        refused: Callable[[str], None],
-        *,
-        entry: str = "",
-        typed: bool = False,
-    ) -> None:
+    def change(self, made: Callable[[Work], Document], problem: str = "", *, entry: str = "") -> None:
         """Change the document of the design and show the design.
 
-        `made` makes the new document from the present design. `refused` is called with one line if the change is
-        impossible. Changes are made one after the other, and of several changes of one `entry` only the last.
+        `made` makes the new document from the present design. If it is impossible, a line is shown as the value
+        `problem` of the state, or as the error of the field of an `entry`. Changes are made one after the other, and of
+        several changes of one entry only the last.
         """
-        change = _Change(made, refused, typed)
+        change = _Change(made, problem, entry)
         self._changes.pop(entry, None)
         self._changes[entry or change] = change
         if self._changing is None or self._changing.done():
@@ -165,15 +159,18 @@ class Session(ABC):
                 else:
                     work = begun.with_document(document)
             except CoilarrayError as error:
-                with self.state:
-                    change.refused(str(error))
+                with self.state as state:
+                    if change.entry:
+                        state.errors = {**state.errors, change.entry: str(error)}
+                    else:
+                        setattr(state, change.problem, str(error))
                 continue
             finally:
                 with self.state:
                     self.state.routing = False
-            same = self.work.opened.document is begun.opened.document
-            if same and not (change.typed and work.design.digest == begun.design.digest):
-                self.take(work.of_file(self.work), typed=change.typed)
+            same, typed = self.work.opened.document is begun.opened.document, bool(change.entry)
+            if same and not (typed and work.design.digest == begun.design.digest):
+                self.take(work.of_file(self.work), typed=typed)
 
     def _step(self, there: list[Work], back: list[Work]) -> None:
         """Undo the last change, or redo it."""
@@ -182,9 +179,6 @@ class Session(ABC):
             self._changed_at = -math.inf
             self._changes.clear()
             self._show(there.pop().of_file(self.work), typed=False)
-
-    def _say_trail(self) -> None:
-        self.state.can_undo, self.state.can_redo = bool(self._before), bool(self._after)
 
     # ---------------------------------------------------------------- what is shown of it
 
@@ -334,15 +328,10 @@ class Session(ABC):
             heard((0, 0))
         return started
 
-    def tell_job(self, name: str, order: str) -> None:
-        """Send an order to a job."""
+    def tell_job(self, name: str, order: str = QUIT) -> None:
+        """Send an order to a job, by default to end."""
         if name in self._jobs:
             self._jobs[name].send(order)
-
-    def stop_job(self, name: str) -> None:
-        """Ask a job to end."""
-        if name in self._jobs:
-            self._jobs[name].stop()
 
     def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
         """Let another thread call a function on the page's loop."""

@@ -248,8 +248,7 @@ class StudiesPanel(Panel):
         found = self._found
         if isinstance(found, SweepResult) and 0 <= point < len(found.points):
             entries = found.points[point]
-            refused = partial(setattr, self._session.state, "study_problem")
-            self._session.change(lambda work: work.document_with(entries), refused)
+            self._session.change(lambda work: work.document_with(entries), "study_problem")
 
     def _keep(self) -> None:
         """Write all numbers into the folder."""

@@ -105,7 +105,9 @@ class TouchPanel(Panel):
     def _compute(self) -> None:
         """Compute the response of the design."""
         session = self._session
-        design = session.work.design
+        design, table_of = session.work.design, session.setup.services.response_table
+        if table_of is None:
+            return
 
         def done(table: xr.Dataset) -> None:
             """Keep the response, and use it for its design."""
@@ -119,9 +121,8 @@ class TouchPanel(Panel):
         def note(text: str = "Cancelled.") -> None:
             session.state.touch_note = text
 
-        table, text = session.setup.services.response_table, f"response of {design.name}"
-        document = session.work.opened.document
-        if session.start_bar("table", text, table, document, design.name, done=done, cancelled=note):
+        document, text = session.work.opened.document, f"response of {design.name}"
+        if session.start_bar("table", text, table_of, document, design.name, done=done, cancelled=note):
             note("")
 
     def _take_table(self, table: xr.Dataset) -> None:

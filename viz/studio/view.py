@@ -263,9 +263,7 @@ class ScenePanel(Panel):
             "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(SIDES),
             "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False,
         }  # fmt: skip
-        super().__init__(
-            session, values, look_from=self._look_from, toggle_group=self._toggle, toggle_sheets=self._toggle_sheets
-        )
+        super().__init__(session, values, look_from=self._look_from)
 
     @property
     def html(self) -> str:
@@ -334,15 +332,10 @@ class ScenePanel(Panel):
         if self._view is not None and side in SIDES:
             self._view.look_from(side)
 
-    def _toggle_sheets(self) -> None:
-        self._session.state.scene_sheets = not self._session.state.scene_sheets
-        self._session.redraw()
-
-    def _toggle(self, name: str) -> None:
-        hidden = set(self._session.state.hidden_groups) ^ {name}
-        self._session.state.hidden_groups = sorted(hidden)
+    def hide(self) -> None:
+        """Hide the groups that the page names."""
         if self._view is not None:
-            self._view.hide(hidden)
+            self._view.hide(self._session.state.hidden_groups)
 
 
 def _legend(scene: Scene) -> dict[str, Any]:
