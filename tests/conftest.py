@@ -4,6 +4,7 @@ import os
 import re
 import signal
 import sys
+from collections import Counter
 from pathlib import Path
 
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
@@ -28,31 +29,6 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("shared machine")
 
 
-# Files that take longest, or wait for other processes: begun first, none of them is left for the end.
-LONGEST = (
-    "viz/test_studio_page", "metal/test_backing", "metal/test_ball", "viz/test_studio_server", "response/test_seat",
-    "hardware/test_recording_kill", "viz/test_metal_scenes", "studies/test_optimize_write",
-    "compute/test_cluster", "fuzz/test_flips", "fuzz/test_fuzz", "cli/test_live",
-    "response/test_response", "test_examples", "cli/test_no_room", "cli/test_interrupts",
-    "compute/test_under_load", "report/test_report", "studies/test_calibrate_campaigns", "cli/test_localize",
-    "studies/test_tolerance_analysis", "metal/test_finite_plates", "metal/test_coupled_plates",
-    "elastomer/test_finite_sample", "studies/test_create", "elastomer/test_finite_strain",
-    "elastomer/test_dented_layer", "studies/test_optimize_search", "localize/test_inverse",
-    "paper/test_distortion", "studies/test_quantities", "electromagnetics/test_flat_layer",
-    "cli/test_compare", "response/test_beside_plates", "cli/test_measure_broken_off",
-    "cli/test_board", "cli/test_measure", "studies/test_tolerance_position",
-    "hardware/test_emulator_world", "cli/test_calibrate_board", "response/test_near_response",
-    "studies/test_comparison", "circuit/test_volumes", "cli/test_response", "cli/test_export",
-    "elastomer/test_contact", "cli/test_sweep", "studies/test_optimize_kill", "cli/test_cli", "hardware/test_guides",
-    "hardware/test_campaign", "hardware/test_board_safety", "cli/test_view", "viz/test_window",
-    "cli/test_indent", "cli/test_tolerance", "elastomer/test_references",
-    "elastomer/test_dent_over_layers", "elastomer/test_dented_layer_3d", "studies/test_optimize_polish",
-    "studies/test_optimize_known", "metal/test_magnetic_plates", "geometry/test_rules", "paper/test_ellipse",
-    "geometry/test_export_kicad", "cli/test_channel_boards", "circuit/test_plates", "test_pages",
-    "response/test_target",
-)  # fmt: skip
-
-
 def pytest_configure(config):
     # else pytest-xdist begins with the files of many tests, which are the short ones
     config.option.loadscopereorder = False
@@ -75,13 +51,9 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    first = {f"tests/{name}.py": k for k, name in enumerate(LONGEST)}
-
-    def order(item):
-        name = item.nodeid.partition("::")[0]
-        return first.get(name, len(first)), name  # of the same file: as they stand there
-
-    items.sort(key=order)
+    """Begin with the files of the most slow tests: none of them is left for the end."""
+    slow = Counter(item.path for item in items if "slow" in item.keywords)
+    items.sort(key=lambda item: (-slow[item.path], item.path))  # of the same file: as they stand there
 
 
 def pytest_terminal_summary(terminalreporter, config):

@@ -84,9 +84,21 @@ def check(
     names = opened.array.stackup.names
     rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
     lines: list[str | Table] = [f"board: {array_words(opened.array)}"]
-    lines.append(_margin_table(rows, profile.title if profile else "the design"))
+    shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in rows])
+    whose = profile.title if profile else "the design"
+    lines.append(
+        replace(
+            shown_table,
+            title=f"margins to the limits of {whose}: the worst first, what is kept of the bare board last",
+            columns=(Column("no."), *shown_table.columns),
+            rows=tuple((str(k + 1), *row) for k, row in enumerate(shown_table.rows)),
+        )
+    )
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
-    source = None if profile is None else _source(profile)
+    source = profile and {
+        "profile": profile.name, "title": profile.title, "read": profile.read.isoformat(),
+        "sources": [{"title": title, "url": url} for title, url in profile.sources], "assumed": dict(profile.assumed),
+    }  # fmt: skip
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
@@ -109,16 +121,6 @@ def _layers_text(names: Sequence[str], layers: Collection[str]) -> str:
     return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 2 else ", ".join(run) for run in runs)
 
 
-def _source(profile: FabProfile) -> dict[str, object]:
-    return {
-        "profile": profile.name,
-        "title": profile.title,
-        "read": profile.read.isoformat(),
-        "sources": [{"title": title, "url": url} for title, url in profile.sources],
-        "assumed": dict(profile.assumed),
-    }
-
-
 def _profile_table(profiles: Sequence[FabProfile]) -> Table:
     """Return the bundled profiles with their main limits."""
     keys = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "max_layers")
@@ -127,13 +129,3 @@ def _profile_table(profiles: Sequence[FabProfile]) -> Table:
         for profile in profiles
     ]
     return text_table(("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, "lengths in mm")
-
-
-def _margin_table(margins: Sequence[Margin], whose: str) -> Table:
-    """Return numbered margins, as the picture numbers them."""
-    from coilarray.report.tables import rules_table
-
-    table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in margins])
-    title = f"margins to the limits of {whose}: the worst first, what is kept of the bare board last"
-    rows = tuple((str(k + 1), *row) for k, row in enumerate(table.rows))
-    return replace(table, title=title, columns=(Column("no."), *table.columns), rows=rows)

@@ -53,16 +53,26 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
     chosen = chosen_designs(result)
     goal, several = result.goal, len(result.goal.objectives) > 1
     fronts = _front_pictures(result, chosen)
+    boards = {f"{result.design.name}, as given": result.design.array}
+    boards |= {one.label: one.design.array for one in chosen}
+    files = ["File of the design: `best.toml`."] if result.front else []
+    if several:
+        files = [
+            "Shown are the ends of the Pareto front, and the point nearest to the best of every objective where the "
+            "front spans the unit box. Files of all its designs: `pareto_NN.toml`."
+        ]
     trials, reasons = trial_table(result), reason_table(result)
     sections = [Section("Before and after", (
         Group("text", (quantity_table(result, chosen),)), Group("text", (variable_table(result, chosen),)),
-        *_file_words(result),
+        *files,
     ))]  # fmt: skip
     if fronts:
         words = "No feasible point is better than a point of the front in every objective. Far-off points are left out."
         sections.append(Section("Pareto front", (words, *fronts)))
     sections += [
-        Section("Boards", (_board_picture(result, chosen),)),
+        Section("Boards", (
+            draw("boards", "The boards from above, all copper layers, at one scale.", boards_figure(boards)),
+        )),
         Section("Convergence", (
             *_convergence_pictures(result),
             *([f"No local solver: {result.polish_problem}"] if result.polish_problem else []),
@@ -108,31 +118,17 @@ def _warnings(result: Optimization) -> list[Warn]:
     return [] if result.start.feasible else [Warn(f"The given design does not keep all bounds{reason}.")]
 
 
-def _file_words(result: Optimization) -> list[str]:
-    if len(result.goal.objectives) > 1:
-        return [
-            "Shown are the ends of the Pareto front, and the point nearest to the best of every objective where the "
-            "front spans the unit box. Files of all its designs: `pareto_NN.toml`."
-        ]
-    return ["File of the design: `best.toml`."] if result.front else []
-
-
 def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
     """Return the best design, or both ends of a front and the point nearest to all optima."""
     labels = [Path(name).stem for name in design_names(result)]
-    places = _ends_and_middle(result)
+    places = set(range(len(result.front)))
+    if len(places) > 2:
+        signs = np.array([-1.0 if objective.maximized else 1.0 for objective in result.goal.objectives])
+        costs = signs * np.array([trial.scores for trial in result.front])
+        spread = np.ptp(costs, axis=0)
+        scaled = (costs - costs.min(axis=0)) / np.where(spread > 0, spread, 1.0)
+        places = {0, len(result.front) - 1, int(np.linalg.norm(scaled, axis=1).argmin())}
     return tuple(Chosen(labels[k], result.front[k], vary(result.file, result.front[k].changes)) for k in sorted(places))
-
-
-def _ends_and_middle(result: Optimization) -> set[int]:
-    """Trials at the ends and middle of the front."""
-    if len(result.front) < 3:
-        return set(range(len(result.front)))
-    signs = np.array([-1.0 if objective.maximized else 1.0 for objective in result.goal.objectives])
-    costs = signs * np.array([trial.scores for trial in result.front])
-    spread = np.ptp(costs, axis=0)
-    scaled = (costs - costs.min(axis=0)) / np.where(spread > 0, spread, 1.0)
-    return {0, len(result.front) - 1, int(np.linalg.norm(scaled, axis=1).argmin())}
 
 
 def none_better(result: Optimization) -> str:
@@ -305,12 +301,6 @@ def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Pict
         wishes = " and ".join(objectives[k].wish for k in (i, j))
         pictures.append(draw(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the given design.", axes))
     return pictures
-
-
-def _board_picture(result: Optimization, chosen: Sequence[Chosen]) -> Picture:
-    boards = {f"{result.design.name}, as given": result.design.array}
-    boards |= {one.label: one.design.array for one in chosen}
-    return draw("boards", "The boards from above, all copper layers, at one scale.", boards_figure(boards))
 
 
 def _wishes(result: Optimization) -> dict[str, str]:

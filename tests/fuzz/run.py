@@ -6,7 +6,7 @@ A case is a kind and a number; with `SEED` they decide which example is mutated 
 - same: an answer equal to that for the file as it was
 - changed: another answer, all of whose numbers are finite and which no check of its kind contradicts
 - traceback: any other exception, a warning that is not ours included, or a refusal that is not one clear line
-- hang: more than 20 s of processor time, or a worker that had to be ended or died
+- hang: more than 20 s of processor time, or a worker that does not end
 - silent: an answer with a number that is not finite where none may be missing, one that contradicts itself, and
   another one than before for a text file with a checksum
 
@@ -34,7 +34,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, is_dataclass
 from functools import cache
-from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +57,7 @@ SECONDS = 20.0
 LONGEST_MESSAGE = 300
 """Characters of an error, without the path of the file."""
 
-_WALL_SECONDS = (
-    600.0  # after which a worker is ended: a loop in C that takes no signal, or `SECONDS` where many compute
-)
+_WALL_SECONDS = 600.0  # without any end: a loop in C that takes no signal, or a worker that died
 _MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
 
 
@@ -279,17 +276,17 @@ def _plain(answer: Any) -> str:
     return repr(answer)
 
 
-def _work(connection: Connection, folder: str) -> None:
-    """Run cases for the parent until it closes the pipe."""
+_BENCH: list[Bench] = []  # of a worker
+
+
+def _begin(folder: str) -> None:
+    """Limit the memory of a worker, and give it a folder of its own."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-    own = Path(tempfile.mkdtemp(dir=folder))
-    bench = Bench(Path(folder), own)
-    while True:
-        try:
-            name, number = connection.recv()
-        except EOFError:
-            return
-        connection.send(bench.run(name, number))
+    _BENCH.append(Bench(Path(folder), Path(tempfile.mkdtemp(dir=folder))))
+
+
+def _run(case: tuple[str, int]) -> Outcome:
+    return _BENCH[0].run(*case)
 
 
 def cases(count: int, kinds: Sequence[Kind] = KINDS, first: int = 0) -> Iterator[tuple[str, int]]:
@@ -301,53 +298,23 @@ def cases(count: int, kinds: Sequence[Kind] = KINDS, first: int = 0) -> Iterator
 
 
 def run_cases(wanted: Sequence[tuple[str, int]], workers: int) -> list[Outcome]:
-    """Run cases in processes; one that hangs or dies is ended, counted and replaced."""
-    context = multiprocessing.get_context("spawn")
+    """Run cases in processes; where none ends for `_WALL_SECONDS`, those that are left count as hangs."""
     done: list[Outcome] = []
-    waiting = list(reversed(wanted))
-    busy: dict[Connection, tuple[Any, tuple[str, int], float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder))
         for name in dict.fromkeys(name for name, _ in wanted):
             bench.examples(kind_of(name))
-
-        def begin(process: Any = None, connection: Connection | None = None) -> None:
-            if not waiting:
-                if connection is not None:
-                    connection.close()
-                    process.join()
-                return
-            if connection is None:
-                connection, other = context.Pipe()
-                process = context.Process(target=_work, args=(other, folder), daemon=True)
-                process.start()
-                other.close()
-            case = waiting.pop()
-            connection.send(case)
-            busy[connection] = (process, case, time.monotonic())
-
-        for _ in range(workers):
-            begin()
-        while busy:
-            for ready in wait(list(busy), timeout=1.0):
-                process, case, _ = busy.pop(ready)
-                try:
-                    outcome = ready.recv()
-                except EOFError:
-                    process.join()
-                    outcome = Outcome(*case, "hangs", f"the worker died with {process.exitcode}", 0.0)
-                    begin()
-                else:
-                    begin(process, ready)
-                done.append(outcome)
-                if outcome.outcome in OUTCOMES[3:]:  # a long run may be broken off
-                    sys.stderr.write(f"{outcome.outcome} {outcome.kind} {outcome.number}\n")
-            for connection, (process, case, begun) in list(busy.items()):
-                if time.monotonic() - begun > _WALL_SECONDS:
-                    process.kill()
-                    del busy[connection]
-                    done.append(Outcome(*case, "hangs", f"ended after {_WALL_SECONDS:g} s", _WALL_SECONDS))
-                    begin()
+        with multiprocessing.get_context("spawn").Pool(workers, _begin, (folder,)) as pool:
+            running = pool.imap_unordered(_run, wanted)
+            try:
+                while len(done) < len(wanted):
+                    done.append(running.next(_WALL_SECONDS))
+                    if done[-1].outcome in OUTCOMES[3:]:  # a long run may be broken off
+                        sys.stderr.write(f"{done[-1].outcome} {done[-1].kind} {done[-1].number}\n")
+            except multiprocessing.TimeoutError:
+                ended = {(one.kind, one.number) for one in done}
+                left = [case for case in wanted if case not in ended]
+                done += [Outcome(*case, "hangs", f"none ended in {_WALL_SECONDS:g} s", 0.0) for case in left]
     return done
 
 
