@@ -386,7 +386,8 @@ def _published(states: Sequence[str], levels: FloatArray) -> EllipseCurves:
             row = list(states).index(coil.name)
             curves[:, row] = [np.polyval(getattr(coil, name), levels) for name in PARAMETERS]
             hidden[row] = undetermined_levels(coil, levels)
-    return EllipseCurves(*curves, hidden)
+    x0, A, B = curves
+    return EllipseCurves(x0, A, B, hidden)
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from support.boards import reference_board
 
-from coilarray.geometry import FabRules, Margin, Stackup, check_rules
+from coilarray.geometry import FabRules, Margin, check_rules
 from coilarray.viz import check_figure
 from coilarray.viz.palette import INK
 
@@ -113,19 +113,3 @@ def test_the_first_place_of_a_layer_is_enlarged(array):
     assert right - left == pytest.approx(1.0)
     (detail,) = details(check_figure(array, [at(0, 0, margin=-0.2e-3)]))
     assert "−0.08 mm" in detail.get_title(loc="left")
-
-
-def test_many_layers_stand_beside_each_other_with_the_place_of_each_at_its_side(array):
-    """Twelve layers of one column would be five times as high as wide."""
-    names = tuple(f"L{k + 1}" for k in range(12))
-    most = replace(array, stackup=Stackup(names, (35e-6,) * 12, (0.1e-3,) * 11, (4.5,) * 11))
-    figure = check_figure(most, [at(0, 0, layer) for layer in names])
-    width, height = figure.get_size_inches()
-    assert 0.5 < width / height < 2
-    assert len(figure.axes) == 24
-    boxes = {ax.get_title(loc="left"): ax.get_position() for ax in figure.axes}
-    for number, layer in enumerate(names, start=1):
-        plan = boxes[f"Copper {layer}"]
-        detail = boxes[f"{number}: trace width of C1,\n0.1 mm, limit 0.12 mm"]
-        assert plan.x1 < detail.x0
-        assert plan.y0 < (detail.y0 + detail.y1) / 2 < plan.y1

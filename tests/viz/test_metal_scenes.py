@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from coilarray.geometry.solids import plate_solid
 from coilarray.response.target import target_map
 from coilarray.viz.datasets.field import EDDY, EDDY_AMOUNT, field_lines
 from coilarray.viz.scenes import field as fields
+from coilarray.viz.scenes import metal
 from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
-from coilarray.viz.scenes.metal import around_board
+from coilarray.viz.scenes.metal import WorkingPoint, around_board, eddies_of_plates
 
 ALUMINIUM = MATERIALS["aluminium"]
 
@@ -39,7 +41,9 @@ def few_turns():
 
 @pytest.fixture(scope="module")
 def shown(design):
-    return scene_of_design(design, View(show=board_and_metal(design), coil="coil2"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(metal, "_STEPS", 0)  # no positions between those of the design
+        return scene_of_design(design, View(show=board_and_metal(design), coil="coil2"))
 
 
 def test_the_solid_of_a_plate_is_its_outline_times_its_thickness_where_it_lies():
@@ -94,12 +98,9 @@ def test_every_position_says_what_the_library_computes(design, shown):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("finite", [False, True])
-def test_eddy_currents_run_against_the_coil_on_the_upper_face(few_turns, finite):
+def test_eddy_currents_run_against_the_coil_on_the_upper_face(few_turns):
     (middle,) = few_turns.array.centres
     shield = Plate("shield", 5e-3, 2e-3, ALUMINIUM)
-    if finite:
-        shield = FinitePlate("shield", Disc(4e-3), (*middle, 6e-3), 2e-3, ALUMINIUM)
     scene = scene_of_design(replace(few_turns, plates=(shield,)), View(show=("plates", "eddies"), others_open=True))
     (arrows,) = (part.mesh for part in scene.parts if part.name == "eddies of plate 0")
     path = few_turns.array.conductors()[0].vertices
@@ -111,6 +112,22 @@ def test_eddy_currents_run_against_the_coil_on_the_upper_face(few_turns, finite)
     # on the upper face, but for the arrows' own thickness
     assert np.abs(points[:, 2] - 7.0).max() < 1.5
     assert any("while the coil's current is largest" in note for note in scene.notes)  # many skin depths
+
+
+def test_eddy_currents_of_a_plate_with_an_outline_are_those_through_its_thickness(few_turns, monkeypatch):
+    """The solver gives the upper half and its mirror image; tests/metal holds its numbers."""
+    upper = np.array([[[0.0, 0, 7], [3, 0, 7], [0, 3, 7]]]) * 1e-3
+    solved = SimpleNamespace(
+        corners=np.concatenate((upper, upper * [1, 1, 5 / 7])),
+        density=np.array([[[1, 2, 0], [3, 4j, 0]]], dtype=complex),
+    )
+    monkeypatch.setattr(metal, "eddy_currents", lambda *_: [[solved]])
+    coin = FinitePlate("coin", Disc(4e-3), (0.0, 0.0, 6e-3), 2e-3, ALUMINIUM)
+    operation = WorkingPoint(np.array([2.0 + 0j]), 2e6)
+    ((points, normals, K),) = eddies_of_plates(few_turns, [coin], operation, around_board(few_turns.array))
+    np.testing.assert_allclose(points, [[1e-3, 1e-3, 7e-3]])
+    np.testing.assert_allclose(normals, [[0, 0, 1]])
+    np.testing.assert_allclose(K, [[8, 4 + 8j, 0]])
 
 
 @pytest.mark.slow
@@ -141,11 +158,11 @@ def test_what_is_not_there_is_refused(design):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("metal", ["plate above", "plate below", "target"])
-def test_lines_of_b_go_along_metal_and_end_only_at_the_box(few_turns, metal, monkeypatch):
-    plate = Plate("shield", -6e-3 if metal == "plate below" else 2.5e-3, 2e-3, ALUMINIUM)
+@pytest.mark.parametrize("kind", ["plate above", "plate below", "target"])
+def test_lines_of_b_go_along_metal_and_end_only_at_the_box(few_turns, kind, monkeypatch):
+    plate = Plate("shield", -6e-3 if kind == "plate below" else 2.5e-3, 2e-3, ALUMINIUM)
     target = Target(replace(plate, name="target"), (2.5e-3, 5e-3), (0.0,), (0.0,))
-    design = replace(few_turns, **({"target": target} if metal == "target" else {"plates": (plate,)}))
+    design = replace(few_turns, **({"target": target} if kind == "target" else {"plates": (plate,)}))
     followed = []
 
     def watched(grid, seeds):
@@ -153,10 +170,10 @@ def test_lines_of_b_go_along_metal_and_end_only_at_the_box(few_turns, metal, mon
         return followed[0][1]
 
     monkeypatch.setattr(fields, "field_lines", watched)
-    shown = View(show=("target" if metal == "target" else "plates", "lines"), others_open=True)
+    shown = View(show=("target" if kind == "target" else "plates", "lines"), others_open=True)
     scene = scene_of_design(design, shown)
     (grid, lines) = followed[0]
-    words = "the target at 2.5 mm" if metal == "target" else "the plates"
+    words = "the target at 2.5 mm" if kind == "target" else "the plates"
     assert any(f"beside {words}" in note for note in scene.notes)
     assert scene.slider is None or len(scene.slider.labels) == 1  # what is shown is for this distance
     low, high = np.reshape(grid.bounds, (3, 2)).T
@@ -165,7 +182,7 @@ def test_lines_of_b_go_along_metal_and_end_only_at_the_box(few_turns, metal, mon
     assert lines.n_cells == 30
     for k in range(lines.n_cells):
         points = np.asarray(lines.get_cell(k).points)
-        depth = points[:, 2] - inside[0] if metal != "plate below" else inside[1] - points[:, 2]
+        depth = points[:, 2] - inside[0] if kind != "plate below" else inside[1] - points[:, 2]
         assert (
             depth.max() < 5 * skin
         )  # a hundredth of a hundredth of its flux goes deeper: B_z there over that at the coil

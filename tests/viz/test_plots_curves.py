@@ -34,27 +34,16 @@ def test_units_of_axes_and_a_map_with_gaps():
     assert ax.child_axes[0].get_ylabel() == "δ (10⁻³)"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("quantity", "label", "factor"),
-    [
-        ("apparent_inductance", "apparent inductance Im Z/ω (µH)", 1e6),
-        ("impedance_real", "effective resistance Re Z (Ω)", 1.0),
-        ("quality_factor", "quality factor Im Z/Re Z", 1.0),
-    ],
-)
-def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
+def test_curves_over_frequency_are_the_sweeps():
     sweep = results.frequency_sweep()
-    ax = circuits.plot_frequency_sweep(sweep, quantity)
-    assert ax.get_xscale() == "log"
+    ax = circuits.plot_frequency_sweep(sweep)
     assert list(curves(ax)) == ["a", "b"]
     for name, line in curves(ax).items():
         np.testing.assert_allclose(line.get_xdata(), sweep.frequency * 1e-6)
-        np.testing.assert_allclose(line.get_ydata(), sweep[quantity].sel(state=name) * factor)
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("frequency (MHz)", label)
-    ax.figure.draw_without_rendering()
-    ticks = [text.get_text() for text in ax.get_xticklabels()]
-    assert {"0.1", "1", "10"} <= set(ticks)
+        np.testing.assert_allclose(line.get_ydata(), sweep.apparent_inductance.sel(state=name) * 1e6)
+    assert (ax.get_xscale(), ax.get_xlabel(), ax.get_ylabel()) == (
+        "log", "frequency (MHz)", "apparent inductance Im Z/ω (µH)",
+    )  # fmt: skip
 
 
 def test_of_many_states_three_curves_stand_out_and_the_range_of_all_is_shown():
@@ -186,11 +175,6 @@ def test_a_bell_curve_goes_along_y_around_gaps_and_over_the_middle():
         plot_bell_curve(response.isel(x=[3]))
     with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
         plot_bell_curve(response, "coil9")
-    x = np.linspace(-20e-3, 20e-3, 21)
-    line = xr.Dataset({"delta": (("depth", "x"), [1e-4 * np.exp(-((x / 8e-3) ** 2))])}, {"depth": [1e-3], "x": x})
-    ax = plot_bell_curve(line.assign_attrs(coil="coil4"))
-    assert ax.get_title(loc="left") == "Bell curve of coil4"
-    assert legend(ax) == ["1 mm: 100 × 10⁻⁶, 13.3 mm"]
     shifted = results.response().assign_coords(x=results.response().x + 5e-3)
     shifted["coil_x"] = shifted.coil_x + 5e-3
     right = shifted.isel(x=slice(8, None))  # its middle is over coil2

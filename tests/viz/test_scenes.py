@@ -11,7 +11,6 @@ from matplotlib.image import imread
 from support.boards import SHEETS, reference_board
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
-from coilarray.geometry import Array, Placement, PlatedHole, Stackup, path_coil
 from coilarray.viz import board_scene, save_picture, show
 from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.board import CoilColours, board_in_pieces, recoloured, scene_of_board
@@ -209,11 +208,3 @@ def test_the_longest_pictures_are_not_blank(size, plotter, tmp_path):
     save_picture(sheet, tmp_path / "long.png", side="top", size=size)
     assert imread(tmp_path / "long.png").shape[:2] == size[::-1]
     assert (imread(tmp_path / "long.png")[..., 1] < 0.5).any()
-
-
-def test_a_board_of_one_layer_has_no_laminate_and_is_drawn(plotter):
-    coil = path_coil([[(0, 0), (1e-2, 0), (1e-2, 5e-3)]], 0.5e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    single = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    draw(board_scene(single), plotter)
-    assert "copper top" in plotter.actors
-    assert "board" not in plotter.actors

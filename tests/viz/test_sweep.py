@@ -67,21 +67,6 @@ def test_points_that_break_rules_are_crossed_out(sampled):
     ]
 
 
-def test_broken_points_of_a_map_and_of_lines_are_crossed_out():
-    for axes in ((PITCH, COLUMNS), (COLUMNS, PITCH)):
-        swept = result(*axes)
-        broken = 1.0 * ((swept["array.pitch_mm"] == 12) & (swept["array.columns"] == 6)).transpose(*swept.dims)
-        ax = sweep_figure(swept.assign(fab_broken=broken)).axes[0]
-        assert crosses(ax) == [[12, 6] if axes[0] is PITCH else [6, 12]]
-    swept = result(PITCH, TANK)
-    broken = 1.0 * ((swept["array.pitch_mm"] == 14) & (swept["circuit.tank"] == "converter"))
-    ax = sweep_figure(swept.assign(fab_broken=broken)).axes[0]
-    assert crosses(ax) == [[14, float(swept.worst_k[2, 1])]]
-    coupled = result(PITCH, quantities=("k[coil1,coil2]",))
-    ax = sweep_figure(coupled.assign(fab_broken=coupled["k[coil1,coil2]"] == 1)).axes[0]
-    assert crosses(ax) == [[12, 1]]
-
-
 @pytest.mark.parametrize("axes", [(PITCH, TANK), (TANK, PITCH)])
 def test_a_number_and_a_text_are_a_line_a_text(axes):
     swept = result(*axes)

@@ -151,14 +151,17 @@ def plot_bell_curve(
     Parameters
     ----------
     response : xarray.Dataset
-        Result of `coilarray.response_map` or `coilarray.paper.two_dimensional` with at least two positions along the
-        line.
+        Result of `coilarray.response_map` or `coilarray.line_response` with at least two positions along the line.
     state : str, optional
         Name of the state of a map. The default is the state that responds nearest to the middle of the map.
     along : {"x", "y"}
         Direction of the line. On a map the other coordinate is the value nearest to the centre of the coil.
     """
-    rows, centre, name = _bell(response, state, along)
+    name, across = middle_state(response) if state is None else state, "y" if along == "x" else "x"
+    delta = _delta(response, state=name, depth=None)
+    of_coil = response.sel(coil=name) if name in response.coil.values else None
+    beside = 0.0 if of_coil is None else float(of_coil[f"coil_{across}"])
+    rows = delta.isel({across: int(np.abs(delta[across].values - beside).argmin())}).transpose("depth", along)
     at = MM.of(rows[along])
     most = int(np.isfinite(rows.values).sum(axis=1).max())
     if most < 2:
@@ -170,24 +173,25 @@ def plot_bell_curve(
         there = np.isfinite(values)
         if there.sum() < 2:
             continue
-        delta = CubicSpline(at[there], values[there])
+        spline = CubicSpline(at[there], values[there])
         fine = np.linspace(at[there][0], at[there][-1], _SMOOTH)
         look = curve_look(k)
-        top, (left, right) = float(delta(fine).max()), _half_width(delta, fine)
+        top, (left, right) = float(spline(fine).max()), _half_width(spline, fine)
         width = "" if math.isnan(right - left) else f", {right - left:.1f} mm"
-        edge = ", at the edge" if int(delta(fine).argmax()) in (0, _SMOOTH - 1) else ""
+        edge = ", at the edge" if int(spline(fine).argmax()) in (0, _SMOOTH - 1) else ""
         peak = f"{top:.3g} × {shown.symbol}" if shown.symbol else f"{top:.3g}"
         label = true_minus(f"{MM.text(depth)}: {peak}{edge}{width}")
         ax.plot(at, values, ".", color=look["color"], markersize=4)
-        ax.plot(fine, delta(fine), label=label, **look)
+        ax.plot(fine, spline(fine), label=label, **look)
         if width:
             ax.plot([left, right], [top / 2, top / 2], "|-", color=look["color"], linewidth=0.8, markersize=7)
     style.zero_line(ax)
-    if centre is not None:
-        ax.axvline(float(MM.of(centre)), color=PALE, linewidth=0.8, linestyle=":", zorder=0)
+    if of_coil is not None:
+        centre = float(MM.of(of_coil[f"coil_{along}"]))
+        ax.axvline(centre, color=PALE, linewidth=0.8, linestyle=":", zorder=0)
     ax.set_xlim(at[0], at[-1])
     style.faint_grid(ax)
-    ax.set(xlabel=MM.label(along), ylabel=shown.label("δ"), title=f"Bell curve of {name}" if name else "Bell curve")
+    ax.set(xlabel=MM.label(along), ylabel=shown.label("δ"), title=f"Bell curve of {name}")
     style.legend_beside(ax, title="depth: peak, width")
     return ax
 
@@ -329,19 +333,6 @@ def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.
     chosen = response if state is None else of_state(response, state)
     delta: xr.DataArray = (chosen if depth is None else at_depth(chosen, depth)).delta
     return delta
-
-
-def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataArray, float | None, str]:
-    """δ (depth, along) near a state's coil, the coil's place in m, and the name."""
-    if "state" not in response.dims:  # the two-dimensional model has one coil
-        return response.delta.transpose("depth", along), None, str(response.attrs.get("coil", ""))
-    name = middle_state(response) if state is None else state
-    delta = _delta(response, state=name, depth=None)
-    across = "y" if along == "x" else "x"
-    of_coil = response.sel(coil=name) if name in response.coil.values else None
-    beside = 0.0 if of_coil is None else float(of_coil[f"coil_{across}"])
-    row = delta.isel({across: int(np.abs(delta[across].values - beside).argmin())})
-    return row.transpose("depth", along), None if of_coil is None else float(of_coil[f"coil_{along}"]), name
 
 
 def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[float, float]:
