@@ -101,6 +101,7 @@ def answers_of(capsys, *arguments):
     return [json.loads(line) for line in ran(capsys, *arguments, "--json")]
 
 
+@pytest.mark.slow
 def test_a_recording_is_replayed(capsys, recording):
     answers = answers_of(capsys, "--recording", recording, *FAST, "--no-locate")
     assert [answer["emulated"] for answer in answers] == [True] * 60
@@ -244,6 +245,7 @@ def test_every_end_leaves_the_board_at_rest(capsys, board, monkeypatch, after, f
     assert at_rest(quick.emulator, quick.wiring)
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away(capsys, recording, monkeypatch):
     def written(reading):
         raise BrokenPipeError

@@ -109,6 +109,7 @@ def test_a_full_disk_ends_in_one_line_and_what_was_there_stays(capsys):
         subprocess.run(["umount", str(disk)], check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
 def test_output_that_cannot_be_written_is_one_line():
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

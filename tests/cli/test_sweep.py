@@ -53,6 +53,7 @@ def test_the_file_is_the_dataset_of_the_library(capsys, expected):
     assert len(kept()) == 3
 
 
+@pytest.mark.slow
 def test_what_breaks_rules_is_marked_and_neither_an_extreme_nor_the_best(capsys):
     """The starter's coils overlap on the same copper below some 9 mm: the smallest board, and none to be made."""
     pitches = ("--vary", "array.pitch_mm=6,7,12,14", "--goal", "minimize board_area_mm2", *ONE)

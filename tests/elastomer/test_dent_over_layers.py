@@ -91,6 +91,7 @@ def test_a_plate_of_nothing_and_a_far_one_change_nothing() -> None:
     np.testing.assert_allclose(over(PERFECT, pit(), face=-1.0), alone, rtol=1e-5)  # (6 mm/1 m)³
 
 
+@pytest.mark.slow
 def test_without_layers_half_the_memory_is_taken() -> None:
     """A hundred copies of one dent, whose energies are nearly all that is kept: 16 bytes a complex number, or 8."""
     places, coils = np.zeros((60, 2)), FEW * 4

@@ -50,6 +50,7 @@ def corner_by_brute_force(one, other):
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [2.9, 8.0, 29.0, 31.0])
 @pytest.mark.parametrize("sides", [3, 6, 8])
 def test_corners_of_wide_single_turns(sides, ratio):

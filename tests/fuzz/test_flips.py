@@ -149,6 +149,7 @@ def test_no_flipped_bit_and_no_cut_changes_a_result_in_silence(tmp_path, name):
     assert counts["refused"] > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["calibration of a board", "CSV of a stream"])
 def test_every_line_that_is_lost_doubled_or_swapped_and_every_cut_is_refused(tmp_path, name):
     path, read = KINDS[name](tmp_path)

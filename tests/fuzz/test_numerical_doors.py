@@ -142,6 +142,7 @@ def bars_exactly(first, second, offset):
         return float(total / (a[1] * a[2] * b[1] * b[2]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("decades", "accuracy"),  # of all sizes; the accuracy is that of the docstring
     [(1, 1e-10), (4, 1e-7), (8, 1e-4)],

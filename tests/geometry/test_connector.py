@@ -66,6 +66,7 @@ def test_leads_reach_any_side_and_keep_the_rules(side):
     assert check_nets(led, copper, holes) == ()
 
 
+@pytest.mark.slow
 def test_a_way_does_not_turn_back_on_the_lead_that_it_begins_at():
     """At a pitch in ten, the corner by which two were replaced lay behind the lead's end: no board came of it."""
     coil = Spiral(

@@ -183,6 +183,7 @@ def test_frequencies_and_coils_above_a_magnetic_sheet_are_refused() -> None:
         plate_inductance([loop(10e-3, 5e-3, 6)], [Plate("x", 6e-3, 1e-3, ALUMINIUM)], F, SHEETS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frequency", "thickness", "material"),
     [(2e3, 1e-3, ALUMINIUM), (2e6, 35e-6, COPPER), (2e6, 1e-3, COPPER)],

@@ -117,6 +117,7 @@ def test_a_page_leaves_out_columns_that_say_nothing():
     assert table.rows[1] == ("b", 2.0, False, 0.5, 2.0, 2.0, 2.0)
 
 
+@pytest.mark.slow
 def test_plates_with_an_outline_say_what_their_model_errs():
     """A coin within the coils has its losses in its rim; a plate without end has no such error."""
     copper = ca.MATERIALS["copper"]

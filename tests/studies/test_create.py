@@ -264,17 +264,20 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REFUSED)
 def test_choices_that_cannot_be_are_one_line(name):
     choices, words = REFUSED[name]
     refused(DesignError, words, new_design, "x", "3", **choices)
 
 
+@pytest.mark.slow
 def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold():
     file = new_design("x", "1", size=0.2, inductance=10e-6, elastomer=False)
     assert file.values["coils.hexagon.trace_width_mm"] <= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", [8])
 def test_the_vias_of_many_layers_have_room_between_the_leads(layers):
     made = new_design("many", "1", inductance=18e-6, layers=layers, elastomer=False)
