@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
@@ -268,10 +268,10 @@ class ScanSettings:
     @property
     def again_us(self) -> int:
         """Time from a discarded result to STATUS in µs."""
-        reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
-        again = sum(next_conversion_time(rcount, reference) for rcount, _ in counts)
+        counts = [self._counts(channel) for channel in self.channels]
+        again = sum(next_conversion_time(rcount, self.slowest_reference) for rcount, _ in counts)
         if len(counts) > 1:  # every channel starts its sensor again
-            again += sum(settle_time(settle, reference) for _, settle in counts)
+            again += sum(settle_time(settle, self.slowest_reference) for _, settle in counts)
         return math.ceil(again * 1e6)
 
     @property
@@ -367,7 +367,7 @@ class ScanSettings:
                 raise HardwareError(f"scan settings: schema must be {SCHEMA}; got {str(schema)[:40]!r}.")
             if unknown := document.keys() - {one.name for one in fields(cls)}:
                 raise HardwareError(f"scan settings: has no key {min(unknown)!r}.")
-            settings = _adapter().validate_json(json.dumps(document))
+            settings = TypeAdapter(cls).validate_json(json.dumps(document))
         except ValidationError as error:  # it is a ValueError too
             raise HardwareError(f"scan settings: {first_error(error, document)}") from None
         except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -375,11 +375,6 @@ class ScanSettings:
         if f"{settings.hash:04X}" != digest:
             raise HardwareError(f"scan settings: hash must be {settings.hash:04X}, that of the others; got {digest}.")
         return settings
-
-
-@cache
-def _adapter() -> TypeAdapter[ScanSettings]:
-    return TypeAdapter(ScanSettings)
 
 
 @dataclass(frozen=True)
@@ -501,7 +496,11 @@ def scan_settings(
     require_positive("bus_rate", bus_rate, "", HardwareError)
     if isinstance(discard, bool) or not isinstance(discard, int) or not 0 <= discard <= MOST_DISCARDED:
         raise HardwareError(f"discard must be an integer from 0 to {MOST_DISCARDED}; got {discard!r}.")
-    tanks = [_of_state(sensors, state.name) for state in states]
+    if not isinstance(sensors, Mapping):
+        sensors = dict.fromkeys((state.name for state in states), sensors or Sensor())
+    if missing := [state.name for state in states if state.name not in sensors]:
+        raise HardwareError(f"the sensor of {missing[0]} must be given; there is none.")
+    tanks = [sensors[state.name] for state in states]
     clock = clock or ConverterClock()
     channels = [wiring.channel(state.measured[0][0]) for state in states]
     slowest_clock, fastest_clock = INTERNAL_CLOCK_RANGE
@@ -549,14 +548,6 @@ def scan_settings(
         settings = replace(settings, rcount=_rcount_of_rate(settings, rate, bus_rate))
     _check_limits(settings)
     return settings
-
-
-def _of_state(sensors: Mapping[str, Sensor] | Sensor | None, state: str) -> Sensor:
-    if not isinstance(sensors, Mapping):
-        return sensors or Sensor()
-    if state not in sensors:
-        raise HardwareError(f"the sensor of {state} must be given; there is none.")
-    return sensors[state]
 
 
 def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int:

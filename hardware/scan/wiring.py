@@ -117,7 +117,12 @@ class Wiring:
             if (twice := first_repeated(names)) is not None:
                 raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
         if self.channels:
-            self._check_channels()
+            if self.devices or len(self.channels) != len(self.coils):
+                raise HardwareError(f"wiring {self.name} must have a channel for each coil, and no devices.")
+            if (again := first_repeated(self.channels)) is not None:
+                raise HardwareError(f"wiring {self.name} names the channel {again} twice.")
+            if wrong := [channel for channel in self.channels if not 0 <= channel < CHANNELS]:
+                raise HardwareError(f"wiring {self.name}: a channel must be 0 to {CHANNELS - 1}; got {wrong[0]}.")
             return
         if not 1 <= len(self.coils) <= _MOST_COILS or not 1 <= len(self.devices) <= _MOST_DEVICES:
             raise HardwareError(
@@ -127,8 +132,8 @@ class Wiring:
         for device in self.devices:
             self._check_device(device)
         joins = [(switch.terminal, switch.net) for device in self.devices for switch in device.switches]
-        if (again := first_repeated(joins)) is not None:
-            raise HardwareError(f"wiring {self.name} has two switches from {again[0]} to {again[1]}; one is allowed.")
+        if (double := first_repeated(joins)) is not None:
+            raise HardwareError(f"wiring {self.name} has two switches from {double[0]} to {double[1]}; one is allowed.")
         for terminal in self.terminals:
             if (terminal, "ground") not in joins:
                 raise HardwareError(f"wiring {self.name} must have a switch that grounds {terminal}; there is none.")
@@ -210,16 +215,6 @@ class Wiring:
             terminal, net = min(left)
             raise HardwareError(f"wiring {self.name} has no switch from {terminal} to {net}.")
         return bytes(words)
-
-    def _check_channels(self) -> None:
-        """Refuse impossible channels of a board without switches."""
-        if self.devices or len(self.channels) != len(self.coils):
-            raise HardwareError(f"wiring {self.name} must have a channel for each coil, and no devices.")
-        if (twice := first_repeated(self.channels)) is not None:
-            raise HardwareError(f"wiring {self.name} names the channel {twice} twice.")
-        wrong = next((channel for channel in self.channels if not 0 <= channel < CHANNELS), None)
-        if wrong is not None:
-            raise HardwareError(f"wiring {self.name}: a channel must be 0 to {CHANNELS - 1}; got {wrong}.")
 
     def _check_device(self, device: Device) -> None:
         """Refuse a device with wrong bits or switches."""

@@ -23,7 +23,6 @@ from coilarray.hardware.chips.ldc1614 import (
     bus_time,
     deglitch_for,
     input_divider,
-    reference_divider,
     settle_time,
 )
 
@@ -97,13 +96,6 @@ def test_drive_table():
     assert math.pi * drive_of(18, 5.7e3).amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
     (window,) = (limit for limit in check_channel(1.93e6, 33e3, 48) if limit.name == DRIVE_WINDOW)
     assert (window.value, window.low, window.high) == (33e3, 1e3, 100e3)  # the electrical characteristics
-
-
-@given(st.floats(2e6, 55e6), st.booleans())
-def test_reference_divider_is_the_least(clock, external):
-    divider = reference_divider(clock, external=external)
-    assert clock / divider <= 35e6
-    assert divider == (1 if external else 2) or clock / (divider - 1) > 35e6
 
 
 @given(st.floats(1e3, 10e6), st.floats(1e6, 35e6))

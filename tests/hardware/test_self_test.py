@@ -14,8 +14,7 @@ from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.drive_codes import find_drives
-from coilarray.hardware.board.self_test import self_test, single_faults, trials
-from coilarray.hardware.scan.switching import check_switching
+from coilarray.hardware.board.self_test import self_test, single_faults
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import BusFault
 
@@ -55,12 +54,6 @@ def test_a_good_board_passes(wiring):
 @pytest.mark.slow
 def test_boards_with_noise_pass():
     assert all(checked(coupled_board(THREE, seed=seed, noise=5e-7), THREE).passed for seed in range(6))
-
-
-@on_boards
-def test_trials_are_legal_for_every_board(wiring):
-    for trial in itertools.chain.from_iterable(trials(wiring)):
-        check_switching(wiring.encode(), wiring.safe_words, [("trial", trial.words)])
 
 
 SWITCHES = [
