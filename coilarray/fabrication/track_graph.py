@@ -58,17 +58,17 @@ class TrackEdge:
 
 @dataclass(frozen=True, eq=False)
 class TrackGraph:
-    """Nodes and edges of a net's tracks.
+    """Nodes by number, and edges of a net's tracks.
 
     Every node has at least one edge. No two edges of one layer join the same nodes.
     """
 
-    nodes: tuple[TrackNode, ...]
+    nodes: dict[int, TrackNode]
     edges: tuple[TrackEdge, ...]
 
     def components(self) -> list[list[int]]:
         """Return the indices of connected edges, piece by piece. The pieces are in the order of their tracks."""
-        piece = groups(len(self.nodes), (edge.ends for edge in self.edges))
+        piece = groups(max(self.nodes, default=-1) + 1, (edge.ends for edge in self.edges))
         found: dict[int, list[int]] = {}
         for index, edge in enumerate(self.edges):
             found.setdefault(piece[edge.ends[0]], []).append(index)
@@ -110,7 +110,7 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
     ...     Track("F.Cu", (4e-3, 0), (9e-3, 0), 2e-4, "A", "file:2"),
     ... ]
     >>> graph = track_graph(tracks, [], [])
-    >>> len(graph.edges), [len(node.edges) for node in graph.nodes]
+    >>> len(graph.edges), [len(node.edges) for node in graph.nodes.values()]
     (3, [1, 2, 2, 1])
     """
     stands = [
@@ -205,34 +205,21 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
         twin = edges.get(key)
         width = piece.width if twin is None else max(piece.width, twin.width)
         edges[key] = TrackEdge((a, b), piece.layer, width, piece.track) if twin is None else replace(twin, width=width)
-    return _numbered(node_of, places, stands, list(edges.values()))
-
-
-def _numbered(
-    node_of: Sequence[int], places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
-) -> TrackGraph:
-    """Return the graph with nodes numbered from 0. Only nodes with edges are kept, each with the hole or pad at it."""
-    numbers: dict[int, int] = {}
-    ends_at: list[list[int]] = []
-    numbered = []
-    for index, edge in enumerate(edges):
+    ends_at: dict[int, list[int]] = {}
+    for index, edge in enumerate(edges.values()):
         for end in edge.ends:
-            if end not in numbers:
-                numbers[end] = len(numbers)
-                ends_at.append([])
-            ends_at[numbers[end]].append(index)
-        numbered.append(replace(edge, ends=(numbers[edge.ends[0]], numbers[edge.ends[1]])))
+            ends_at.setdefault(end, []).append(index)
     here: dict[int, list[Hole | SurfacePad]] = {}
     for k, stand in enumerate(stands):
         here.setdefault(node_of[k], []).append(stand.what)
-    nodes = []
-    for root, number in numbers.items():
-        standing = here.get(root, [])
+    nodes = {}
+    for lowest, own in ends_at.items():
+        standing = here.get(lowest, [])
         hole = next((what for what in standing if isinstance(what, Hole)), None)
         pad = next((what for what in standing if not (isinstance(what, Hole) and what.kind == "via")), None)
-        x, y = places[root][1]  # the lowest index of a set: a hole or pad if there is any
-        nodes.append(TrackNode(x, y, hole, pad, tuple(ends_at[number])))
-    return TrackGraph(tuple(nodes), tuple(numbered))
+        x, y = places[lowest][1]  # of a hole or pad if there is any
+        nodes[lowest] = TrackNode(x, y, hole, pad, tuple(own))
+    return TrackGraph(nodes, tuple(edges.values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +325,7 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
     `what` the piece in messages: "net A". The graph was made from `tracks`. Raises BoardError if a piece branches, is
     closed or crosses itself.
     """
-    numbers = sorted({node for index in piece for node in graph.edges[index].ends})
+    numbers = list(dict.fromkeys(node for index in piece for node in graph.edges[index].ends))
     for number in numbers:
         node = graph.nodes[number]
         if len(node.edges) > 2:

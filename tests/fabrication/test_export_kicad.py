@@ -71,7 +71,7 @@ def single_layer() -> Array:
 
 
 BOARDS = {
-    "starter": lambda: load_design("starter").array,
+    **{name: lambda name=name: load_design(name).array for name in ("gast2020", "starter", "gast_fem")},
     "hexagonal, blind holes": lambda: hexagonal_board(4),
     "two widths": winding_and_return,
     "one layer": single_layer,
