@@ -101,10 +101,6 @@ def test_equal_boards_give_equal_bytes_and_any_name_is_kept(tmp_path):
         write_svg(wound_board(5, 2, 1.0), tmp_path / name)
     first = (tmp_path / "a.svg").read_bytes()
     assert first == (tmp_path / "b.svg").read_bytes()
-    assert first.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<svg ')
-    assert not re.search(b"-0[ ,]", first)
-    assert b"title>" in first  # those of the coils
-    assert b"\n <title>" not in first  # the drawing has none
     coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, VIA)
     board = Stackup(('<top> & "µ"',), (35e-6,), (), ())
     write_svg(Array(board, (Placement("A<&>'\"ü", coil, board.names, 0, 0),)), tmp_path / "board.svg", title="<&>")
