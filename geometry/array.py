@@ -91,11 +91,11 @@ class Placement:
         return f"<Placement {self.name}: {self.coil!r} on {', '.join(self.layers)} at {place}>"
 
     def lines_on(self, layer: str) -> tuple[int, ...]:
-        """Return the indices of the coil's lines on a layer, in the order of the path."""
+        """Return the indices of the lines on a layer, in order."""
         return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
-        """Transform `points` from the coil's frame to the board's, shape (n, 2), in m."""
+        """Transform `points` of the coil to the board. They have the shape (n, 2), in m."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
 
@@ -104,7 +104,7 @@ class Placement:
         return replace(self, x=0.0, y=0.0, rotation=0.0)
 
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
-        """Yield each line in the frame of the board, with its widths and the name of its layer.
+        """Yield each line on the board, its widths and layer.
 
         A line has the shape (n, 2), its widths the shape (n − 1,), both in m.
         """

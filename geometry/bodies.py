@@ -308,9 +308,9 @@ class FinitePlate:
         return np.array([cos * along - sin * across, sin * along + cos * across, normal])
 
     def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
-        """Transform points of the mid-plane to the board's frame, in m, shape (n, 3).
+        """Transform points of the mid-plane to the board.
 
-        The `points` are given in the plate's own x and y in m, shape (n, 2).
+        The `points` are given in the plate's own x and y in m, shape (n, 2). The result has the shape (n, 3), in m.
         """
         return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
 
@@ -420,9 +420,10 @@ class Target:
         return 2 * self.body.radius
 
     def height(self, face: float, distance: float) -> float:
-        """Height in m of the body's centre, or of the lower face of an infinite plate.
+        """Height in m of the body's centre.
 
-        `distance` is measured from `face` to the body's nearest point. Both are in m.
+        For an infinite plate it is the height of the lower face. `distance` is measured from `face` to the body's
+        nearest point. Both are in m.
         """
         if isinstance(self.body, Plate):
             below = 0.0

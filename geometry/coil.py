@@ -140,7 +140,6 @@ class Coil(SingleCoil):
     arcs : tuple of tuple of Arc
         Runs of pieces in every line that stand for arcs. They are manufactured as arcs, and the field is computed with
         larger pieces. Empty if all lines are straight.
-
     stackup : Stackup or None
         Board of the coil when it is alone, `Stackup.usual` by default. The lines lie on its uppermost layers.
 
@@ -206,15 +205,15 @@ class Coil(SingleCoil):
         return self
 
     def arcs_of(self, line: int) -> tuple[Arc, ...]:
-        """Return the arcs of a `line`, given by its index, in the order of the path."""
+        """Return the arcs of a `line`, given by its index."""
         return self.arcs[line] if self.arcs else ()
 
     def current_lines(self, chord: float = CHORD) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield each line and its widths for the field computation, in m, shapes (n, 2) and (n − 1,).
+        """Yield lines and widths for the field computation.
 
-        Arcs are divided into pieces of a suitable size. The pieces of all arcs have the same angle, so the pieces of
-        neighbouring turns are parallel. On the largest arc they deviate by `chord` times half the size of the outline.
-        Bends within a trace have three pieces.
+        They are in m, shapes (n, 2) and (n − 1,). Arcs are divided into pieces of a suitable size. The pieces of all
+        arcs have the same angle, so the pieces of neighbouring turns are parallel. On the largest arc they deviate by
+        `chord` times half the size of the outline. Bends within a trace have three pieces.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
         from_middle = self.outline - self.outline.mean(axis=0)  # not the bounds, which change as a coil is turned

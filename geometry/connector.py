@@ -147,7 +147,7 @@ def _turned(array: Array, side: Side) -> Array:
     for place in array.placements:
         x, y = (np.array([place.x, place.y]) @ _turn(quarters)).tolist()
         turned.append(replace(place, x=x, y=y, rotation=place.rotation + quarters * math.pi / 2))
-    return replace(array, placements=tuple(turned))
+    return array.with_placements(turned)
 
 
 def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
@@ -247,7 +247,7 @@ class _Grid:
                 self._take(hole.layers, disc(hole.x, hole.y, hole.pad), None)
 
     def with_pads(self, pads: FloatArray) -> _Grid:
-        """Return the grid with the `pads` of the coils, shape (coils, 2, 2), in m. Unchanged parts are shared."""
+        """Return the grid with the `pads` of the coils (coils, 2, 2) in m. Unchanged parts are shared."""
         grid = self._copy()
         grid.pads = pads
         for k, place in enumerate(grid.array.placements):

@@ -165,14 +165,14 @@ class _Tip(ABC):
         return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at distances `r` in m, of the shape of `r`. It is inf beyond the body."""
+        """Height above the tip in m, inf beyond the body. `r` are distances in m, and give the shape."""
         return self._heights(np.asarray(r, dtype=float))
 
     @abstractmethod
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height above the tip in m, at most `largest_radius`.
+        """Radius in m of the cut at a height.
 
-        For a plane body it is half the width.
+        The `height` is above the tip in m. For a plane body it is half the width. It is at most `largest_radius`.
         """
 
     @abstractmethod
@@ -204,7 +204,7 @@ class _Round(_Body):
         return np.where(inside, height, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height above the tip in m. For a plane body it is half the width."""
+        """Radius in m of the cut at a `height`. For a plane body it is half the width."""
         return self.radius if height >= self.radius else math.sqrt(height * (2 * self.radius - height))
 
 
@@ -250,7 +250,7 @@ class Paraboloid(_Body):
         return np.asarray(distance**2 / (2 * self.radius))
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height above the tip in m."""
+        """Radius in m of the cut at a `height` in m."""
         return math.sqrt(2 * self.radius * height)
 
 
@@ -348,7 +348,7 @@ class Cone(_Edged):
         return np.where(distance <= self.radius, distance / math.tan(self.half_angle), np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height above the tip in m, at most `radius`."""
+        """Radius in m of the cut at a `height` in m."""
         return min(height * math.tan(self.half_angle), self.radius)
 
 

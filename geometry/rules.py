@@ -340,7 +340,7 @@ def _board(array: Array, rules: FabRules) -> Iterator[Margin]:
 
 
 def _hole_depths(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Margins of the aspect ratio, at the worst hole, and of the number of holes that end inside the board."""
+    """Margins of the worst aspect ratio and of blind holes. Blind holes count."""
     if holes and rules.max_aspect_ratio is not None:
         span = array.stackup.span
         ratios = [(span(hole.layers[0])[1] - span(hole.layers[-1])[0]) / hole.diameter for hole in holes]

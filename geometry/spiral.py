@@ -146,15 +146,16 @@ class Winding(Construction, SingleCoil):
         return self._apothem - self.width / 2 - self.pitch * turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer in m, in the direction of the current, shape (n, 2).
+        """Vertices of one layer in m, along the current.
 
-        Layers count from 0. Even layers run inwards, odd layers outwards. Arcs are short straight pieces. If parallel
-        sides are too short for the step inwards, there are fewer than steps + 1 vertices.
+        The array has the shape (n, 2). Layers count from 0. Even layers run inwards, odd layers outwards. Arcs are
+        short straight pieces. If parallel sides are too short for the step inwards, there are fewer than steps + 1
+        vertices.
         """
         return self._line(layer)[0]
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return the arcs of the centre line of one `layer`, in the order of the path."""
+        """Return the arcs of one layer's centre line, in order. `layer` counts from 0."""
         return self._line(layer)[1]
 
     @abstractmethod
@@ -163,10 +164,10 @@ class Winding(Construction, SingleCoil):
 
     @abstractmethod
     def rim(self, step: int) -> FloatArray:
-        """Point in m where the outermost turn crosses the ray on which step number `step` ends, shape (2,)."""
+        """Point in m of the outermost turn at a `step`. It lies on the ray on which the step ends, shape (2,)."""
 
     def junction(self, layer: int) -> FloatArray:
-        """Point in m shared by the ends of `layer` and the next, shape (2,).
+        """Point in m between a `layer` and the next, shape (2,).
 
         If the ends do not meet, they lie about the ray through this point. With sharp parallel corners it is the corner
         where a further turn would begin, on the outside a corner of the outermost polygon.
@@ -178,9 +179,9 @@ class Winding(Construction, SingleCoil):
         return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, inset))[0])
 
     def outwards(self, step: int) -> FloatArray:
-        """Direction of the leads at the end of a `step`: a dimensionless unit vector, shape (2,).
+        """Direction of the leads at the end of a `step`.
 
-        Vias inside the winding lie in the opposite direction.
+        It is a dimensionless unit vector, shape (2,). Vias inside the winding lie in the opposite direction.
         """
         rim = self.rim(step)
         return np.asarray(rim / float(np.hypot(*rim)))
@@ -204,7 +205,7 @@ class Winding(Construction, SingleCoil):
 
     @abstractmethod
     def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
-        """Centre line of one layer that does not start at a sharp corner, and its arcs."""
+        """Centre line and arcs of a layer without sharp parallel corners."""
 
     def _insets(self, inwards: IntArray) -> FloatArray:
         """Distances in m of sides from the enclosing shape. The sides are given by their numbers from the outer end."""
@@ -498,10 +499,10 @@ class RoundedSpiral(Winding):
         return np.asarray(self._foot(np.array([step]), np.array([self.width / 2]))[0])
 
     def outwards(self, step: int) -> FloatArray:
-        """Outward direction at the start of side `step`: a dimensionless unit vector, shape (2,).
+        """Outward direction at the start of side `step`.
 
-        It is the normal of the side if turns start in its middle. Otherwise it lies between the normals of both sides
-        at its beginning.
+        It is a dimensionless unit vector, shape (2,), the normal of the side if turns start in its middle. Otherwise it
+        lies between the normals of both sides at its beginning.
         """
         sides = np.array([step - 1, step] if self._starts_at_corner else [step])
         between = self._normals(sides)[0].sum(axis=0)

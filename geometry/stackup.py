@@ -185,6 +185,6 @@ class Stackup:
         return 0.5 * (bottom + top)
 
     def between(self, first: str, last: str) -> tuple[str, ...]:
-        """Names of the copper layers from `first` to `last`, both included, top to bottom."""
+        """Names of the copper layers from `first` to `last`, top to bottom."""
         i, j = sorted((self.index(first), self.index(last)))
         return self.names[i : j + 1]

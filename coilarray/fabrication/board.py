@@ -153,11 +153,11 @@ def completed_stackup(
     files: str,
     assumed: dict[str, str],
 ) -> Stackup:
-    """Make a stack-up of layers top to bottom, with usual values where they are missing.
+    """Make a stack-up, with usual values where some are missing.
 
-    Assumed values are recorded in `assumed`, as in `BoardCopper`. `copper` are thicknesses in m, `board` is the
-    thickness of the whole board if known, and `files` is "the files do". Raises GeometryError as `Stackup` does, or if
-    the board is too thin for its copper.
+    The layers are given top to bottom. Assumed values are recorded in `assumed`, as in `BoardCopper`. `copper` are
+    thicknesses in m, `board` is the thickness of the whole board if known, and `files` is "the files do". Raises
+    GeometryError as `Stackup` does, or if the board is too thin for its copper.
     """
     if None in copper:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"

@@ -53,13 +53,6 @@ def write_svg(array: Array, path: Path, *, title: str = "") -> None:
     back to the front, are layers in Inkscape: ``outline``, ``copper-<n>``, ``drills`` and ``names``. ``copper-<n>`` is
     the n-th copper layer, with the lowest first. It has a path for each coil, with the name as its title, filled by the
     even-odd rule. The same board gives the same bytes.
-
-    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
-    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    >>> write_svg(board, Path("board.png"))
-    Traceback (most recent call last):
-    coilarray.errors.OutputError: cannot write board.png: the suffix must be .svg; got '.png'.
     """
     require_suffix(path, ".svg")
     write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
@@ -170,13 +163,6 @@ def write_dxf(array: Array, path: Path) -> None:
       their own, named by the copper they pierce, such as ``drill_L1_L2``.
     - ``outline``: edge of the board.
     - ``silk``: names of the coils at their centres.
-
-    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
-    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    >>> write_dxf(board, Path("board.dwg"))
-    Traceback (most recent call last):
-    coilarray.errors.OutputError: cannot write board.dwg: the suffix must be .dxf; got '.dwg'.
     """
     require_suffix(path, ".dxf")
     names = array.stackup.names

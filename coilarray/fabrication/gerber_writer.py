@@ -64,13 +64,6 @@ def write_gerbers(
     hexagonal coil of 30 turns with 0.1 mm traces this is 2e-4 of its copper.
 
     No file has a date, so equal designs give equal bytes.
-
-    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
-    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    >>> write_gerbers(board, Path("board.rar"), name="board")
-    Traceback (most recent call last):
-    coilarray.errors.OutputError: cannot write board.rar: the suffix must be .zip; got '.rar'.
     """
     require_suffix(path, ".zip")
     if not name.strip():
@@ -192,7 +185,10 @@ class _File:
 
 
 def _gerbers(array: Array, project: _Project) -> Iterator[_File]:
-    """Yield the Gerber layers: copper from top to bottom, solder masks, names of the coils, and the board's edge."""
+    """Yield the Gerber layers in order.
+
+    They are copper from top to bottom, solder masks, names of the coils, and the board's edge.
+    """
     names = array.stackup.names
 
     def file(name: str, layer: _Layer, function: tuple[str, ...], polarity: str = "") -> _File:

@@ -279,7 +279,7 @@ class _Coil:
 def _bridge(
     piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
 ) -> NetFault:
-    """Fault of several coils in one piece, where two of them meet, or a hole or copper that is of none of them."""
+    """Fault of several coils in one piece. It is where two of them meet, or at foreign copper."""
     names = tuple(coil.name for coil in owners)
     shared = (
         (layer, place)

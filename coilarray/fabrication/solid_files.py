@@ -92,13 +92,6 @@ def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] =
     The file is an assembly of named and coloured parts, with the keys of `coilarray.geometry.solids` and z = 0 at the
     top of the top copper. Barrels, drilled holes and the free edges of pads are true cylinders. Everything else has
     flat faces, also the arcs of traces, as made by `faceted_prisms`.
-
-    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
-    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    >>> write_step(board, Path("board.iges"), name="board")
-    Traceback (most recent call last):
-    coilarray.errors.OutputError: cannot write board.iges: the suffix must be .step or .stp; got '.iges'.
     """
     require_suffix(path, ".step", ".stp")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")

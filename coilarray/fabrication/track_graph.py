@@ -299,7 +299,10 @@ class TracedCoil:
 
 
 def _cross(points: FloatArray) -> FloatArray:
-    """Twice the signed area of the triangle of the origin and each side of a closed path."""
+    """Twice the signed areas of the triangles from the origin.
+
+    There is a triangle for each side of a closed path.
+    """
     following = np.roll(points, -1, axis=0)
     return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
 
@@ -388,7 +391,7 @@ def _pad_number(graph: TrackGraph, number: int) -> str:
 def _traced(
     name: str, graph: TrackGraph, first: int, steps: Sequence[tuple[TrackEdge, int]], tracks: Sequence[Track]
 ) -> TracedCoil:
-    """Make the traced coil of the edges along a path from its first node, each with its next node."""
+    """Make the traced coil of a path. Each edge comes with its next node, from the `first` node on."""
     lines, layers, widths, vias = [], [], [], []
     passed: list[Hole] = []
     at = first
