@@ -141,7 +141,8 @@ class Indenter:
 
     def lift(self) -> None:
         """Lift at once."""
-        self.press(*self._path[1:3, -1].tolist(), 0.0)
+        x, y = self._path[1:3, -1].tolist()
+        self.press(x, y, 0.0)
 
     def follow(self, path: Sequence[tuple[float, float, float, float]]) -> None:
         """Move along straight lines through points in time.

@@ -96,9 +96,7 @@ def test_the_whole_way_from_the_emulator(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("none.sqlite",), "none.sqlite"),
         (("REST", "--out", "board.json"), "--out must end in .toml"),
-        (("REST", "--out", "none/board.toml"), "there is no folder none"),
         (("REST", "--inductance-uH", "-3"), "--inductance-uH must be STATE=VALUE with a positive number; got '-3'"),
         (("REST", "--inductance-uH", "coil1=inf"), "--inductance-uH must be STATE=VALUE with a positive number"),
         (("REST", "--inductance-uH", "coil1=1", "--inductance-uH", "coil1=2"), "once for each"),
@@ -108,7 +106,6 @@ def test_the_whole_way_from_the_emulator(capsys):
         (("REST", "--inductance-uH", "52", "--inductance-error", "2"), "must be 0 to 0.5; got 2"),
         (("REST", "--frequency-MHz", "2"), "--frequency-MHz must be STATE=VALUE"),
         (("REST", "--frequency-MHz", "=2"), "has no state ''"),
-        ((), "RUN.sqlite"),
     ],
 )
 def test_bad_input(capsys, recordings, arguments, words):

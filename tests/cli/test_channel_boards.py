@@ -9,7 +9,6 @@ from support.command_line import runner, successes, toml_file
 from support.contacts import coarse_maps
 
 from coilarray.cli.main import main
-from coilarray.compute.netcdf import load_part
 
 pytestmark = pytest.mark.slow
 
@@ -80,19 +79,6 @@ def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, cap
     assert "cannot continue" in refused
 
 
-def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_path, capsys):
-    recording, response = tmp_path / "campaign.sqlite", tmp_path / "campaign.nc"
-    plan = toml_file(tmp_path / "plan.toml", x_mm=[-6.64], y_mm=[0.0], depth_mm=[1.0])
-    line = ["board", "campaign", str(design), "--port", FOUR, "--plan", str(plan), "--emulate", "noise=0"]
-    with coarse_maps():
-        switched = [measured(capsys, *board, *press)["coil1"] for press in ((), ("--emulate", "press=-6.64,0,1"))]
-        assert main([*line, "--out", str(recording)]) == 0
-    assert main(["board", "info", str(recording), "--out", str(response)]) == 0
-    delta = load_part(response).delta.sel(state="coil1").item()
-    assert delta == pytest.approx(switched[1] / switched[0] - 1, abs=1e-6)  # steps of the codes
-    assert delta > 1e-4
-
-
 @pytest.mark.usefixtures("own_store")  # a kept contact of other depths has another mesh: 2e-3 of δ on a coarse one
 def test_a_campaign_is_compared_with_its_design(design, tmp_path, capsys):
     recording = tmp_path / "campaign.sqlite"
@@ -109,14 +95,6 @@ def test_a_campaign_is_compared_with_its_design(design, tmp_path, capsys):
     assert max(row["rms_before"] for row in beside["remains"]) < 1e-6
     for row in beside["inductances"]:  # of one converter, none with the resistance of a switch
         assert row["ratio"] == pytest.approx(1.0, abs=4e-7)
-
-
-def test_live_shows_every_scan(design, capsys):
-    code, out, _ = run_live(capsys, design, "--port", GROVE, "--scans", "12", "--rate", "100", "--no-locate",
-                            "--json")  # fmt: skip
-    lines = [json.loads(line) for line in out.splitlines()]
-    assert (code, len(lines), lines[-1]["baseline_scans_missing"]) == (0, 12, 0)
-    assert set(lines[-1]["delta"]) == {"coil1", "coil2"}
 
 
 def test_the_board_is_tested_and_what_is_not_verified_is_told(design, tmp_path, capsys):

@@ -18,7 +18,7 @@ from support.command_line import runner, toml_file
 from support.contacts import coarse_maps
 from support.emulated_reader import at_rest
 from support.patience import PATIENCE, until
-from support.quick_recordings import campaign_file, stream_file
+from support.quick_recordings import stream_file
 from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design, noise_budget
@@ -27,7 +27,6 @@ from coilarray.cli.board import live as live_command
 from coilarray.cli.board import live_source
 from coilarray.hardware import emulator
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.wire.buses import DeviceLost
 from coilarray.response.map import response_map
@@ -112,21 +111,6 @@ def test_a_recording_is_replayed(capsys, recording):
     assert answers[-1]["rate_per_s"] == pytest.approx(19 / (answers[-1]["time_s"] - answers[-20]["time_s"]))
     assert {answer["position"] for answer in answers} == {None}
     assert set(answers[-1]["verdicts"].values()) == {"good"}
-
-
-def test_plain_lines_say_emulator(capsys, recording):
-    lines = ran(capsys, "--recording", recording, *FAST, "--no-locate", "--scans", "50")
-    assert [line.startswith("[emulator] ") for line in lines] == [True] * 50
-    assert lines[0].endswith("baseline: scans without an indentation still wanted: 9")
-    assert "coil1 +78" in lines[-1]
-
-
-def test_a_campaign_counts_from_its_baselines(capsys, tmp_path):
-    path = campaign_file(tmp_path / "campaign.sqlite", Campaign(x=(0.0,), y=(0.0, 1e-3), depths=(1e-3,), repeats=4))
-    answers = answers_of(capsys, "--recording", path, "--no-locate", *settings(replay_speed=0.0, baseline_scans=4))
-    assert [one["baseline_scans_missing"] for one in answers[:7]] == [3, 3, 2, 2, 1, 1, 0]  # every other scan presses
-    assert answers[8]["delta"]["coil1"] == pytest.approx(0.0, abs=1e-6)
-    assert answers[9]["delta"]["coil1"] == pytest.approx(0.8e-3, rel=3e-3)
 
 
 def test_presses(capsys, recording):
@@ -340,16 +324,9 @@ def test_screen_lines():
     [
         (("--port", "/dev/ttyNOTTHERE"), "/dev/ttyNOTTHERE"),
         (("--port", "nonsense"), "port 'nonsense' is not valid"),
-        *((("--recording", name), name) for name in ("none.sqlite", "text.sqlite")),
+        (("--recording", "text.sqlite"), "text.sqlite"),
         (("--recording", "RUN", "--port", "COM5"), "cannot be given with --port"),
-        *(
-            (("--recording", "RUN", option, value), f"cannot be given with {option}, which is for a board")
-            for option, value in (
-                ("--emulate", "seed=1"),
-                ("--wiring", "six_coils"),
-                ("--rate", "30"),
-            )
-        ),
+        (("--recording", "RUN", "--rate", "30"), "cannot be given with --rate, which is for a board"),
         (("--scans", "0"), "--scans must be 1 to"),
         (("--recording", "RUN", "--out", "x.sqlite"), "--out records a board"),
         (

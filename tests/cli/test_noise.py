@@ -1,14 +1,11 @@
 """``coilarray impedance --noise`` and ``coilarray board info --noise``: budget and board."""
 
-import json
-
 import numpy as np
 import pytest
 from support.command_line import runner, successes
 from support.quick_recordings import stream_file
 
 from coilarray import load_design, noise_budget, response_map
-from coilarray.compute.display_units import PER_MILLION
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 
@@ -110,8 +107,8 @@ def test_what_cannot_be_is_refused_in_one_line(capsys, arguments, message):
     assert message in refused(capsys, *arguments)
 
 
-def test_every_consumer_has_the_same_number(capsys, tmp_path):
-    """The response carries it, the model takes it, the bound is proportional to it, `locate` says it."""
+def test_every_consumer_has_the_same_number():
+    """The response carries it, the model takes it, the bound is proportional to it."""
     design = load_design("starter")
     budget = noise_budget(design)
     grid = np.linspace(-15e-3, 15e-3, 5)
@@ -124,13 +121,3 @@ def test_every_consumer_has_the_same_number(capsys, tmp_path):
     known = np.isfinite(own.sigma_x.values)
     # 1e-4: where one direction is hardly known, the inverse loses digits
     assert (tenfold.sigma_x.values / own.sigma_x.values)[known] == pytest.approx(10.0, rel=1e-4)
-    map_file = tmp_path / "map.nc"
-    response.to_netcdf(map_file, engine="h5netcdf")
-    locate, _ = runner("locate")
-    reading = ",".join(f"{name}={value}" for name, value in zip(model.states, model.delta([0, 0, 0.3e-3]), strict=True))
-    _, out, _ = locate(capsys, "--model", map_file, reading, "--json")
-    said, common = json.loads(out), model.common_noise.max()
-    assert (said["noise"], said["common_noise"]) == pytest.approx((model.noise, common))
-    _, out, _ = locate(capsys, "--model", map_file, reading)
-    own, shared = (PER_MILLION.text(sigma, ".2") for sigma in (model.noise, common))
-    assert f"noise of δ {own} of each coil, {shared} common to all from the noise budget" in out
