@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 from support.localize_boards import ROW, bells, response
 
-from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import LocalizeError
 from coilarray.paper.published import published_map
 from coilarray.studies.comparison import compare_responses
@@ -173,12 +172,6 @@ def test_inductances_stand_beside_each_other():
     found = compared(first, world().isel(state=[1, 2]).assign(base_inductance=("state", [4e-6, 5e-6])))
     np.testing.assert_allclose(found.base_inductance, [[2e-6, 3e-6], [4e-6, 5e-6]])
     assert "base_inductance" not in compared(first, world())
-
-
-def test_a_comparison_goes_through_a_file(tmp_path):
-    found = compared(noisy(NARROW))
-    save_dataset(found, tmp_path / "comparison.nc")
-    xr.testing.assert_identical(load_part(tmp_path / "comparison.nc"), found)
 
 
 @pytest.mark.parametrize(("change", "words"), [

@@ -188,8 +188,8 @@ def test_a_wide_trace_has_the_least_resistance_where_the_coil_is_used():
     design = file.design
     f = float(scan_design(design, elastomer=False, accuracy="screen").frequency[0])
     chosen, ac, dc = int(file.values["coils.circle.turns_per_layer"]), {}, {}
-    for turns in range(chosen - 1, chosen + 2):
-        widths = np.geomspace(0.15, 2.0, 9)
+    for turns in range(chosen - 1, chosen + 3):
+        widths = np.geomspace(0.15, 2.0, 6)
         made = [vary(file, {"coils.circle.turns_per_layer": turns, "coils.circle.trace_width_mm": w}) for w in widths
                 if turns * (w + 0.15) + w < 11]  # fmt: skip
         L = np.array([inductance_matrix(one.array, accuracy="screen")[0, 0] for one in made])

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from coilarray import load_design
 from coilarray.errors import GoalError
@@ -142,24 +140,6 @@ def test_variables_that_do_not_fit(design, variable, message):
         axes_of(goal_of(f"[[variable]]\n{variable}\n", LEAST), design)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-NUMBERS = st.builds(
-    lambda low, width, log: Axis("a", (), low, low + width, log=log),
-    st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.booleans(),
-)  # fmt: skip
-
-
-@given(NUMBERS, st.floats(0, 1))
-def test_unit_box_of_a_number(axis, part):
-    parameter = axis.at(part)
-    assert axis.low <= parameter <= axis.high
-    assert axis.parameter(parameter) == parameter
-    # both ways round a few times: the last bits of a logarithm of up to 1e6 and of a difference of up to 1e3
-    assert axis.part(parameter) == pytest.approx(part, abs=1e-9)
-    assert (axis.at(0.0), axis.at(1.0)) == pytest.approx((axis.low, axis.high), rel=1e-12)
-    assert axis.parameter(axis.high * 1.01 + 1) is None
-    assert axis.distribution()._contains(parameter)
 
 
 @pytest.mark.parametrize("axis", [

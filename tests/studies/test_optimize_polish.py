@@ -120,19 +120,6 @@ def test_the_best_never_gets_worse_with_more_points(design, tmp_path):
     assert any(best.kind == "polish" and best.place < before for best, before in found)
 
 
-def test_nothing_to_polish(design, tmp_path):
-    def problem(**options):
-        return optimize_with(design, goal_of(**{"polish": 5, **options}), tmp_path, Bowl()).polish_problem
-
-    two = LEAST + '[[objective]]\nquantity = "q"\ndirection = "maximize"\n'
-    never = LEAST + '[[constraint]]\nquantity = "span_mm"\nat_most = 5\n'
-    whole = GOAL.replace("log = true", "step = 1").replace("high = 16", "high = 16, step = 0.5")
-    assert "several objectives" in problem(wanted=two)
-    assert problem(polish=0) == "the goal asks for none."
-    assert problem(wanted=never) == "no point of the search keeps all constraints."
-    assert problem(text=whole) == "no variable is continuous."
-
-
 def test_every_point_can_be_made(design, tmp_path):
     """Lengths to 1 µm: what is written to best.toml is what was evaluated."""
     result = optimize_with(design, goal_of(polish=24), tmp_path, Bowl())

@@ -6,13 +6,12 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
-from support import worker_tasks
 
 from coilarray import load_design
 from coilarray.compute.store import open_store
 from coilarray.compute.workers import open_executor
 from coilarray.design.vary import vary
-from coilarray.studies.points import evaluate_points, run_cached
+from coilarray.studies.points import evaluate_points
 from coilarray.studies.quantities import evaluate
 
 QUANTITIES = ["span_mm", "board_area_mm2"]  # shapes alone: 20 ms a point
@@ -168,15 +167,3 @@ def test_equal_points_in_flight_are_computed_once(starter, cache, kept):
     assert (pool.computed, len(found)) == (2, 5)
     assert values[0] == values[2] == values[3] != values[1] == values[4]
     assert told == [(k, 5) for k in range(1, 6)]
-
-
-def test_any_function_of_plain_data_can_be_cached(cache):
-    first, second, told = Counting(), Counting(), []
-    for pool in (first, second):
-        options = {"progress": lambda *now: told.append(now), "total": 3}
-        found = dict(run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, **options))
-        assert found == {0: {"half": 1.0}, 1: "3 is odd.", 2: {"half": 2.0}}
-    assert (first.computed, second.computed) == (3, 0)
-    assert told == [(1, 3), (2, 3), (3, 3)] * 2
-    known = dict(run_cached(worker_tasks.refuse_odd, ["no such thing.", 4], Counting(), cache))
-    assert known == {0: "no such thing.", 1: {"half": 2.0}}

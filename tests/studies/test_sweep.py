@@ -5,8 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from coilarray import load_design
 from coilarray.compute.workers import open_executor
@@ -41,17 +39,6 @@ def test_an_axis_is_read_from_text(text, key, values):
     axis = parse_axis(text)
     assert (axis.key, axis.values, axis.interval) == (key, values, False)
     assert [type(value) for value in axis.values] == [type(value) for value in values]
-
-
-@pytest.mark.slow
-@given(start=st.floats(-1e6, 1e6), step=st.floats(1e-3, 1e3), count=st.integers(2, 200))
-def test_a_range_has_its_ends_and_even_steps(start, step, count):
-    stop = start + step * (count - 1)
-    values = np.array(parse_axis(f"a={start!r}:{stop!r}:{count}").values)
-    assert len(values) == count
-    # twelve digits of the largest value are kept
-    tolerance = 1e-11 * max(abs(start), abs(stop), 1e-300)
-    np.testing.assert_allclose(values, start + step * np.arange(count), rtol=0, atol=tolerance + 1e-12 * step * count)
 
 
 @pytest.mark.parametrize(("text", "message"), [
@@ -148,15 +135,6 @@ def test_samples_depend_on_the_seed_and_more_begin_with_the_same(starter):
     assert points(5, 1) == points(100, 1)[:5]
     assert points(5, 1) != points(5, 2)
     assert len(points(1, 1)) == 1
-
-
-def test_sampled_numbers_stand_beside_their_entries(starter):
-    axes = [Axis(PITCH, (12.0, 18.0), interval=True), Axis(COLUMNS, (2, 3))]
-    result = swept(starter, axes, samples=5, seed=2)
-    assert dict(result.sizes) == {"sample": 5}
-    alone = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - PITCH_MM
-    np.testing.assert_allclose(result.span_mm, alone + result[PITCH] * (result[COLUMNS] - 1), rtol=1e-12)
-    assert result[PITCH].attrs["units"] == "mm"
 
 
 GOOD, GOOD_TOO = Axis(PITCH, (12, 13)), Axis(COLUMNS, (2, 3))

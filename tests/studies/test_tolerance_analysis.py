@@ -248,10 +248,3 @@ def test_positions_are_refused_before_the_table_is_computed(monkeypatch, place, 
     for check in (check_analysis, analyse):
         with pytest.raises(LocalizeError, match=message):
             check(design, wanted, samples=0, quantities=["span_mm"])
-
-
-def test_a_board_that_stands_in_no_file_can_be_analysed():
-    wider = perturb(loops(), {"etch.L1": 20e-6})
-    found, meant = (analyse(design, SMALL, samples=0, quantities=[K]) for design in (wider, loops()))
-    assert found.attrs["design_hash"] == wider.digest != meant.attrs["design_hash"]
-    assert float(found.nominal[0]) != float(meant.nominal[0])

@@ -1,7 +1,5 @@
 """Response and located position over the errors of boards, of real boards and of smooth ones of known formula."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
@@ -133,24 +131,3 @@ def test_a_stronger_sheet_answers_more(table):
     # δ ∝ β = (μr − 1)/(μr + 1) over a thick sheet gives dlnβ/dlnμr = 2μr/(μr² − 1) = 0.86 at 2.7, over a thin one
     # δ ∝ μr − 1/μr gives (μr² + 1)/(μr² − 1) = 1.32; it is neither
     assert 0.8 < change < 1.6
-
-
-def test_the_sides_of_a_sample_move_with_the_elastomer():
-    sided = replace(STARTER, indentation=replace(STARTER.indentation, sample_bounds=(-6e-3, -7e-3, 9e-3, 8e-3)))
-    x = y = np.linspace(2e-3, 4e-3, 4)
-    size = 0.05e-3
-
-    def moved(by):
-        x_origin, y_origin = sided.indentation.origin_point
-        setup = replace(sided.indentation, origin=None, origin_point=(x_origin + by, y_origin))
-        return response_map(replace(sided, indentation=setup), depths=[0.4e-3], x=[3e-3], y=[3e-3]).delta.values.ravel()
-
-    with coarse_maps():
-        table = response_map(sided, depths=[0.35e-3, 0.4e-3, 0.45e-3], x=x, y=y)
-        wide = response_map(STARTER, depths=[0.4e-3], x=[3e-3], y=[3e-3]).delta.values.ravel()
-        errors = Tolerances({"placement": Spread(board=size)}, positions=AT)
-        result = analyse(sided, errors, samples=0, quantities=["span_mm"], table=table)
-        still, expected = moved(0.0), (moved(size) - moved(-size)) / 2
-    assert np.abs(still - wide).max() > 0.02 * np.abs(wide).max()  # the sides count
-    found = [of(result, f"delta[{state},{PLACE}]", "placement_x, board") for state in table.state.values]
-    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
