@@ -102,7 +102,8 @@ class Axis:
         if whole:
             values = np.unique(np.linspace(*self._whole(), _STEPS).round()).astype(int).tolist()
             return Axis(self.key, tuple(values))
-        return Axis(self.key, _evenly(*self.values, _STEPS))
+        low, high = self.values
+        return Axis(self.key, _evenly(low, high, _STEPS))
 
     def _whole(self) -> tuple[int, int]:
         """Return the first and last whole number of the interval."""
@@ -258,7 +259,8 @@ def plan_sweep(
     if samples is None:
         axes = [axis.stepped(whole=_is_whole(file.values.get(axis.key))) for axis in axes]
         _check_number(math.prod(len(axis.values) for axis in axes))
-        rows, sampling = itertools.product(*(axis.values for axis in axes)), "grid"
+        rows: Iterator[tuple[Any, ...]] = itertools.product(*(axis.values for axis in axes))
+        sampling = "grid"
     else:
         rows = _samples(file, axes, samples, seed)
         sampling = f"{samples} points of a Sobol sequence, seed {seed}"
