@@ -23,7 +23,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.table import html_card, html_table
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK_PER_KELVIN, Readout
-from coilarray.design.scan_states import ScanState, Switches, referenced_names
+from coilarray.design.scan_states import Switches, referenced_names
 from coilarray.errors import NetworkError
 
 _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
@@ -327,7 +327,8 @@ def budget_of(
         default if given is None else given
         for given, default in ((readout.clock_per_kelvin, known.per_kelvin), (readout.clock_per_volt, known.per_volt))
     )
-    closed = np.array([_closed_switches(state) for state in design.plan])
+    measured = [(state.connection == "series", len(state.measured)) for state in design.plan]
+    closed = np.array([2.0 * coils if series else 2.0 / coils for series, coils in measured])  # between the two sides
     resistance = 1 / (susceptance * Q)  # in series; the switches are a share of it
     of_switches = np.zeros_like(f)
     np.divide(closed * switches.on_resistance, resistance, out=of_switches, where=resistance > 0)
@@ -423,12 +424,6 @@ _RESOLUTION = (
     "8e-7 of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
     "that of white noise"
 )
-
-
-def _closed_switches(state: ScanState) -> float:
-    """Count the closed switches in series between the sides of the converter."""
-    coils = len(state.measured)
-    return 2.0 * coils if state.connection == "series" else 2.0 / coils
 
 
 def _quadrature(values: Sequence[FloatArray]) -> FloatArray:

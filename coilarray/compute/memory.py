@@ -93,17 +93,12 @@ def _left_in_groups() -> float:
             continue
         inner = root / path.lstrip("/")
         for group in (inner, *inner.parents):
-            left = min(left, _left_in(group, names, cache))
+            limit, used = (_text(group / name).strip() for name in names)
+            if limit.isdecimal() and used.isdecimal():  # "max" without a limit, empty without a group
+                left = min(left, float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0)))
             if group == root:
                 break
     return left
-
-
-def _left_in(group: Path, names: tuple[str, str], cache: str) -> float:
-    limit, used = (_text(group / name).strip() for name in names)
-    if not (limit.isdecimal() and used.isdecimal()):  # "max" without a limit, empty without a group
-        return float("inf")
-    return float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0))
 
 
 def own_limit() -> float:

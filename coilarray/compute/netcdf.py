@@ -108,7 +108,8 @@ class Schema:
                     raise self.error(f"{who} must have {self.summary}; {name} is missing.")
                 continue
             variable = dataset[name]
-            if not self._has_dims(variable.dims, entry):
+            fits = set(variable.dims) <= set(entry.dims) if entry.fewer_dims else set(variable.dims) == set(entry.dims)
+            if not fits:
                 got = ", ".join(map(str, variable.dims))[:_SHOWN] or "nothing"
                 if entry.needed:
                     raise self.error(f"{who} must have {self.summary}; {name} is over {got}.")
@@ -135,9 +136,6 @@ class Schema:
             if name in dataset.attrs:
                 self._values(np.asarray(dataset.attrs[name]), entry, f"the attribute {name} of {who}", None)
         return dataset
-
-    def _has_dims(self, dims: tuple[Any, ...], entry: Entry) -> bool:
-        return set(dims) <= set(entry.dims) if entry.fewer_dims else set(dims) == set(entry.dims)
 
     def _values(self, values: Any, entry: Entry, what: str, unit: Any) -> Any:
         """Check the values of an entry, and return them."""

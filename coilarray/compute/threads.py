@@ -58,8 +58,14 @@ def run_blocks(
     todo = list(items)
     if not todo:
         return []
-    if cores() == 1:
-        return _run_here(work, todo, progress)
+    if cores() == 1:  # threads for many small blocks cost as much as the blocks
+        results = []
+        with serial_algebra():
+            for item in todo:
+                results.append(work(item))
+                if progress is not None:
+                    progress(len(results), len(todo))
+        return results
     done = 0
     with serial_algebra(), threads(min(cores(), len(todo))) as pool:
         futures = [pool.submit(work, item) for item in todo]
@@ -87,17 +93,6 @@ def threads(count: int) -> Iterator[ThreadPoolExecutor]:
         pool.shutdown(wait=not isinstance(error, KeyboardInterrupt), cancel_futures=True)
         raise
     pool.shutdown()
-
-
-def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Progress | None) -> Sequence[Result]:
-    """Apply `work` in this thread: threads for many small blocks cost as much as the blocks."""
-    results = []
-    with serial_algebra():
-        for item in todo:
-            results.append(work(item))
-            if progress is not None:
-                progress(len(results), len(todo))
-    return results
 
 
 @contextmanager

@@ -107,18 +107,15 @@ def dask_executor(address: str) -> Iterator[Executor]:
         except OSError:
             raise ClusterError(f"no Dask scheduler answers at {address} within {ANSWER_WITHIN:g} s.") from None
         try:
-            _require_worker(client, address)
+            try:
+                client.wait_for_workers(1, timeout=ANSWER_WITHIN)
+            except TimeoutError:
+                line = f"the Dask scheduler at {address} has no worker; start one: dask worker {address}"
+                raise ClusterError(line) from None
             yield client.get_executor(pure=False)
         finally:
             with suppress(Exception):  # of a lost scheduler
                 client.close(timeout=2)
-
-
-def _require_worker(client: Any, address: str) -> None:
-    try:
-        client.wait_for_workers(1, timeout=ANSWER_WITHIN)
-    except TimeoutError:
-        raise ClusterError(f"the Dask scheduler at {address} has no worker; start one: dask worker {address}") from None
 
 
 def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[tuple[int, Any]]:
@@ -271,14 +268,14 @@ class _Processes(ProcessPoolExecutor):
 def _begin() -> None:
     """Prepare a local process, which ends with the process that started it."""
     collect_seldom()
-    Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
     parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(0)
+
+    def end() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(0)
+
+    Thread(target=end, daemon=True).start()
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, RoundedSpiral
+from coilarray.geometry import Array, Coil, FinitePlate, Material, Plate, RoundedSpiral
 from coilarray.geometry.arcs import Arc
 from coilarray.geometry.spiral import Winding
 
@@ -64,15 +64,13 @@ def _plain(value: Any) -> Any:
 def _array(array: Array) -> Any:
     """Return every coil shape of an array once; the lattice is a hint and does not count."""
     coils: dict[int, str] = {}
-    placements = [_placement(place, coils) for place in array.placements]
+    placements: list[Any] = []
+    for place in array.placements:
+        if id(place.coil) not in coils:
+            coils[id(place.coil)] = digest_of(_coil(place.coil))
+        where = np.array([place.x, place.y, place.rotation])
+        placements.append([place.name, coils[id(place.coil)], list(place.layers), _plain(where)])
     return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes]
-
-
-def _placement(place: Placement, coils: dict[int, str]) -> Any:
-    if id(place.coil) not in coils:
-        coils[id(place.coil)] = digest_of(_coil(place.coil))
-    where = np.array([place.x, place.y, place.rotation])
-    return [place.name, coils[id(place.coil)], list(place.layers), _plain(where)]
 
 
 def _coil(coil: Coil) -> Any:

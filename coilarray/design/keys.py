@@ -135,7 +135,7 @@ class Table(BaseModel):
         found: dict[str, Any] = {}
         for key in keys or [key for key in cls.model_fields if key not in without]:
             name, scale = cls.attribute(key)
-            entry = _entry(getattr(value, name), scale, whole=not _is_float(_annotation(cls, key)))
+            entry = _entry(getattr(value, name), scale, whole=not _is_float(cls.model_fields[key].annotation))
             if entry is not None:
                 found[key] = entry
         return found
@@ -161,10 +161,6 @@ def _entry(value: Any, scale: float, *, whole: bool) -> Any:
     if value is None or whole or isinstance(value, bool | str):
         return value
     return float(value) if scale == 1 else entry_of(value, scale)
-
-
-def _annotation(table: type[Table], key: str) -> Any:
-    return table.model_fields[key].annotation
 
 
 @cache

@@ -212,13 +212,6 @@ def file_text(file: DesignFile) -> str:
     return edited_text(file.text, file.document) or with_comments(document_text(file.document))
 
 
-def keeps_comments(file: DesignFile) -> bool:
-    """Check whether `file_text` keeps the comments of the text that the file was read from."""
-    from coilarray.design.edit import edited_text
-
-    return "#" not in file.text or edited_text(file.text, file.document) is not None
-
-
 def with_comments(text: str) -> str:
     r"""Return the text of a design file with the meaning of tables and keys behind them, where there is room.
 

@@ -210,7 +210,13 @@ def response_map(
     if any(true.tilt):
         wedge = wedge_inductance(board_circuit(design), pressed.origin, true.tilt)
         network = replace(network, inductance=network.inductance + wedge)
-    states = _sensitivity(network, design.plan, required=accuracy.reach != "auto") if error else None
+    states = None
+    if error:
+        try:
+            states = state_sensitivity(network, design.plan)
+        except NetworkError:  # a state that measures several coils
+            if accuracy.reach != "auto":
+                raise
     solve: Callable[..., _Solved]
     if states is not None:
         solve = partial(_near_coils, error=error, states=states)
@@ -347,7 +353,11 @@ def respond(
         flat = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
     change = constant_change(flat)
     if "plate_frequency" in response.dims:
-        over = _over_frequency(response)
+        f, L = response.plate_frequency.values, response.plate_inductance_change.values
+        loss = response.plate_resistance_change.values / (2 * np.pi * f[:, None, None, None, None, None])
+        low, high = (float(response.attrs[f"plate_{end}_Hz"]) for end in ("lowest", "highest"))
+        values = np.moveaxis((L - 1j * loss).reshape(len(f), -1, n, n), 0, 1)
+        over = ChangeOverFrequency(FrequencyBand(low, high, _OVER_FREQUENCY), values)
         change = plus(over, flat - over.at(response.attrs["plate_frequency_Hz"]).real)
     answers = through_circuit(network, flats, change)
     others = response.drop_dims("state")  # also the share of a material in δ
@@ -516,15 +526,6 @@ def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> d
     )  # fmt: skip
 
 
-def _over_frequency(response: xr.Dataset) -> ChangeOverFrequency:
-    """Return the changes beside plates of a map, the inverse of `_plate_variables`."""
-    f, L = response.plate_frequency.values, response.plate_inductance_change.values
-    loss = response.plate_resistance_change.values / (2 * np.pi * f[:, None, None, None, None, None])
-    low, high = (float(response.attrs[f"plate_{end}_Hz"]) for end in ("lowest", "highest"))
-    values = np.moveaxis((L - 1j * loss).reshape(len(f), -1, *L.shape[-2:]), 0, 1)
-    return ChangeOverFrequency(FrequencyBand(low, high, _OVER_FREQUENCY), values)
-
-
 def _sensors(answers: Mapping[str, FloatArray]) -> FloatArray:
     """Frequencies in Hz and parallel resistances in Ω, shape (2, cases, states)."""
     return np.stack((answers["frequency"], answers["parallel_resistance"]))
@@ -551,13 +552,3 @@ def _readability(
     rows = zip(RESONATOR, ("Hz", "ohm", "1"), strict=True)
     added = variables(*((name, over, at[name], unit, name.replace("_", " ")) for name, unit in rows))
     return {**found, **added} if found else {}
-
-
-def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:
-    """Solve the states of a scan, or return None if a state measures several coils and none are required."""
-    try:
-        return state_sensitivity(network, plan)
-    except NetworkError:
-        if required:
-            raise
-        return None

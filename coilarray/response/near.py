@@ -169,12 +169,6 @@ class _Profile:
     own: FloatArray
     mutual: FloatArray
 
-    def mutual_at(self, distance: FloatArray) -> FloatArray:
-        """Mutual change at distances in m. Beyond the end of the profile it falls as for a dipole."""
-        end = self.radius[-1]
-        far = np.maximum(distance, end)
-        return np.asarray(np.interp(distance, self.radius, self.mutual) * (end / far) ** _DIPOLE)
-
 
 def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
     """Measure the fall of a dent's changes up to the distance `farthest` in m, which the wavenumbers must resolve.
@@ -205,29 +199,23 @@ def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, er
     before.
     """
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
-    shared = 2 * np.abs(states.currents) * profile.mutual_at(distance)
+    end = profile.radius[-1]
+    # Beyond its end the profile falls as for a dipole.
+    mutual = np.interp(distance, profile.radius, profile.mutual) * (end / np.maximum(distance, end)) ** _DIPOLE
+    shared = 2 * np.abs(states.currents) * mutual
     shared[states.measured, np.arange(len(states.measured))] = 0
     error *= _LEFT
-    own = _state_cutoff(profile, distance, shared, error)
-    return Cutoff(own, max(own, _coil_cutoff(distance, shared, error / 2)))
-
-
-def _state_cutoff(profile: _Profile, distance: FloatArray, shared: FloatArray, error: float) -> float:
-    """Distance in m beyond which no state responds, infinite if the profile ends before."""
     order = np.argsort(distance, axis=None)
     beyond = np.maximum.accumulate(shared.ravel()[order][::-1])[::-1]
     most_shared = np.append(beyond, 0.0)[np.searchsorted(distance.ravel()[order], profile.radius)]
     own = np.maximum.accumulate(profile.own[::-1])[::-1]
     found = np.flatnonzero(own + most_shared <= error)
-    return float(profile.radius[found[0]]) if len(found) else np.inf
-
-
-def _coil_cutoff(distance: FloatArray, shared: FloatArray, error: float) -> float:
-    """Distance in m beyond which all coils together add less than the error to any state."""
+    of_states = float(profile.radius[found[0]]) if len(found) else np.inf
+    # Beyond this distance all coils together add less than half of the error to any state.
     order = np.argsort(distance, axis=0)
-    beyond = np.cumsum(np.take_along_axis(shared, order, axis=0)[::-1], axis=0)[::-1]
-    needed = np.where(beyond > error, np.take_along_axis(distance, order, axis=0), 0.0)
-    return float(needed.max()) * (1 + 1e-9)  # includes the coil there
+    together = np.cumsum(np.take_along_axis(shared, order, axis=0)[::-1], axis=0)[::-1]
+    needed = np.where(together > error / 2, np.take_along_axis(distance, order, axis=0), 0.0)
+    return Cutoff(of_states, max(of_states, float(needed.max()) * (1 + 1e-9)))  # includes the coil there
 
 
 def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray:
