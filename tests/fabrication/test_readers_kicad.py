@@ -129,12 +129,6 @@ def test_layers_go_from_top_to_bottom_by_their_names(read):
 
 
 def test_stackups_that_are_said_or_given(read):
-    array = reference_board(count=1, turns=3)
-    found = read(board_text(array, "board", ""))
-    assert found.stackup.names == array.stackup.names
-    for key in ("copper_thickness", "dielectric_thickness", "epsilon_r"):
-        np.testing.assert_allclose(getattr(found.stackup, key), getattr(array.stackup, key), rtol=1e-9)  # 1 nm in mm
-    assert found.assumed == {}
     # sublayers are capacitors in series
     stackup = read(board(setup=SUBLAYERS)).stackup
     assert stackup.copper_thickness == pytest.approx((70e-6, 35e-6))
