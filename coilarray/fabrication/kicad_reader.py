@@ -1,29 +1,33 @@
-"""Read the copper of a KiCad board, ``.kicad_pcb`` of KiCad 6 and newer."""
+"""Read the copper of a KiCad board, ``.kicad_pcb`` of KiCad 6 and newer.
+
+The area of a text or dimension is a rectangle around it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import shapely
+from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
-from coilarray.errors import BoardError
-from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, SurfacePad, Track
-from coilarray.fabrication.kicad_shapes import (
-    GRAPHICS,
-    KicadLayers,
-    ToBoard,
-    drawn_copper,
-    drawn_outline,
-    other_copper,
-    pad_shape,
-    pair,
-    read_layers,
-    zone_copper,
+from coilarray.compute.arrays import FloatArray
+from coilarray.errors import BoardError, GeometryError
+from coilarray.fabrication.board import (
+    BoardCopper,
+    CopperArea,
+    Hole,
+    Slab,
+    SurfacePad,
+    Track,
+    completed_stackup,
+    united,
 )
 from coilarray.fabrication.sexpr import Node, Quoted, read_sexpr
 from coilarray.geometry.arcs import Point, arc_points
@@ -36,6 +40,17 @@ NEWEST_VERSION = 20241229
 """Format of KiCad 9, the newest that this reader knows."""
 
 _PER_M = 1e3  # numbers in the file are in mm
+_COPPER = re.compile(r"F\.Cu|In(\d+)\.Cu|B\.Cu")
+_DRAWN = {
+    "line": "a drawn line",
+    "arc": "a drawn arc",
+    "circle": "a drawn circle",
+    "rect": "a drawn rectangle",
+    "poly": "a drawn polygon",
+    "curve": "a drawn curve",
+}
+GRAPHICS = tuple(f"{kind}_{shape}" for kind in ("gr", "fp") for shape in _DRAWN)
+ToBoard = Callable[[float, float], Point]  # from the numbers of the file, in mm, to the frame of the board, in m
 
 
 def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
@@ -214,20 +229,35 @@ class _Board:
         """
         for node in nodes:
             net = self.net(node) if node.name != "net" else None
+            names = self.layers.all(node)
             if node.name == "zone":
                 if node.child("keepout") is None:
-                    for layer, shape, what in zone_copper(node, self.layers, self.to_board):
-                        yield CopperArea(layer, shape, net, what, node.where)
+                    for name, shape, what in self.zone(node, names):
+                        yield CopperArea(name, shape, net, what, node.where)
             elif node.name in GRAPHICS:
-                for layer, shape, what in drawn_copper(node, self.layers, to_board):
-                    yield CopperArea(layer, shape, net, what, node.where)
-            elif names := self.layers.all(node):
+                shape = drawn_shape(node, to_board) if names else shapely.Polygon()
+                for name in names:
+                    yield CopperArea(name, shape, net, _DRAWN[node.name.split("_")[1]], node.where)
+            elif names:
                 for shape, what in other_copper(node, to_board):
                     for name in names:
                         yield CopperArea(name, shape, net, what, node.where)
             elif net is not None:
                 layer = self.layers.stackup.names[0]
                 yield CopperArea(layer, shapely.Polygon(), net, f"an unknown ({node.name} …)", node.where)
+
+    def zone(self, zone: Node, names: tuple[str, ...]) -> Iterator[tuple[str, BaseGeometry, str]]:
+        """Yield layer, shape and kind of filled areas. A zone without fill gives its outline."""
+        fills = list(zone.children("filled_polygon"))
+        for fill in fills:
+            name = self.layers.one(fill) if fill.child("layer") else next(iter(names), None)
+            if name is not None:
+                yield name, _polygon(fill, self.to_board), "a filled zone"
+        if not fills:
+            outline = zone.child("polygon")
+            shape = shapely.Polygon() if outline is None else _polygon(outline, self.to_board)
+            for name in names:
+                yield name, shape, "a zone"
 
     def outline(self, nodes: Iterable[Node], to_board: ToBoard) -> list[Point]:
         """Return points of the shapes on the board's edge layer."""
@@ -256,3 +286,312 @@ def _positive(node: Node) -> float:
     if value <= 0:
         raise BoardError(f"{node.where}: ({node.name} …) must be positive; got {value:g}.")
     return value
+
+
+@dataclass(frozen=True)
+class KicadLayers:
+    """Copper layers of a board, top to bottom.
+
+    The stack-up has the names that the user gave the layers, otherwise KiCad's own. `names` maps KiCad's layers (F.Cu,
+    In1.Cu, …, B.Cu) to the layers of the stack-up. `assumed` are assumed values as in `BoardCopper`.
+    """
+
+    stackup: Stackup
+    names: dict[str, str]
+    assumed: dict[str, str]
+
+    def one(self, node: Node) -> str | None:
+        """Return a node's copper layer.
+
+        It stands in (layer …) or (layers …). Mask layers are ignored. None if there is no copper layer.
+        """
+        if node.child("layers") is None:
+            node.need("layer")
+        found = self.all(node)
+        if len(found) > 1:
+            raise BoardError(f"{node.where}: ({node.name} …) must lie on one copper layer; got {', '.join(found)}.")
+        return found[0] if found else None
+
+    def all(self, node: Node) -> tuple[str, ...]:
+        """Return the copper layers of a node, top to bottom. They stand in its (layers …) or (layer …)."""
+        words = {word for found in node.children("layers", "layer") for word in found.words}
+        if "*.Cu" in words:
+            return self.stackup.names
+        if "F&B.Cu" in words:
+            words |= {"F.Cu", "B.Cu"}
+        found = {self._known(word, node) for word in words if _COPPER.fullmatch(word)}
+        return tuple(name for name in self.stackup.names if name in found)
+
+    def _known(self, layer: str, node: Node) -> str:
+        if layer not in self.names:
+            raise BoardError(f"{node.where}: there is no copper layer {layer}; the board has {', '.join(self.names)}.")
+        return self.names[layer]
+
+
+def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
+    """Read the copper layers of a board and their thicknesses.
+
+    A given stack-up is used instead of the board's. Raises BoardError if there is no copper layer, the stack-up has
+    other layers, or thicknesses are impossible.
+    """
+    table = root.need("layers")
+    user_names = {}
+    for node in table.items:
+        if isinstance(node, Node) and _COPPER.fullmatch(node.text()):
+            words = node.words
+            user_names[str(words[0])] = str(words[2]) if len(words) > 2 else str(words[0])
+    order = sorted(user_names, key=_depth)
+    if not order:
+        raise BoardError(f"{table.where}: the board has no copper layer.")
+    if stackup is not None:
+        if len(stackup.names) != len(order):
+            raise BoardError(
+                f"{table.where}: the board has {len(order)} copper layers and the given stack-up {len(stackup.names)}."
+            )
+        return KicadLayers(stackup, dict(zip(order, stackup.names, strict=True)), {})
+    assumed: dict[str, str] = {}
+    given = root.child("setup", "stackup")
+    thicknesses: list[float | None] = [None] * len(order)
+    slabs: list[Slab] = [(None, None)] * (len(order) - 1)
+    if given is not None:
+        thicknesses, slabs = _given(given, order)
+    whole = root.child("general", "thickness")
+    board = None if whole is None else whole.number() / _PER_M
+    names = [user_names[name] for name in order]
+    try:
+        built = completed_stackup(names, thicknesses, slabs, board, "the board file does", assumed)
+    except GeometryError as error:
+        raise BoardError(f"{(given or whole or table).where}: {error}") from None
+    return KicadLayers(built, {name: user_names[name] for name in order}, assumed)
+
+
+def _depth(name: str) -> float:
+    match = _COPPER.fullmatch(name)
+    inner = match and match[1]
+    return float(inner) if inner else (0.0 if name == "F.Cu" else float("inf"))
+
+
+def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:
+    """Thicknesses of copper, and the dielectrics between.
+
+    A dielectric has a thickness and a permittivity. Unknown values are None.
+    """
+    copper: dict[str, float | None] = {}
+    slabs: list[list[Slab]] = []
+    for layer in given.children("layer"):
+        if _COPPER.fullmatch(layer.text()):
+            copper[layer.text()] = next((thickness for thickness, _ in _sublayers(layer)), None)
+            slabs.append([])
+        elif slabs:
+            slabs[-1] += [slab for slab in _sublayers(layer) if slab != (None, None)]
+    if list(copper) != order:
+        raise BoardError(
+            f"{given.where}: the stack-up must list the copper layers {', '.join(order)}; got {', '.join(copper)}."
+        )
+    return list(copper.values()), [united(parts) for parts in slabs[:-1]]
+
+
+def _sublayers(layer: Node) -> Iterator[Slab]:
+    """Yield thickness in m and permittivity of every sublayer.
+
+    The word addsublayer separates the parts of a layer of the stack-up.
+    """
+    thickness = epsilon = None
+    for item in layer.items:
+        if item == "addsublayer":
+            yield thickness, epsilon
+            thickness = epsilon = None
+        elif isinstance(item, Node) and item.name == "thickness":
+            thickness = item.number() / _PER_M
+        elif isinstance(item, Node) and item.name == "epsilon_r":
+            epsilon = item.number()
+    yield thickness, epsilon
+
+
+_CURVE_PIECES = 64
+_FARTHEST = 1e4  # mm; KiCad itself ends at 2147
+
+
+def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
+    """Return the area of a drawn shape. It is in m, and the shape may lie on any layer."""
+    kind = node.name.split("_")[1]
+    outline = drawn_outline(node, to_board)
+    # a line of no width is not copper, unless its inside is filled
+    shape: BaseGeometry = shapely.LineString(outline).buffer(max(_width(node) / 2, 1e-9))
+    if kind in ("circle", "rect", "poly") and _filled(node, kind) and len(outline) > 3:
+        shape = shapely.union(shapely.Polygon(outline).buffer(0), shape)
+    return shape
+
+
+def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
+    """Return the line that a drawn shape follows, in m. Closed shapes end at their beginning."""
+    kind = node.name.split("_")[1]
+    if kind == "poly":
+        points = list(_points(node, to_board))
+        return [*points, points[0]]
+    if kind == "curve":
+        points = list(_points(node, to_board))
+        if len(points) != 4:
+            raise BoardError(f"{node.where}: a curve must have 4 points; got {len(points)}.")
+        p0, p1, p2, p3 = np.array(points)
+        t = np.linspace(0, 1, _CURVE_PIECES + 1)[:, None]
+        return _as_list(p0 * (1 - t) ** 3 + 3 * p1 * t * (1 - t) ** 2 + 3 * p2 * t**2 * (1 - t) + p3 * t**3)
+    if kind == "circle":
+        centre, rim = to_board(*pair(node.need("center"))), to_board(*pair(node.need("end")))
+        opposite = (2 * centre[0] - rim[0], 2 * centre[1] - rim[1])
+        return _as_list(arc_points(rim, opposite, rim))
+    first, last = pair(node.need("start")), pair(node.need("end"))
+    if kind == "arc":
+        return _as_list(arc_points(to_board(*first), to_board(*pair(node.need("mid"))), to_board(*last)))
+    if kind == "rect":
+        corners = (first, (last[0], first[1]), last, (first[0], last[1]), first)
+        return [to_board(*corner) for corner in corners]
+    return [to_board(*first), to_board(*last)]
+
+
+def pair(node: Node) -> Point:
+    """Return the first two numbers of a node, in mm.
+
+    They are a place or a size. Raises BoardError for values that no board has.
+    """
+    x, y = node.number(0), node.number(1)
+    if max(abs(x), abs(y)) > _FARTHEST:
+        raise BoardError(f"{node.where}: ({node.name} …) must lie within {_FARTHEST:g} mm; got {x:g}, {y:g}.")
+    return x, y
+
+
+def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
+    points = list(_points(node, to_board))
+    return shapely.Polygon(points).buffer(0) if len(points) > 2 else shapely.Polygon()
+
+
+def _points(node: Node, to_board: ToBoard) -> Iterator[Point]:
+    """Yield the points of a node's (pts …). They are in m, with arcs divided."""
+    points = node.need("pts")
+    for item in points.children("xy", "arc"):
+        if item.name == "xy":
+            yield to_board(*pair(item))
+        else:
+            start, middle, end = (to_board(*pair(item.need(name))) for name in ("start", "mid", "end"))
+            yield from _as_list(arc_points(start, middle, end))
+    if not points.items:
+        raise BoardError(f"{points.where}: (pts …) must have points; got none.")
+
+
+def _as_list(points: FloatArray) -> list[Point]:
+    return [(x, y) for x, y in points.tolist()]
+
+
+def _width(node: Node) -> float:
+    stroke = node.child("stroke") or node
+    width = stroke.child("width")
+    return 0.0 if width is None else width.number() / _PER_M
+
+
+def _filled(node: Node, kind: str) -> bool:
+    fill = node.child("fill")
+    return kind == "poly" if fill is None else fill.text() in ("solid", "yes")
+
+
+def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
+    """Return the area of a pad.
+
+    It is in m, in the frame of the board. A pad of unknown shape gives its rectangle. `to_board` transforms points from
+    the footprint's frame.
+    """
+    place = pad.need("at")
+    x0, y0 = to_board(*pair(place))
+    turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0  # on the sheet, not in the footprint
+    c, s = math.cos(turn), math.sin(turn)
+
+    def of_pad(x: float, y: float) -> Point:
+        """Transform from the pad's own frame in mm, y down."""
+        return x0 + (c * x + s * y) / _PER_M, y0 + (s * x - c * y) / _PER_M
+
+    offset = pad.child("drill", "offset")
+    x, y = (0.0, 0.0) if offset is None else pair(offset)
+    flat = affinity.translate(_flat(pad), x, y)
+    shapes = [shapely.transform(flat, lambda at: np.array([of_pad(x, y) for x, y in at.tolist()]))]
+    primitives = pad.child("primitives")
+    if primitives is not None:
+        shapes += [drawn_shape(node, of_pad) for node in primitives.children(*GRAPHICS)]
+    return shapely.union_all(shapes)
+
+
+def _flat(pad: Node) -> BaseGeometry:
+    """Shape about the origin, in mm, neither turned nor moved."""
+    width, height = pair(pad.need("size"))
+    kind = pad.text(2) if len(pad.words) > 2 else "rect"
+    if kind in ("circle", "oval"):
+        length = abs(width - height) / 2 if kind == "oval" else 0.0
+        way = (length, 0.0) if width > height else (0.0, length)
+        line = shapely.LineString((way, (-way[0], -way[1])))
+        return line.buffer((width if kind == "circle" else min(width, height)) / 2, quad_segs=32)
+    delta = pad.child("rect_delta")  # of a trapezoid
+    wider, higher = (0.0, 0.0) if delta is None else pair(delta)[::-1]
+    x, y = (width + abs(wider)) / 2, (height + abs(higher)) / 2
+    box = shapely.box(-x, -y, x, y)
+    ratio = pad.child("roundrect_rratio")
+    radius = 0.0 if ratio is None or kind != "roundrect" else min(ratio.number(), 0.5) * min(width, height)
+    return box.buffer(-radius * 0.999).buffer(radius * 0.999, quad_segs=32)
+
+
+_TEXTS = {"gr_text": 0, "fp_text": 1, "property": 1}  # with the index of the text among the words
+_NO_COPPER = ("generated", "image", "layer", "pad", "zone")  # their copper stands elsewhere in the file
+_PLACES = ("at", "start", "mid", "end", "center", "xy")
+_LETTER = 1.2  # largest width of KiCad's letters over the size of the font
+_LINE = 1.7  # distance of lines over the size
+
+
+def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
+    """Yield rectangles around other objects.
+
+    They are in m, with the kind of the object. The objects are texts, text boxes, dimensions and unknown nodes, unless
+    they are hidden. `to_board` transforms points from the frame of the node.
+    """
+    hidden = any(
+        "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
+        for part in (node, *node.children("effects"))
+    )
+    if node.name in _NO_COPPER or hidden:
+        return
+    if node.name in _TEXTS:
+        yield _text_box(node, to_board), "a text"
+        return
+    what = {"gr_text_box": "a text box", "fp_text_box": "a text box", "dimension": "a dimension"}.get(node.name)
+    height = node.child("height")
+    margin = 0.0 if height is None else abs(height.number()) / _PER_M  # from a dimension's line to its object
+    around = shapely.MultiPoint([to_board(x, y) for x, y in _places(node)]).envelope
+    yield around.buffer(max(margin, 1e-9)), what or f"an unknown ({node.name} …)"
+
+
+def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
+    """Rectangle around a text.
+
+    Around a text that is not centred it reaches to both sides, because the text may be mirrored or turned over.
+    """
+    effects = node.child("effects") or node
+    size, stroke = effects.child("font", "size"), effects.child("font", "thickness")
+    height, width = (1.0, 1.0) if size is None else pair(size)
+    bold = 0.15 * height if stroke is None else stroke.number()
+    text = node.words[_TEXTS[node.name]] if len(node.words) > _TEXTS[node.name] else ""
+    rows = text.split("\n")
+    justify = effects.child("justify")
+    words = () if justify is None else justify.words
+    x = max(map(len, rows)) * width * _LETTER / 2 * (2 if {"left", "right"} & set(words) else 1) + bold
+    y = len(rows) * height * _LINE / 2 * (2 if {"top", "bottom"} & set(words) else 1) + bold
+    place = node.need("at")
+    angle = "".join(place.words[2:3])
+    turn = math.radians(float(angle)) if angle.lstrip("+-").replace(".", "", 1).isdecimal() else 0.0
+    box = shapely.box(-x / _PER_M, -y / _PER_M, x / _PER_M, y / _PER_M)
+    turned = affinity.rotate(box, turn, origin=(0, 0), use_radians=True)
+    return affinity.translate(turned, *to_board(*pair(place)))
+
+
+def _places(node: Node) -> Iterator[Point]:
+    """Yield every place inside a node."""
+    for item in node.items:
+        if isinstance(item, Node):
+            if item.name in _PLACES and len(item.words) > 1:
+                yield pair(item)
+            yield from _places(item)
