@@ -134,8 +134,9 @@ class Table(BaseModel):
         """
         found: dict[str, Any] = {}
         for key in keys or [key for key in cls.model_fields if key not in without]:
+            annotation: Any = cls.model_fields[key].annotation
             name, scale = cls.attribute(key)
-            entry = _entry(getattr(value, name), scale, whole=not _is_float(cls.model_fields[key].annotation))
+            entry = _entry(getattr(value, name), scale, whole=not _is_float(annotation))
             if entry is not None:
                 found[key] = entry
         return found
