@@ -140,12 +140,6 @@ def locate(
             "fit` (.json), or `published` for that of Gast & Zimmermann (2020)."
         ),
     ] = None,
-    table: Annotated[
-        Path | None,
-        shared.file_option(
-            ("--table",), "File of the design's response table (.nc); computed if it does not exist.", (".nc",)
-        ),
-    ] = None,
     coil: Annotated[
         list[str] | None,
         typer.Option(help="Use this coil, for example to leave out a broken one; may be repeated. All by default."),
@@ -181,7 +175,7 @@ def locate(
     from coilarray.localize.forward import chosen_states, require_states
     from coilarray.localize.inverse import checked_reading
 
-    every, unknowns, compute = _model(model, table, allow_violations)
+    every, unknowns, compute = _model(model, allow_violations)
     used = chosen_states(every, coil or every)
     others = used
     if reference:
@@ -246,12 +240,10 @@ def _stream(answer: Callable[[Reading | LocalizeError], Record]) -> None:
 
 
 def _model(
-    source: str | None, table: Path | None, allow_violations: bool
+    source: str | None, allow_violations: bool
 ) -> tuple[tuple[str, ...], int, Callable[[], xr.Dataset | EllipseModel]]:
     """Return the states and the number of unknowns of a model, and a function that reads or computes it."""
     is_file = source is not None and source.lower().endswith(".json")
-    if table is not None and (is_file or source == _PUBLISHED or is_map(source)):
-        raise LocalizeError("--table is for the response table of a design.")
     if is_file or source == _PUBLISHED:
         from coilarray.paper.published import published_model
 
@@ -264,7 +256,7 @@ def _model(
     design = shared.open_design(source, allow_violations=allow_violations)
     # the table of an indentation has three unknowns; that of a target shows them itself
     unknowns = 3 if design.target is None or design.indentation is not None else 0
-    return tuple(state.name for state in design.plan), unknowns, lambda: kept_table(design, table)
+    return tuple(state.name for state in design.plan), unknowns, lambda: kept_table(design)
 
 
 _Solution = tuple[Callable[[Sequence[dict[str, float]]], list[Record]], dict[str, float | None], list[str]]

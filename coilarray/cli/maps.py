@@ -88,25 +88,10 @@ def read_ellipses(path: Path) -> EllipseModel:
     return model_from_json(read_text(path, LocalizeError))
 
 
-def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
-    """Return the response table of a design from a file or the store.
-
-    It is computed and kept if it is new.
-    """
-    from coilarray.compute.netcdf import save_dataset
-
-    if kept is not None and kept.exists():
-        response = read_map(kept, target=True)
-        if response.attrs.get("design_hash") != design.digest:
-            raise LocalizeError(
-                f"{kept} is the table of a design other than {design.name}; remove it or name another file."
-            )
-        return response
+def kept_table(design: Design) -> xr.Dataset:
+    """Return the response table of a design from the store, computed and kept if it is new."""
     with shared.progress_bar(f"table of {design.name}") as progress:
-        response = stored_table(design, progress=progress)
-    if kept is not None:
-        save_dataset(response, kept)
-    return response
+        return stored_table(design, progress=progress)
 
 
 def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:

@@ -96,7 +96,7 @@ def tolerance(
         ExitStack() as bars,
     ):
         # long, so that it comes after all that may be refused; its bar ends before that of the boards begins
-        known = None if read.positions is None else kept_table(opened, None)
+        known = None if read.positions is None else kept_table(opened)
         show = counting(bars.enter_context(shared.progress_bar("boards")))
         result = analyse(opened, read, **settings, table=known, workers=used, cache=kept, progress=show)
     if out is not None and out.suffix.lower() == ".json":

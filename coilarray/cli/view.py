@@ -156,7 +156,7 @@ def view(
         asked = View(
             show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
             coil=coil, spacing=spacing, at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth,
-            distance=distance, table=kept_table(opened, None) if "location" in items else None,
+            distance=distance, table=kept_table(opened) if "location" in items else None,
         )  # fmt: skip
         with ExitStack() as bar:
 

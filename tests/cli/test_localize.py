@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from support.command_line import mistakes, runner
 from support.contacts import coarse_maps, first_coils
 from support.localize_boards import FIELD, ROW, bells, board
@@ -327,19 +326,12 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     monkeypatch.setenv("COILARRAY_CACHE", "cache")
     monkeypatch.setattr(coilarray.localize.forward, "table_for", table)
     three = {name: value for name, value in reading().items() if name in design.array.names}
-    command = ("locate", "--model", "starter", "--table", "t.nc", text_of(three), "--json")
+    command = ("locate", "--model", "starter", text_of(three), "--json")
     first, second = run(capsys, *command), run(capsys, *command)
     assert (first, first[0], computed) == (second, 0, ["starter"])
     (found,) = json.loads(first[1])["positions"]
     on_board = POINT[0] + 1e-3, POINT[1] - 2e-3  # the board's coordinates, not the map's
     assert min(np.hypot(m["x_m"] - on_board[0], m["y_m"] - on_board[1]) for m in found["modes"]) < 1e-4
-    with xr.open_dataset("t.nc", engine="h5netcdf") as saved:
-        assert saved.attrs["design_hash"] == design.digest
-    assert run(capsys, "locate", "--model", "starter", text_of(three))[0] == 0
-    assert computed == ["starter"]  # it is found in the store
-    six = ",".join(f"{name}=1e-4" for name in load_design("gast2020").array.names)
-    message = refused(capsys, "locate", "--model", "gast2020", "--table", "t.nc", six)
-    assert "t.nc is the table of a design other than gast2020" in message
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
@@ -376,7 +368,6 @@ def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, m
         (("GOOD", "--noise", "0"), "--noise must be above 0 and at most 1; got 0"),
         (("GOOD", "--coil", "coil9"), "the model has no state 'coil9'"),
         (("GOOD", "--coil", "coil1", "--coil", "coil2"), "3 unknowns need at least as many states"),
-        (("GOOD", "--table", "t.nc"), "--table is for the response table of a design"),
         (("GOOD", "--model", "m.json"), "cannot read m.json"),
         (("GOOD", "--model", "word.json"), "an ellipse model must be a JSON file"),
         (("GOOD", "--model", "published", "--coil", "coil9"), "the model has no state 'coil9'"),
@@ -427,7 +418,7 @@ def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys):
         pressed = response_map(load_design("three.toml"), depths=[place[2]], x=[place[0]], y=[place[1]])
         delta = pressed.delta[0, 0, 0]
         given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
-        (answer,) = positions(capsys, "--model", "three.toml", "--table", "t.nc", text_of(given), "--noise", "3e-7")
+        (answer,) = positions(capsys, "--model", "three.toml", text_of(given), "--noise", "3e-7")
     assert answer["status"] == "located"
     # the map counts from there, a location from the board's
     origin = load_design("three.toml").indentation.origin_point
