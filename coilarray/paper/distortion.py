@@ -66,35 +66,20 @@ def distortion(
     draws: Sequence[tuple[Design, Imperfections]] = (),
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Predict x0(δ), A(δ), B(δ) and the causes of their distortion, into which x0 − centre is split.
+    """Predict x0(δ), A(δ), B(δ) and the causes of their distortion.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation, of which the first depth and the grid are used.
-    states : sequence of str
-        States of the scan, each named after its coil.
-    deltas : array_like, shape (n,)
-        Levels of δ, rising.
-    imperfections : Imperfections, optional
-        Deviations of the experiment, in every map. They may come from a calibration.
-    draws : sequence of (Design, Imperfections)
-        None, or at least two other possible designs, as `coilarray.studies.calibrate.calibration.posterior_draws`
-        returns them. Their scatter is the error of x0 and of the effect of the neighbours.
-    progress : callable, optional
-        Called with (done, total) as the maps are computed.
+    The first depth and the grid of the design's indentation are used. `states` are states of the scan, each named after
+    its coil, and `deltas`, shape (n,), are rising levels of δ. `imperfections` are deviations of the experiment in
+    every map. `draws`, none or at least two, are other possible designs, as
+    `coilarray.studies.calibrate.calibration.posterior_draws` returns them. Their scatter is the error of x0 and of the
+    effect of the neighbours. `progress` is called with (done, total) as the maps are computed.
 
-    Returns
-    -------
-    xarray.Dataset
-        See `DISTORTION`. The neighbours are ``grounded`` (as in the design's scan) and ``open``. Published values are
-        those of Table A1, NaN for other states. ``effect`` is the part of x0 that is lost without the cause. An
-        indenter is ``without`` a material, or of steel, aluminium or ferrite; ``indenter_peak`` is the largest δ of its
-        map. Values are NaN at levels that a map does not reach. Effects and root mean squares leave undetermined levels
-        out. Standard deviations come from draws.
+    The result has the variables of `DISTORTION`. The neighbours are ``grounded`` (as in the design's scan) and
+    ``open``. Published values are those of Table A1, NaN for other states. ``effect`` is the part of x0 that is lost
+    without the cause. An indenter is ``without`` a material, or of steel, aluminium or ferrite. ``indenter_peak`` is
+    the largest δ of its map. Values are NaN at levels that a map does not reach. Effects and root mean squares leave
+    undetermined levels out.
 
-    Notes
-    -----
     The causes are ``all neighbours`` and each neighbour (opened), ``window`` (18 and 12 mm wider, as far as the sample
     reaches), ``grid`` (half the step), ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the
     wide and fine map), ``winding and leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all

@@ -173,20 +173,6 @@ def test_a_picture_has_its_size_and_shows_copper(board, plotter, tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["board.png"]
 
 
-@pytest.mark.slow
-def test_an_axis_is_named_also_where_its_title_meets_a_number(plotter, tmp_path):
-    """PyVista leaves one of two texts that meet out: the title has to be the other one."""
-    ground = Scene((Part("floor", pyvista.Box((0, 160, 0, 90, 0, 1)), colour="white", lit=False),))
-    number, title = Text("8" * 9, (80, 45, 1), 60.0), Text("I" * 9, (80, 45, 1), 60.0)
-
-    def ink(*texts):
-        save_picture(ground + Scene(texts=texts), tmp_path / "words.png", side="top", size=(320, 180))
-        return int((imread(tmp_path / "words.png")[..., :3].min(axis=-1) < 0.5).sum())
-
-    assert ink(number, title) in (ink(number), ink(title))
-    assert ink(number, replace(title, always=True)) > max(ink(number), ink(title))
-
-
 def test_pictures_that_cannot_be_are_refused_in_one_line(board, tmp_path, monkeypatch):
     for size in ((0, 100), (100, 100_000)):
         with pytest.raises(OutputError, match="sides of 1 to 6000 pixels"):

@@ -67,7 +67,8 @@ def plot_response(
         Corners of the coils in m from the same origin as x and y, first point not repeated.
     """
     delta = _delta(response, state=state, depth=depth).transpose("y", "x")
-    style.require_plane(delta)
+    if min(delta.shape) < 2:
+        raise ValueError(f"a map must have at least two x and two y; got {delta.shape[1]} and {delta.shape[0]}.")
     look = _look(response, delta, outlines)
     ax = ax or style.new_axes(*style.figure_size(*look.size))
     bands = _draw_map(ax, response, delta, look)
@@ -249,7 +250,14 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
     deepest = _delta(response, state=None, depth=-1)
     look = _look(response, deepest, outlines)
     across, up = look.size
-    columns = _columns(len(names), across / up)
+
+    def misfit(columns: int) -> float:
+        """Distance from a good shape, and the share of empty places."""
+        rows = math.ceil(len(names) / columns)
+        shape = abs(math.log(columns * across / up / rows / _GRID_SHAPE))
+        return shape + 2 * (rows * columns - len(names)) / len(names)
+
+    columns = min(range(1, len(names) + 1), key=misfit)
     rows = math.ceil(len(names) / columns)
     width, height = style.figure_size(columns * across, rows * up)
     figure = style.new_figure(width, height + 0.3 * rows, layout="compressed")  # room for the names of the states
@@ -270,16 +278,6 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
     bar.set_label(look.unit.label("δ"))
     style.main_title(figure, f"Response, {depth_words(response, -1)}{note}")
     return figure
-
-
-def _columns(count: int, shape: float) -> int:
-    """Choose the number of columns of maps, in a shape near `_GRID_SHAPE`."""
-
-    def misfit(columns: int) -> float:
-        rows = math.ceil(count / columns)
-        return abs(math.log(columns * shape / rows / _GRID_SHAPE)) + 2 * (rows * columns - count) / count
-
-    return min(range(1, count + 1), key=misfit)
 
 
 def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) -> QuadContourSet:

@@ -268,12 +268,6 @@ def map_size(at: xr.Dataset | xr.DataArray) -> tuple[float, float]:
     return figure_size(float(np.ptp(at.x.values)), float(np.ptp(at.y.values)))
 
 
-def require_plane(at: xr.DataArray | xr.Dataset) -> None:
-    """Raise ValueError for fewer than two x or y."""
-    if min(at.sizes["x"], at.sizes["y"]) < 2:
-        raise ValueError(f"a map must have at least two x and two y; got {at.sizes['x']} and {at.sizes['y']}.")
-
-
 def main_title(figure: Figure, title: str) -> None:
     """Write a title above all axes, at the left."""
     figure.suptitle(title, x=0.01, ha="left", fontsize="large")

@@ -306,14 +306,11 @@ class _Making:
             indentation = self.design.indentation
             if "dent" in shown and indentation is not None and indentation.material is not None:
                 raise MetalError("B beside an indenter of metal or ferrite is not computed: leave out the dent, or B.")
-        if shown & _IN_BOX:
-            spacing = self.view.spacing or _BOX_SPACING
-            count = count_of([field_box(self.design, self._coil, spacing)])
-            require_memory(count, f"a spacing of {spacing * 1e3:g} mm")
+        grids = [field_box(self.design, self._coil, self.view.spacing or _BOX_SPACING)] if shown & _IN_BOX else []
         if "field" in shown:
-            spacing = self.view.spacing or _PLANE_SPACING
-            count = count_of(field_planes(self.design, self._coil, spacing))
-            require_memory(count, f"a spacing of {spacing * 1e3:g} mm")
+            grids += field_planes(self.design, self._coil, self.view.spacing or _PLANE_SPACING)
+        if grids:
+            require_memory(count_of(grids), f"a spacing of {max(axis.spacing for axis in grids[0]) * 1e3:g} mm")
 
     def _b_on(self, axes: Axes, what: str) -> pyvista.RectilinearGrid:
         """Compute B on a grid."""
