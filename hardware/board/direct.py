@@ -49,7 +49,6 @@ _FIXED_DRIVE = register("CONFIG").field("RP_OVERRIDE_EN").mask
 _RESET = 0x8000
 _RESET_TIME = 2e-3  # s; the data sheet gives it for the pin SD and no time for the register
 _LOOK_AGAIN = 1e-3  # s between two looks at STATUS
-_EARLIEST = 0.75  # of the nominal time from result to result: below the fastest oscillator's 43.4/55
 _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same state, before the stream ends
 
 
@@ -415,7 +414,8 @@ class DirectReader:
         chips, start = self._chips, self._clock.now()
         try:
             if running and not chips.asleep:
-                look = chips.ready_at + _EARLIEST * chip_settings.turn
+                # A fast oscillator is early by less than a slow one is late. Looks are a millisecond apart.
+                look = chips.ready_at + 2 * chip_settings.turn - chip_settings.again - 2 * _LOOK_AGAIN
                 samples = list(chips.results(chip_settings, max(look - start, 0.0)))
                 start = chips.ready_at - chip_settings.turn
             else:
