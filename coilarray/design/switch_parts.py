@@ -64,7 +64,7 @@ class SwitchPart:
         """Return switches with the capacitances of this part.
 
         The board has `coils` coils, and every coil end has a switch to ground and to each side of the bus. Traces are
-        not counted. For another board use `coilarray.hardware.scan.wiring.Wiring.capacitances`.
+        not counted.
 
         >>> counted = PARTS["ADG739"].capacitances(Switches(), 6)
         >>> round(counted.terminal_capacitance * 1e12), round(counted.bus_capacitance * 1e12)
