@@ -152,7 +152,7 @@ def plot_bell_curve(
     Parameters
     ----------
     response : xarray.Dataset
-        Result of `coilarray.response_map` or `coilarray.paper.two_dimensional.line_response` with two positions or more.
+        Result of `coilarray.response_map` or `coilarray.paper.two_dimensional.line_response`, two positions or more.
     state : str, optional
         Name of the state of a map. The default is the state that responds nearest to the middle of the map.
     along : {"x", "y"}
