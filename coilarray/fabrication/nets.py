@@ -153,16 +153,10 @@ def check_nets(
     bridges: list[NetFault] = []
     cuts: list[NetFault] = []
     missing: list[NetFault] = []
-    foreign = [
-        _fault(
-            "foreign",
-            (),
-            hole.layers[0],
-            (hole.x, hole.y),
-            f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}",
-        )
-        for hole in foreign_holes
-    ]
+    foreign: list[NetFault] = []
+    for hole in foreign_holes:
+        text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
+        foreign.append(_fault("foreign", (), hole.layers[0], (hole.x, hole.y), text))
     for piece in pieces:
         owners = [
             coil
