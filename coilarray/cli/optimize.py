@@ -30,14 +30,7 @@ def optimize(
         typer.Argument(metavar="GOAL", help="Goal file (TOML), or a name as for --goal.", show_default=False),
     ] = None,
     wish: shared.Goals = None,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--vary",
-            help="Entry to vary instead of those of the goal: KEY=START:STOP, KEY=START:STOP:COUNT or "
-            "KEY=A,B,…; may be repeated.",
-        ),
-    ] = None,
+    vary: shared.Vary = None,
     keep: Annotated[
         list[str] | None,
         typer.Option(

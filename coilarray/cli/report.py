@@ -66,10 +66,12 @@ def report(
     """
     shared.check_folder(out)
     with compiling_beside(), drawing_beside():
+        from coilarray.compute.netcdf import read_checked
+        from coilarray.paper.distortion import DISTORTION
         from coilarray.report.write import write_report
 
         opened = shared.open_design_file(design, allow_violations=allow_violations)
-        causes = None if distortion is None else _causes(distortion)
+        causes = None if distortion is None else read_checked(distortion, DISTORTION)
         with shared.progress_bar(f"report of {opened.design.name}") as progress:
             made = write_report(opened, out, distortion=causes, progress=progress)
     if made.rendering_problem is not None:
@@ -86,13 +88,6 @@ def report(
             typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
         typer.echo("")
     typer.echo(_summary(opened.design.array.centres, made.coupling).text(shared.terminal_width()))
-
-
-def _causes(distortion: Path) -> xr.Dataset:
-    from coilarray.compute.netcdf import read_checked
-    from coilarray.paper.distortion import DISTORTION
-
-    return read_checked(distortion, DISTORTION)
 
 
 def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:

@@ -98,6 +98,18 @@ Goals = Annotated[
         "which fit any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; may be repeated.",
     ),
 ]
+Vary = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        help="Entry of the design to vary: KEY=START:STOP, KEY=START:STOP:COUNT or KEY=A,B,…; may be repeated. Those "
+        "of the goal by default.",
+    ),
+]
+Quantities = Annotated[
+    list[str] | None,
+    typer.Option("--quantity", "-q", help='Quantity to compute, such as worst_k or "k[coil1,coil2]"; may be repeated.'),
+]
 References = Annotated[
     list[str] | None,
     typer.Option(

@@ -57,7 +57,9 @@ def studio(
 
     Example: coilarray studio better.toml --host 0.0.0.0 --no-browser
     """
-    where = _folder(design, folder)
+    where = (folder or (Path(design).parent if design and Path(design).is_file() else Path())).resolve()
+    if not where.is_dir():
+        raise OutputError(f"--folder must be a folder; got {where}.")
     live = LiveOptions(BoardOptions(board, wiring, settings=settings))
     from coilarray.viz.studio.access import LOOPBACK, Address, bind, check_studio
 
@@ -82,15 +84,6 @@ def studio(
         with suppress(KeyboardInterrupt):  # where the loop cannot handle signals
             serve(work, Shelf(where), services, address, listening, linger=linger, ready=ready)
     typer.echo("coilarray: the studio has ended", err=True)
-
-
-def _folder(design: str | None, folder: Path | None) -> Path:
-    """Return the folder that the page can read and write."""
-    named = Path(design).parent if design and Path(design).is_file() else Path()
-    where = (folder or named).resolve()
-    if not where.is_dir():
-        raise OutputError(f"--folder must be a folder; got {where}.")
-    return where
 
 
 def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:

@@ -25,19 +25,8 @@ _MOST_BEST = 5  # points of a front that are printed
 
 def sweep(
     design: shared.DesignArgument = None,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--vary",
-            help="Entry of the design to vary: KEY=START:STOP, KEY=START:STOP:COUNT or KEY=A,B,…; may be repeated.",
-        ),
-    ] = None,
-    quantity: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--quantity", "-q", help='Quantity to compute, such as worst_k or "k[coil1,coil2]"; may be repeated.'
-        ),
-    ] = None,
+    vary: shared.Vary = None,
+    quantity: shared.Quantities = None,
     goal: shared.Goals = None,
     samples: Annotated[
         int | None,

@@ -27,15 +27,7 @@ def tolerance(
         Path | None,
         typer.Argument(metavar="TOLERANCE", help="Tolerance file (TOML); typical values of board houses by default."),
     ] = None,
-    quantity: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--quantity",
-            "-q",
-            help='Quantity to compute, such as worst_k or "k[coil1,coil2]"; may be repeated. L and k of all coils by '
-            "default, of more than 7 coils k of neighbours only.",
-        ),
-    ] = None,
+    quantity: shared.Quantities = None,
     samples: Annotated[int, typer.Option(help="Number of boards to draw, 0 or at least 8; best a power of 2.")] = 64,
     seed: Annotated[int, typer.Option(help="Seed of the drawn boards.")] = 0,
     accuracy: shared.Accuracy = "screen",
@@ -59,10 +51,11 @@ def tolerance(
 ) -> None:
     """Predict how much fabricated boards differ, and why.
 
-    Etching, registration, thicknesses, placement, permeability and tank capacitor have distributions, with one share
-    common to a board and one for each layer. The spread is linearised, checked on randomly drawn boards, and split by
-    cause. Limits in the tolerance file give a yield. With [positions] in that file (x_mm, y_mm, depth_mm, noise) the
-    analysis includes δ, and the error of a position found with the response table of the nominal board.
+    Quantities are L and k of all coils by default, of more than 7 coils k of neighbours only. Etching,
+    registration, thicknesses, placement, permeability and tank capacitor have distributions, with one share common
+    to a board and one for each layer. The spread is linearised, checked on randomly drawn boards, and split by
+    cause. Limits in the tolerance file give a yield. With [positions] in that file (x_mm, y_mm, depth_mm, noise)
+    the analysis includes δ, and the error of a position found with the response table of the nominal board.
 
     Example: coilarray tolerance gast2020 --samples 128 --out spread.csv --plot spread.png
 
