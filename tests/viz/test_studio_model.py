@@ -41,7 +41,7 @@ from coilarray.viz.studio.runs import read_runs, run_folders, run_lines, run_of
 from coilarray.viz.studio.switches import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.touch import touched
 from coilarray.viz.studio.view import _legend
-from coilarray.viz.studio.work import MOST_COILS, Shelf, require_small, work_on
+from coilarray.viz.studio.work import MOST_COILS, Shelf, work_on
 
 WOUND = "coils.hexagon.winding_layers"
 OPENED = load_design_file("starter")
@@ -101,6 +101,7 @@ def test_a_change_is_what_the_library_makes_of_it_and_is_no_longer_assumed(start
     ("key", "text", "line"),
     [
         ("array.pitch_mm", "wide", "array.pitch_mm must be a number; got 'wide'."),
+        *(("array.pitch_mm", text, f"array.pitch_mm must be a number; got '{text}'.") for text in ("", "1,5", "1_0")),
         ("array.pitch_mm", "nan", "array.pitch_mm must be a finite number; got 'nan'."),
         ("array.pitch_mm", "0", "array.pitch_mm must be greater than 0; got 0."),
         ("array.columns", "2.5", "array.columns must be a whole number; got 2.5."),
@@ -117,13 +118,6 @@ def test_a_wrong_value_is_one_line_without_the_name_of_the_design(starter, key, 
     assert str(refused.value).startswith(line)
     assert "\n" not in str(refused.value)
     assert not work.changed
-
-
-def test_a_design_that_no_page_can_follow_is_refused(starter):
-    many = build_design_file({**OPENED.document, "array": {**OPENED.document["array"], "columns": 70}})
-    with pytest.raises(DesignError, match="at most 64 coils; the array has 70"):
-        work_on(many, "many")
-    require_small(starter)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, width=32))
@@ -286,6 +280,12 @@ def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
     ]
 
 
+def test_a_design_that_no_page_can_follow_is_refused():
+    many = build_design_file({**OPENED.document, "array": {**OPENED.document["array"], "columns": 70}})
+    with pytest.raises(DesignError, match="at most 64 coils; the array has 70"):
+        work_on(many, "many")
+
+
 def test_what_is_no_study_is_one_line(tmp_path):
     (tmp_path / "points.jsonl").write_text("no points", encoding="utf-8")
     with pytest.raises(OutputError, match="it has no points of an optimisation"):
@@ -329,13 +329,10 @@ def test_bodies_are_added_and_removed_as_the_file_says_them():
             metal.with_body({}, {**texts, field: text})
 
 
-BUILD = structure.STEPS
-
-
 def built(work, *steps):
     """A work after steps of its structure, each a name and arguments."""
     for name, *arguments in steps:
-        work = work.with_document(BUILD[name](work.opened.document, work.design, *arguments))
+        work = work.with_document(structure.STEPS[name](work.opened.document, work.design, *arguments))
     return work
 
 
@@ -487,12 +484,6 @@ def test_what_would_be_lost_is_known(tmp_path):
         shelf.would_lose(mine, "../mine.toml")
     with pytest.raises(DesignError, match=r"there is no file other\.toml"):
         shelf.open("other.toml")
-
-
-@pytest.mark.parametrize("text", ["", "wide", "1,5", "1_0", "0x10"])
-def test_what_is_no_number_is_one_line(text):
-    with pytest.raises(DesignError, match=rf"^key must be a number; got '{text}'\.$"):
-        number_of("key", text)
 
 
 def test_choices_of_a_new_design_are_read_from_their_texts():

@@ -648,12 +648,6 @@ def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, 
         browser.wait_until_gone([started.process.pid, *children])
 
 
-NO_SOCKETS = """
-const Real = window.WebSocket;
-window.WebSocket = class extends Real { constructor() { super("ws://" + location.host + "/none"); } };
-"""
-
-
 @pytest.mark.skipif(os.name != "posix", reason="no Ctrl-C to be sent here")
 def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_path):
     with browser.served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:
@@ -664,11 +658,6 @@ def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_pat
         browser.at_rest(page)
         np.testing.assert_array_equal(browser.matrix(page), k_of(load_design("starter")))
         browser.picture(page, "no_rendering")
-        behind_proxy = context.new_page()
-        behind_proxy.add_init_script(NO_SOCKETS)
-        behind_proxy.goto(started.url)
-        behind_proxy.wait_for_selector("#gone:has-text('no connection to it can be opened')")
-        behind_proxy.close()
         said = started.end()
         words = page.wait_for_selector("#gone").inner_text()
         assert words.startswith("The studio has ended, or cannot be reached.\nThis page comes back by itself")

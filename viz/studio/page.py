@@ -64,7 +64,8 @@ class Page(Session):
             self.state.change(*names)(lambda function=function, **_: function())
         self._build_layout()
         self.server.controller.on_server_bind.add(lambda server: setattr(self, "endpoint", server["ws"]))
-        self.server.controller.on_error.add(_log_error)
+        # an error of the page's scripts may contain anything
+        self.server.controller.on_error.add(lambda text: _LOG.warning("coilarray: the page reports %s", shown(text)))
         self.server.controller.on_exception.add(self._refuse_call)
         self.server.start(
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
@@ -162,8 +163,3 @@ class Page(Session):
 
         with VAppLayout(self.server, vuetify_config={"defaults": _DEFAULTS}) as layout:
             layout.root.add_child(filled(template("page")))
-
-
-def _log_error(message: Any) -> None:
-    """Log an error of the page's scripts, which may contain anything, in one line."""
-    _LOG.warning("coilarray: the page of the studio reports %s", shown(message))

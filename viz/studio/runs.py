@@ -347,11 +347,8 @@ def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
 
 
 def _stamp(folder: Path) -> int:
-    """Read the time of the last change of a study."""
-    try:
-        return (folder / FILE).stat().st_mtime_ns
-    except OSError:
-        return 0
+    """Read the time of the last change of a study, or 0."""
+    return (folder / FILE).stat().st_mtime_ns if (folder / FILE).is_file() else 0
 
 
 def _picture(run: Run, x: str, y: str) -> str:

@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from aiohttp import WSMsgType, web
+from trame_client.module import vue3
 
 from coilarray.errors import CoilarrayError
 from coilarray.viz.offscreen import rendering_problem
@@ -24,6 +25,7 @@ from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.session import Setup, template
 from coilarray.viz.studio.work import Shelf, Work
 
+_CLIENT = Path(vue3.www)  # scripts of trame
 _HEARTBEAT = 20.0  # s without an answer after which a page counts as closed
 _UNUSED = 60.0  # s, longest time for a page to connect to its session
 _GOING_AWAY, _REFUSED = 1001, 1008  # codes of RFC 6455
@@ -127,7 +129,7 @@ class _Studio:
             return web.Response(
                 status=503, text=f"coilarray studio: {_TOO_MANY}; close one, and load this one again.\n"
             )
-        text = (_client_folder() / "index.html").read_text(encoding="utf-8")
+        text = (_CLIENT / "index.html").read_text(encoding="utf-8")
         text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
         own = "".join(template(name) for name in ("tab", "gone", "keys", "look"))
         return web.Response(text=text.replace("<head>", f"<head>{own}", 1), content_type="text/html")
@@ -194,10 +196,9 @@ class _Studio:
 
     async def _asset(self, request: web.Request) -> web.StreamResponse:
         """Serve scripts, styles and fonts."""
-        name, _, rest = request.match_info["path"].partition("/")
-        if name in self._static:
-            return _file_of(self._static[name], rest)
-        return _file_of(_client_folder(), request.match_info["path"])
+        path: str = request.match_info["path"]
+        name, _, rest = path.partition("/")
+        return _file_of(self._static[name], rest) if name in self._static else _file_of(_CLIENT, path)
 
     async def _close(self, key: str) -> None:
         """End the session of a closed page."""
@@ -216,12 +217,6 @@ class _Studio:
     def _end_unused(self) -> None:
         if not self._pages:
             self._stop.set()
-
-
-def _client_folder() -> Path:
-    from trame_client.module import vue3
-
-    return Path(vue3.www)
 
 
 def _file_of(folder: Path, name: str) -> web.StreamResponse:

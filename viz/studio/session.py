@@ -275,16 +275,10 @@ class Session(ABC):
 
         def ended(outcome: Outcome) -> None:
             self._jobs.pop(name, None)
-            with self.state:
-                on_end(outcome)
+            on_end(outcome)
 
-        def message(value: Any) -> None:
-            with self.state:
-                on_message(value)
-
-        self._jobs[name] = Job(
-            function, *arguments, on_message=self._on_loop(message), on_end=self._on_loop(ended), patience=patience
-        )
+        message, end = self._on_loop(on_message), self._on_loop(ended)
+        self._jobs[name] = Job(function, *arguments, on_message=message, on_end=end, patience=patience)
         return True
 
     def start_bar(
@@ -337,7 +331,7 @@ class Session(ABC):
         """Let another thread call a function on the page's loop."""
 
         def shown(value: Any) -> None:
-            with self._showing_errors():
+            with self._showing_errors(), self.state:
                 function(value)
 
         def call(value: Any) -> None:

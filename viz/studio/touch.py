@@ -46,17 +46,6 @@ def touched(model: ForwardModel, x: float, y: float, depth: float) -> Touched:
     return Touched(place, dict(zip(model.states, delta.tolist(), strict=True)), location)
 
 
-def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
-    """Scene of a touch."""
-    design = board.design
-    scene = board.by_delta(touch.delta)
-    x, y = at = float(touch.place[0]), float(touch.place[1])
-    x_min, y_min, x_max, y_max = design.array.bounds
-    if x_min < x < x_max and y_min < y < y_max:
-        scene += scene_of_dent(design.array, design.sheets, dent, indentation_of(design).indenter, at, opacity=VEILED)
-    return scene + scene_of_location(touch.location, bounds=design.array.bounds, top=design.top, truth=at)
-
-
 class TouchPanel(Panel):
     """Panel with the indenter on the board."""
 
@@ -97,10 +86,15 @@ class TouchPanel(Panel):
         touch = self._touched
         if touch is None or not self._session.is_current(design) or touch.place[2] <= 0:
             return None
-        depth = float(touch.place[2])
+        x, y, depth = touch.place.tolist()
         if self._dent is None or self._dent[0] is not design or self._dent[1] != depth:
             self._dent = design, depth, dent_of_design(design, depth)
-        return touched_scene(board, self._dent[2], touch)
+        array, bounds = design.array, design.array.bounds
+        scene = board.by_delta(touch.delta)
+        if bounds[0] < x < bounds[2] and bounds[1] < y < bounds[3]:
+            indenter, dent = indentation_of(design).indenter, self._dent[2]
+            scene += scene_of_dent(array, design.sheets, dent, indenter, (x, y), opacity=VEILED)
+        return scene + scene_of_location(touch.location, bounds=bounds, top=design.top, truth=(x, y))
 
     def _compute(self) -> None:
         """Compute the response of the design."""

@@ -26,7 +26,6 @@ _ENCODING = 0.003  # s between two tests if a picture is encoded
 _LOOKS = 600  # largest number of these tests, as a hidden page gets no pictures
 _SAMPLES = 8  # samples per pixel of a smooth picture, which takes three times as long
 _SAME = 1e-6  # tolerance of the camera's numbers
-_LARGEST = (5120, 5120)  # largest width and height in pixels
 _RESIZED = 0.03  # relative change of a side above which texts are drawn again
 _NARROW = 1.2  # width over height below which letters and lines become smaller
 _LEAST_LETTER = 9.0  # least legible height of letters in pixels
@@ -61,7 +60,7 @@ class SceneView:
         style = self._plotter.iren.interactor.GetInteractorStyle()
         style.AddObserver("StartInteractionEvent", lambda *_: self._rough())
         style.AddObserver("EndInteractionEvent", lambda *_: self._smooth_soon())
-        self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
+        self._window.AddObserver("WindowResizeEvent", lambda *_: self._later("resizing", 0.1, self._fit))
 
     def show(self, scene: Scene, sent: Callable[[], None] | None = None) -> None:
         """Draw another scene with the user's camera, and call `sent` with its first picture."""
@@ -180,14 +179,8 @@ class SceneView:
         if smooth:
             self._at_rest(True)
 
-    def _resized(self) -> None:
-        """Draw letters and lines for another height."""
-        width, height = (min(side, most) for side, most in zip(self._size, _LARGEST, strict=True))
-        if (width, height) != self._size:  # the page may ask for any size
-            self._window.SetSize(width, height)
-        self._later("resizing", 0.1, self._fit)
-
     def _fit(self) -> None:
+        """Draw letters and lines for another height."""
         change = np.abs(np.divide(self._size, self._drawn_size) - 1).max()
         if self._scene is not None and change > _RESIZED:
             self.show(self._scene)
