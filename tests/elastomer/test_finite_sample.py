@@ -230,7 +230,7 @@ def test_the_default_mesh_gives_the_paper_s_map_to_two_percent_of_what_sides_cha
     wide = inductance_changes(replace(design, indentation=replace(setup, sample_bounds=None)), axes)[0]
 
     def changes(mesh: BoxMesh) -> np.ndarray:
-        monkeypatch.setattr(pressing, "_sample", lambda setup: Sample(setup.sample_bounds, setup.unevenness, mesh))
+        monkeypatch.setattr(pressing, "Sample", lambda bounds, unevenness: Sample(bounds, unevenness, mesh))
         return inductance_changes(finite, axes)[0]
 
     usual, expected = changes(DEFAULT_BOX_MESH), changes(finer)

@@ -35,7 +35,7 @@ def on(base, strain="linear"):
 
 def delta(design):
     return response_map(
-        design, depths=[1e-3], x=[0.0, 6e-3], y=[0.0], network="ideal", accuracy=QUICK
+        design, depths=[1e-3], x=[0.0, 6e-3], y=[0.0], imperfections=IDEAL, accuracy=QUICK
     ).delta.values.ravel()
 
 
