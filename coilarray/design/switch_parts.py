@@ -46,11 +46,6 @@ class SwitchPart:
     unverified: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def common_pins(self) -> tuple[tuple[str, ...], ...]:
-        """Switches that share a pin, for each such pin. A switch with a pin of its own is alone."""
-        return tuple(self.drains.values()) or tuple((name,) for name in self.bits)
-
-    @property
     def off_capacitance(self) -> float:
         """Capacitance through an open switch in F. An isolation of a into a load R at ω gives C = 10^(−a/20)/(ω R)."""
         return float(10 ** (-self.off_isolation / 20) / (2 * math.pi * _DECADE * _LOAD))

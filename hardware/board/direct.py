@@ -54,40 +54,31 @@ _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same s
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a scan as register values and switch words."""
+    """Settings of a scan as register values and times in s."""
 
-    names: tuple[str, ...]
-    channels: tuple[int, ...]  # of the states
-    scanning: bool  # whether the converter scans several channels
-    words: tuple[bytes, ...]  # of the switches in each state
+    scan: ScanSettings
     drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; empty if coils are wired to channels
     asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
     active: int  # register CONFIG while the converter is awake
-    wait: float  # s, until the first look at STATUS
-    timeout: float  # s, until giving up
-    discard: int  # conversions to discard
-    again: float  # s, from a discarded conversion until the next look
-    turn: float  # s, from result to result of a converter that stays awake, with its nominal clock
-    hash: int
+    wait: float  # until the first look at STATUS
+    timeout: float  # until giving up
+    again: float  # from a discarded conversion until the next look
+    turn: float  # from result to result of a converter that stays awake, with its nominal clock
 
     @staticmethod
-    def of(settings: ScanSettings) -> ChipSettings:
+    def of(scan: ScanSettings) -> ChipSettings:
         """Encode settings of a scan."""
-        given = dict(settings.registers)
+        given = dict(scan.registers)
+        again = scan.again_us * 1e-6
         return ChipSettings(
-            names=tuple(state.name for state in settings.states),
-            channels=tuple(state.channel for state in settings.states),
-            scanning=len(settings.channels) > 1,
-            words=tuple(state.words for state in settings.states),
-            drives=() if settings.wired else tuple(settings.drive_register(state) for state in settings.states),
+            scan,
+            drives=() if scan.wired else tuple(scan.drive_register(state) for state in scan.states),
             asleep=tuple(sorted((given | {_CONFIG: given[_CONFIG] | ASLEEP}).items())),
             active=given[_CONFIG],
-            wait=settings.wait_us * 1e-6,
-            timeout=settings.timeout_us * 1e-6,
-            discard=settings.discard,
-            again=settings.again_us * 1e-6,
-            turn=settings.again_us * 1e-6 * settings.slowest_reference / settings.reference,
-            hash=settings.hash,
+            wait=scan.wait_us * 1e-6,
+            timeout=scan.timeout_us * 1e-6,
+            again=again,
+            turn=again * scan.slowest_reference / scan.reference,
         )
 
 
@@ -138,9 +129,9 @@ class ChipDriver:
         result is read, the samples have a fault. If the converter chose its own drive current, this current is read
         too, before sleep can clear it.
         """
-        channels = tuple(dict.fromkeys(settings.channels))
+        channels = tuple(dict.fromkeys(state.channel for state in settings.scan.states))
         looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
-        for _ in range(settings.discard if wait is None else 0):
+        for _ in range(settings.scan.discard if wait is None else 0):
             if looks is not None:
                 for channel in channels:
                     self.bus.read(_DATA_MSB[channel])  # clears its flags
@@ -168,14 +159,15 @@ class ChipDriver:
 
         Reading STATUS clears its errors, so all looks count.
         """
+        scanning = len(settings.scan.channels) > 1
         try:
             msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
             drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
         except BusFault as fault:
-            if not settings.scanning:
+            if not scanning:
                 raise
             return _no_sample(fault)
-        if not settings.scanning:
+        if not scanning:
             errors = 0
             for look in looks:
                 errors |= look & _ERRORS
@@ -381,23 +373,23 @@ class DirectReader:
         with self._resting_on_failure():
             start = self._clock.now()
             if self._safe_words:
-                samples = [self._sample(chip_settings, k) for k in range(len(chip_settings.words))]
+                samples = [self._sample(chip_settings, k) for k in range(len(chip_settings.drives))]
             else:
                 start, samples = self._channels(chip_settings, running=running)
             samples = self._verified(chip_settings, samples)
-        return RawScan(sequence, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
+        return RawScan(sequence, start, time.time(), chip_settings.scan.hash, self._identity.boot, tuple(samples))
 
     def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
         """Measure a state.
 
         The converter is asleep and the coils are grounded before and, even if the converter fails, after.
         """
-        chips, same = self._chips, True
+        chips, same, words = self._chips, True, chip_settings.scan.states[k].words
         try:
             if not chips.asleep:
                 chips.sleep()
-            same &= chips.switch(bytes(len(chip_settings.words[k])))
-            same &= chips.switch(chip_settings.words[k])
+            same &= chips.switch(bytes(len(words)))
+            same &= chips.switch(words)
             chips.wake(chip_settings, chip_settings.drives[k])
             (sample,) = chips.results(chip_settings)
             chips.sleep(attempts=1)
@@ -424,7 +416,7 @@ class DirectReader:
                 chips.wake(chip_settings)
                 samples = list(chips.results(chip_settings))
         except BusFault as fault:
-            samples = [_no_sample(fault)] * len(chip_settings.names)
+            samples = [_no_sample(fault)] * len(chip_settings.scan.states)
         if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
             with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
                 chips.sleep()
@@ -446,7 +438,7 @@ class DirectReader:
     def _judge(self, chip_settings: ChipSettings, faults: Sequence[SampleFault]) -> None:
         """Decide whether the faults of a scan end the stream."""
         for k, fault in enumerate(faults):
-            state = chip_settings.names[k]
+            state = chip_settings.scan.states[k].name
             self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
             self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
             reason: HardwareError | None = None

@@ -52,7 +52,7 @@ def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
     at the converter, and then every coil both ways round. One group for each coil follows. It measures the coil alone,
     and with every other coil grounded at both ends, at a and at b.
     """
-    first = [Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words)]
+    first = [Trial(wiring.safe_words, rest="ground"), Trial(bytes(len(wiring.devices)))]
     for coil, sense in itertools.product(wiring.coils, (1, -1)):
         with contextlib.suppress(HardwareError):  # a wiring that cannot turn the coil round
             words = wiring.words(ScanState(coil, ((coil, sense),)))

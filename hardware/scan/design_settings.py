@@ -58,18 +58,6 @@ def board_budget(design: Design, settings: ScanSettings, *, baseline_scans: int 
 _MARGIN = 1.25  # of the quality factor, for the settling time
 
 
-def design_plan(design: Design, states: Sequence[str] | None = None) -> tuple[ScanState, ...]:
-    """Return states of a design's scan plan."""
-    plan = design.plan
-    known = [state.name for state in plan]
-    for name in states or ():
-        if name not in known:
-            raise HardwareError(f"the scan of {design.name} has no state {name!r}; there are {', '.join(known)}.")
-    if states and len(set(states)) < len(states):
-        raise HardwareError(f"states must be named once each; got {', '.join(states)}.")
-    return tuple(state for state in plan if not states or state.name in states)
-
-
 def design_settings(
     design: Design,
     wiring: Wiring,
@@ -129,7 +117,13 @@ def design_settings(
             f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; there are "
             f"{', '.join(wiring.coils)}: give the wiring file of this board."
         )
-    plan = design_plan(design, states)
+    known = [state.name for state in design.plan]
+    for name in states or ():
+        if name not in known:
+            raise HardwareError(f"the scan of {design.name} has no state {name!r}; there are {', '.join(known)}.")
+    if states and len(set(states)) < len(states):
+        raise HardwareError(f"states must be named once each; got {', '.join(states)}.")
+    plan = tuple(state for state in design.plan if not states or state.name in states)
     if unknown:
         plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
     network = board_network(design, wired=bool(wiring.channels))

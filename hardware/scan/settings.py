@@ -217,9 +217,10 @@ class ScanSettings:
         else:
             active |= {"ACTIVE_CHAN": self.channels[0]}
         values = [(0x19, ERROR_CONFIG), (0x1A, encode("CONFIG", active)), (0x1B, encode("MUX_CONFIG", mux))]
+        measured = {state.channel: state for state in self.states}
         for channel in self.channels:
             rcount, settle_count = self._counts(channel)
-            state = self._measured(channel)
+            state = measured.get(channel)
             dividers = {
                 f"FIN_DIVIDER{channel}": self.fin_divider if state is None else self.input_divider(state),
                 f"FREF_DIVIDER{channel}": self.fref_divider,
@@ -332,13 +333,9 @@ class ScanSettings:
             control=bus_time(reads=1, writes=3, rate=bus_rate) + SWITCH_BITS / BUS_RATE,
         )
 
-    def _measured(self, channel: int) -> StateSettings | None:
-        """Return the state that a channel measures."""
-        return next((state for state in self.states if state.channel == channel), None)
-
     def _counts(self, channel: int) -> tuple[int, int]:
         """Return RCOUNT and SETTLECOUNT of a channel."""
-        state = self._measured(channel)
+        state = next((state for state in self.states if state.channel == channel), None)
         if state is None:
             return smallest_rcount(len(self.channels)), self.settle_count
         return self.rcount, self.settle_count if state.settle_count is None else state.settle_count

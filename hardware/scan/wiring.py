@@ -155,11 +155,6 @@ class Wiring:
             return b""
         return self._close({(terminal, "ground") for terminal in self.terminals})
 
-    @property
-    def open_words(self) -> bytes:
-        """Words that open every switch."""
-        return bytes(len(self.devices))
-
     def channel(self, coil: str) -> int:
         """Return the channel of the converter that measures a coil."""
         if coil not in self.coils:
