@@ -85,7 +85,7 @@ def test_boards_and_yields_are_those_of_the_analysis(sampled):
 @pytest.mark.slow
 def test_a_board_that_failed_is_empty_with_the_reason():
     hard = Tolerances({"etch": Spread(board=12e-6)})
-    rows = tables.sample_table(analyse(loops(), hard, samples=64, quantities=[K])).records()
+    rows = tables.sample_table(analyse(loops(), hard, samples=32, quantities=[K])).records()
     failed = [row for row in rows if row["failure"]]
     assert failed
     assert all(row[K] == "" and "no board" in row["failure"] for row in failed)
