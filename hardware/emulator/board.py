@@ -58,7 +58,6 @@ class EmulatedChain:
     ) -> None:
         self.devices = devices
         self.readback = readback
-        self.latches = 0
         self.bit_order = list(range(SWITCHES))
         """Bit of the word that moves each switch of the netlist. Change it to emulate a board with another map."""
         self._before_change, self._after_change = before_change, after_change
@@ -97,7 +96,11 @@ class EmulatedChain:
             sent >>= 1
         through = self._register << count | sent
         self._register = through & (1 << SWITCHES * len(self.devices)) - 1
-        self._latch()
+        words = self._register.to_bytes(len(self.devices))
+        if words != self._words:
+            self._before_change()
+            self._words = words
+            self._after_change()
         if not self.readback:
             return None
         return (through >> SWITCHES * len(self.devices)).to_bytes(len(data))
@@ -121,15 +124,6 @@ class EmulatedChain:
                 if switch == WiredSwitch((coil, end), net):
                     return device, bit
         raise HardwareError(f"no switch joins end {end} of coil {coil} to {net}.")
-
-    def _latch(self) -> None:
-        """Latch the register and move the switches."""
-        words = self._register.to_bytes(len(self.devices))
-        self.latches += 1
-        if words != self._words:
-            self._before_change()
-            self._words = words
-            self._after_change()
 
 
 class EmulatedSwitches:

@@ -363,20 +363,16 @@ class Run:
         """Return the frequency in Hz and the amplitude in V."""
         if sensor is None:
             return 0.0, 0.0
-        amplitude = sensor.amplitude(self._current(sensor))
+        code = self._setting.channels[self._channel].drive
+        if not self._setting.fixed_drive:
+            code = self._found.setdefault(self._channel, sensor.automatic_drive())
+        amplitude = sensor.amplitude(DRIVE_CURRENTS[code] * (_HIGH_CURRENT if self._setting.high_current else 1.0))
         frequency = sensor.frequency if amplitude >= AMPLITUDE_STOPS else 0.0
         if frequency > DEGLITCH.get(self._setting.deglitch, math.inf):
             frequency = 0.0  # suppressed by the input filter
         elif amplitude > AMPLITUDE_HIGH:
             frequency *= 1 + _CLAMP_PULL * (min(amplitude, 2 * AMPLITUDE_HIGH) / AMPLITUDE_HIGH - 1)
         return frequency, amplitude
-
-    def _current(self, sensor: Resonator) -> float:
-        code = self._setting.channels[self._channel].drive
-        if not self._setting.fixed_drive:
-            code = self._found.setdefault(self._channel, sensor.automatic_drive())
-        current = DRIVE_CURRENTS[code]
-        return current * _HIGH_CURRENT if self._setting.high_current else current
 
     def _automatic(self, sensor: Resonator | None) -> int | None:
         """Return the drive that the chip chose."""

@@ -81,12 +81,8 @@ def response_table(
         return xr.Dataset({"inductance_change": (dims, change, {"units": "H"})})
 
     table = store.dataset(("response table", design.digest, depth, y, x, frequency), compute)
-    return spline_of_changes(x, y, depth, table.inductance_change.values)
-
-
-def spline_of_changes(x: FloatArray, y: FloatArray, depth: FloatArray, change: FloatArray) -> ResponseSpline:
-    """Interpolate changes (depth, y, x, coil, coil) that vanish at the depth 0."""
-    return response_spline(x, y, depth, change.transpose(2, 1, 0, 3, 4), zero_plane=True, in_root=True)
+    change = table.inductance_change.values.transpose(2, 1, 0, 3, 4)
+    return response_spline(x, y, depth, change, zero_plane=True, in_root=True)
 
 
 _TEMPERATURE_STEP = 0.01  # K: it changes a frequency by 2e-8, half a step of the converter's code
