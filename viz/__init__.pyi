@@ -25,6 +25,7 @@ from .plots.localize import plot_identifiability as plot_identifiability
 from .plots.localize import plot_x_error as plot_x_error
 from .plots.measurement import calibration_figure as calibration_figure
 from .plots.measurement import comparison_figure as comparison_figure
+from .plots.measurement import plot_centres as plot_centres
 from .plots.measurement import plot_evidence as plot_evidence
 from .plots.measurement import plot_readings as plot_readings
 from .plots.measurement import plot_stability as plot_stability

@@ -16,7 +16,8 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Section, Table, Warn, dataset_table
+from coilarray.compute.table import Details, Section, Table, Warn, dataset_table
+from coilarray.paper.ellipse import PARAMETERS
 from coilarray.report import figures
 from coilarray.report.page import html_page, now, provenance_section
 
@@ -42,6 +43,57 @@ def remains_table(comparison: xr.Dataset) -> Table:
     return dataset_table("remains", "What remains", comparison, (*_WHERE, *errors, *correlations), shown)
 
 
+def ellipse_table(comparison: xr.Dataset) -> Table:
+    """Return measured minus simulated x0, A and B by depth and state.
+
+    They are over the levels of both maps. Levels that one of them does not determine are counted and left out. A state
+    without ellipses has one row, with the reason.
+    """
+    values, noise = (
+        comparison[[name + end for name in PARAMETERS]].to_dataarray("parameter").assign_coords(parameter=[*PARAMETERS])
+        for end in ("", "_std")
+    )
+    apart = values.sel(source="measured", drop=True) - values.sel(source="simulated", drop=True)
+    hidden = comparison.undetermined.any("source")
+    levels = apart.notnull() & ~hidden
+    spread = (noise**2).sum("source") ** 0.5
+    counts = {
+        "levels": (levels, "levels of both"),
+        "undetermined": (apart.notnull() & hidden, "undetermined, left out"),
+    }
+    lengths = {
+        "mean_difference": (apart.where(levels).mean("level"), "measured − simulated, mean"),
+        "rms_difference": ((apart.where(levels) ** 2).mean("level") ** 0.5, "rms"),
+        "rms_noise": ((spread.where(levels & (spread > 0)) ** 2).mean("level") ** 0.5, "rms of the noise in it"),
+    }
+    columns = {name: of.sum("level").assign_attrs(long_name=text, units="1") for name, (of, text) in counts.items()}
+    columns |= {name: of.assign_attrs(long_name=text, units="m") for name, (of, text) in lengths.items()}
+    problem = xr.apply_ufunc(
+        _problem, *(comparison.ellipse_problem.sel(source=one) for one in ("measured", "simulated")), vectorize=True
+    )
+    columns["problem"] = problem.assign_attrs(long_name="why there is none")
+    table = dataset_table("ellipses", "Ellipses", xr.Dataset(columns), (*_WHERE, "parameter", *columns))
+    rows = (row if not row[-1] else (*row[:2], "", *row[3:]) for row in table.rows if not row[-1] or row[2] == "x0")
+    return replace(table, rows=tuple(rows))
+
+
+def curve_table(comparison: xr.Dataset) -> Table:
+    """Return x0, A and B of both maps at every level, with standard deviations."""
+    columns = {}
+    for name in PARAMETERS:
+        for source in comparison.source.values.tolist():
+            for end, text in (("", f"{name} {source}"), ("_std", f"± {name}")):
+                of = comparison[name + end].sel(source=source, drop=True)
+                columns[f"{name}_{source}{end}"] = of.assign_attrs(long_name=text)
+    for source in comparison.source.values.tolist():
+        of = comparison.undetermined.sel(source=source, drop=True)
+        columns[f"undetermined_{source}"] = of.assign_attrs(long_name=f"undetermined, {source}")
+    levels = xr.Dataset(columns).rename(level="delta")
+    names = (*_WHERE, "delta", *columns)
+    table = dataset_table("curves", "x0, A and B over δ", levels, names, {"delta": PER_MILLION})
+    return replace(table, rows=tuple(row for row in table.rows if any(value != "" for value in row[3:-2])))
+
+
 def inductance_table(comparison: xr.Dataset) -> Table | None:
     """Return L_0 of both responses by state, None if one has none."""
     if "base_inductance" not in comparison:
@@ -62,8 +114,8 @@ def inductance_table(comparison: xr.Dataset) -> Table | None:
 
 
 def comparison_tables(comparison: xr.Dataset) -> list[Table]:
-    """Return every table of a comparison."""
-    makers = (scale_table, remains_table, inductance_table)
+    """Return every table of a comparison, the long one last."""
+    makers = (scale_table, remains_table, ellipse_table, inductance_table, curve_table)
     return [table for table in (make(comparison) for make in makers) if table is not None]
 
 
@@ -133,6 +185,12 @@ def write_comparison_page(
             tables["remains"],
             *figures.comparison_pictures(comparison, outlines),
         )),
+        Section("Ellipses", (
+            "Both maps at the same positions through the same refinement, levels and ellipse fit: centre x0 and "
+            "semi-axes A and B of every level of δ, neither scaled nor shifted.",
+            tables["ellipses"],
+            Details("x0, A and B over δ", (tables["curves"],)),
+        )),
     ]  # fmt: skip
     if "inductances" in tables:
         sections.append(Section(tables["inductances"].title, (tables["inductances"],)))
@@ -168,3 +226,10 @@ def _provenance(attrs: Mapping[str, object]) -> dict[str, str]:
     made["compared with coilarray"] = metadata.version("coilarray")
     made["date"] = now()
     return made
+
+
+def _problem(measured: str, simulated: str) -> str:
+    """Return why there are no ellipses, with the map unless it applies to both."""
+    if measured == simulated:
+        return measured
+    return "; ".join(f"{which}: {text}" for which, text in (("measured", measured), ("simulated", simulated)) if text)

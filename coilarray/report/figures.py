@@ -113,7 +113,7 @@ def ellipse_pictures(design: Design, positions: MapPositions, published: Ellipse
 
 
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
-    """Draw the residuals between two responses."""
+    """Draw the residuals between two responses, and x0 of both."""
     deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
     caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
     dots = draw("readings", caption, viz.plot_readings(comparison, -1))
@@ -122,7 +122,7 @@ def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike
     maps = draw(
         "residuals",
         f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
-        "with the outlines of the coils.",
+        "with the outlines of the coils, and x0 of the ellipses of both, a band of two standard deviations.",
         viz.comparison_figure(comparison, -1, outlines),
     )
     return [maps, dots]

@@ -1,4 +1,4 @@
-"""Comparison of a measured with a simulated response: scale, shift and residuals.
+"""Comparison of a measured with a simulated response: scale, shift, residuals, x0.
 
 For every state and depth a scale of δ and a shift in x and y are found,
 
@@ -6,11 +6,13 @@ For every state and depth a scale of δ and a shift in x and y are found,
 
 by least squares over the same set of positions for every trial shift, so that the set does not change while the shift
 is searched. Nothing is extrapolated. The simulated map is interpolated at the measured positions. Positions outside of
-it are left out and counted.
+it are left out and counted. The ellipses of both come from the same positions with the same settings, since window and
+spacing of a map affect them (`coilarray.paper.ellipse`).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,14 +23,18 @@ import xarray as xr
 from scipy.optimize import least_squares
 
 from coilarray.compute.arrays import BoolArray, FloatArray
+from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, forward_model
+from coilarray.paper.ellipse import PARAMETERS, fit_ellipses
 from coilarray.response.dataset import RESPONSE
 
 SOURCES = ("measured", "simulated")
 """Labels of the dimension ``source``."""
 LEAST_PLACES = 8
 """Least number of places for a shift. With fewer places only the scale is determined."""
+REPLICATES = 16
+"""Number of noisy maps for the standard deviations of the ellipses, which are then known to 18 %."""
 
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis
@@ -47,6 +53,7 @@ def compare_responses(
     simulated: xr.Dataset,
     *,
     largest_shift: float | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Compare a measured response with a simulated one.
 
@@ -63,12 +70,14 @@ def compare_responses(
         Largest shift of the search, in m. By default the measured map's own spacing along each axis. Shifts are
         searched with the positions that are in the simulated map by this much, so let it be larger than the measured
         map.
+    progress : callable, optional
+        Called with (done, total).
 
     Returns
     -------
     xarray.Dataset
         Comparison of the common states and depths at the positions that both have: dimensions ``depth``, ``y``, ``x``,
-        ``state``, ``axis`` (x, y) and ``source`` (measured, simulated). NaN for unknown values.
+        ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and ``level``. NaN for unknown values.
 
         - ``delta`` (source, depth, y, x, state)
         - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated, as it is, and
@@ -83,6 +92,9 @@ def compare_responses(
         - the standard deviation of each of these, whose name ends in ``_std``
         - ``noise``: its level in δ if it is known
         - ``points``: the number of positions
+
+        For every depth, state and ``source``, the ellipses of `level_curves` over the level of δ, neither scaled nor
+        shifted: ``x0``, ``A``, ``B``, their standard deviations, ``undetermined`` and ``ellipse_problem``.
 
         Attributes: ``only_measured`` and ``only_simulated`` are states of a single response. ``depths_left_out`` in m
         and ``points_left_out`` were measured but are not in the simulated map. ``points_missing`` were not measured.
@@ -138,11 +150,16 @@ def compare_responses(
     rows = [[compared(k, j) for j in range(len(states))] for k in range(kept.sizes["depth"])]
     if not any(one["points"] for row in rows for one in row):
         raise LocalizeError("no measured position is in the simulated map.")
-    return _dataset(kept, simulated, rows).assign_attrs(
-        only_measured=", ".join(name for name in first if name not in second),
-        only_simulated=", ".join(name for name in second if name not in first),
-        depths_left_out=depths_out,
-        noise_from="residuals" if noise is None else "delta_std",
+    ellipses = _ellipses(kept, simulated, model, progress)
+    return (
+        _dataset(kept, simulated, rows)
+        .merge(ellipses)
+        .assign_attrs(
+            only_measured=", ".join(name for name in first if name not in second),
+            only_simulated=", ".join(name for name in second if name not in first),
+            depths_left_out=depths_out,
+            noise_from="residuals" if noise is None else "delta_std",
+        )
     )
 
 
@@ -434,3 +451,92 @@ def _dataset(measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compa
     }
     counts = {f"points_{name}": sum(one[name] for row in rows for one in row) for name in ("left_out", "missing")}
     return result.assign_attrs({**said, **counts})
+
+
+def _ellipses(
+    measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, progress: Progress | None
+) -> xr.Dataset:
+    """Fit the ellipses of both maps at the measured positions that are in the simulated map."""
+    x, y = measured.x.values, measured.y.values
+    along = inside(model, np.column_stack((x, np.full_like(x, model.y[0]), np.full_like(x, model.depth[-1]))))
+    across = inside(model, np.column_stack((np.full_like(y, model.x[0]), y, np.full_like(y, model.depth[-1]))))
+    window = measured.isel(x=np.flatnonzero(along), y=np.flatnonzero(across))
+    grid = np.meshgrid(window.depth.values, window.y.values, window.x.values, indexing="ij")
+    points = np.clip(np.stack(grid[::-1], axis=-1), model.lower, model.upper)
+    coords = {name: window[name] for name in _DIMS}
+    coords |= {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
+    sampled = xr.Dataset({"delta": (_DIMS, model.linear(points)[0])}, coords)
+    noise = own_noise(measured)
+    cut = None if noise is None else noise[:, across][:, :, along]
+    depths, states = range(window.sizes["depth"]), range(window.sizes["state"])
+    done, total = itertools.count(1), len(SOURCES) * len(depths) * len(states)
+
+    def fitted(response: xr.Dataset, sigma: FloatArray | None, k: int, j: int) -> xr.Dataset:
+        found = level_curves(response.isel(depth=[k], state=[j]), None if sigma is None else sigma[k, ..., j])
+        if progress is not None:
+            progress(next(done), total)
+        return found
+
+    curves = [[[fitted(*side, k, j) for j in states] for k in depths] for side in ((window, cut), (sampled, None))]
+    dims = ("source", "depth", "state")
+    found = xr.combine_nested(
+        curves,
+        dims,
+        join="outer",
+        fill_value={"undetermined": False},
+        coords="minimal",
+        compat="override",
+        combine_attrs="override",
+    ).transpose(*dims, "level")
+    return found.assign(ellipse_problem=found.ellipse_problem.astype(str))
+
+
+def level_curves(response: xr.Dataset, noise: FloatArray | None = None) -> xr.Dataset:
+    """Fit the ellipses of the levels of a map, and of noisy copies.
+
+    The map has one depth and one state. `noise`, shape (y, x), is the standard deviation of δ. `REPLICATES` copies with
+    this noise give the standard deviations. The copies add noise to a map that may already have it. Their scatter is
+    still right if the noise is small compared with the width of a level.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over ``level``, the δ of the levels of `coilarray.paper.ellipse.fit_ellipses`: ``x0``, ``A`` and ``B`` in m, NaN
+        if the level has no ellipse; ``x0_std``, ``A_std`` and ``B_std``, NaN without noise or if less than half of the
+        copies have the level; and ``undetermined``, whether the points do not determine the ellipse.
+        ``ellipse_problem`` is the reason why there is no ellipse at all, empty if there are some.
+    """
+    levels, values, undetermined, problem = np.empty(0), np.empty((3, 0)), np.empty(0, dtype=bool), ""
+    try:
+        if not np.isfinite(response.delta.values).all():
+            raise LocalizeError("the map has gaps.")
+        fits = fit_ellipses(response).isel(state=0)
+        levels, values, undetermined = fits.level.values, _parameters(fits), fits.undetermined.values
+    except LocalizeError as error:
+        problem = str(error)
+    runs = np.full((REPLICATES, *values.shape), np.nan)
+    if noise is not None and not problem:
+        sigma, random = xr.DataArray(noise, dims=("y", "x")), np.random.default_rng(0)
+        for run in runs:
+            shaken = response.assign(delta=response.delta + sigma * random.standard_normal(sigma.shape))
+            try:
+                noisy = _parameters(fit_ellipses(shaken).isel(state=0))
+            except LocalizeError:  # the noise has removed the hill
+                continue
+            run[:, : noisy.shape[1]] = noisy[:, : values.shape[1]]
+    known = np.isfinite(values) & (np.isfinite(runs).sum(axis=0) >= max(2, REPLICATES / 2))
+    deviations = np.full_like(values, np.nan)
+    deviations[known] = np.nanstd(runs[:, known], axis=0, ddof=1)
+    data: dict[str, object] = {}
+    described = ("centre of the ellipse", "semi-axis along x", "semi-axis along y")
+    for name, text, value, deviation in zip(PARAMETERS, described, values, deviations, strict=True):
+        data[name] = ("level", value, {"units": "m", "long_name": text})
+        data[f"{name}_std"] = ("level", deviation, {"units": "m", "long_name": f"± {name}"})
+    data["undetermined"] = ("level", undetermined, {"long_name": "the points do not determine the ellipse"})
+    data["ellipse_problem"] = ((), problem, {"long_name": "why there is no ellipse"})
+    return xr.Dataset(data, {"level": ("level", levels, {"units": "1", "long_name": "δ of the level"})})
+
+
+def _parameters(fits: xr.Dataset) -> FloatArray:
+    """x0, A and B, shape (3, levels)."""
+    return fits[[*PARAMETERS]].to_dataarray().values

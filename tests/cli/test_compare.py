@@ -11,6 +11,7 @@ from support.command_line import runner, successes
 from support.quick_recordings import GRID, campaign_file, quick_map, stream_file
 from support.recorded_boards import take_back, two_coils_document, unsealed_text
 
+import coilarray.studies.comparison
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware.record.recorded_response import recorded_response
@@ -48,6 +49,12 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(autouse=True)
+def no_copies(monkeypatch):
+    """Take no noisy copies, as fits of ellipses take longest."""
+    monkeypatch.setattr(coilarray.studies.comparison, "REPLICATES", 0)
+
+
 @pytest.fixture(scope="module")
 def both(files):
     """The recording and its simulation."""
@@ -67,7 +74,7 @@ def test_a_recording_beside_its_simulation(capsys, both):
     assert (data["noise_from"], data["only_measured"], data["points_missing"]) == ("delta_std", [], 0)
     for row in data["scales"]:
         assert abs(row["scale"] - 1) < 4 * row["scale_std"] + 1e-5
-    names = ["comparison.html", "comparison.nc", "scales.csv", "remains.csv"]
+    names = ["comparison.html", "comparison.nc", "scales.csv", "remains.csv", "ellipses.csv", "curves.csv"]
     assert data["files"] == [str(Path("out") / name) for name in names] + ["p.svg"]
     assert all(Path(name).stat().st_size > 100 for name in data["files"])
     np.testing.assert_array_equal(load_part(Path("out/comparison.nc")).scale, expected.scale)
@@ -147,6 +154,7 @@ def test_an_unfinished_campaign_is_compared_as_far_as_it_is(capsys, both):
     missing = 2 * (GRID.size - 60)
     assert data["points_missing"] == missing
     assert f"{missing} readings of the grid are not measured yet." in data["notes"]
+    assert data["ellipses"][0]["problem"].startswith("measured: the map has gaps.")
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from support.localize_boards import ROW, bells, response
 
+import coilarray.studies.comparison
 from coilarray.errors import OutputError
 from coilarray.report.comparison import (
     comparison_notes,
     comparison_tables,
+    curve_table,
+    ellipse_table,
     inductance_table,
     remains_table,
     scale_table,
@@ -31,6 +34,13 @@ def world(scale=1.0, step=2e-3, reach=20e-3, depth=(1e-3,)):
 
 
 fine = partial(world, step=1e-3, reach=25e-3)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def four_copies():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(coilarray.studies.comparison, "REPLICATES", 4)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +63,20 @@ def test_rows_are_the_datasets_numbers(comparison):
     for row, state in zip(remains_table(comparison).records(), STATES, strict=True):
         for name in ("noise", "rms_before", "rms_after_std", "correlation_after"):
             assert row[name] == float(comparison[name].sel(state=state)[0])
+    rows = {(row["state"], row["parameter"]): row for row in ellipse_table(comparison).records()}
+    assert len(rows) == 6
+    of = comparison.sel(state="coil2").isel(depth=0)
+    apart = (of.A[0] - of.A[1])[~of.undetermined.any("source").values]
+    row = rows["coil2", "A"]
+    assert row["mean_difference_m"] == pytest.approx(float(apart.mean()), rel=1e-12)
+    assert row["rms_difference_m"] == pytest.approx(float(np.sqrt((apart**2).mean())), rel=1e-12)
+    assert row["levels"] == int(np.isfinite(apart).sum())
+    assert row["rms_noise_m"] > 0
     assert inductance_table(comparison).records()[0]["ratio"] == pytest.approx(50 / 51)
+    levels = curve_table(comparison).records()
+    assert levels[3]["x0_measured_m"] == float(comparison.x0[0, 0, 0, 3])
+    assert levels[3]["B_simulated_std_m"] == ""
+    assert all(any(row[f"x0_{side}_m"] != "" for side in ("measured", "simulated")) for row in levels)
 
 
 def test_files_are_in_si_and_the_page_in_millimetres(comparison):
@@ -63,7 +86,7 @@ def test_files_are_in_si_and_the_page_in_millimetres(comparison):
     shown = table.cells()[0]
     assert float(shown[4].replace("−", "-")) == pytest.approx(float(comparison["shift"][0, 0, 0]) * 1e3, abs=5e-4)
     names = [one.name for one in comparison_tables(comparison)]
-    assert names == ["scales", "remains", "inductances"]
+    assert names == ["scales", "remains", "ellipses", "inductances", "curves"]
 
 
 def test_what_is_not_determined_is_empty():
@@ -71,6 +94,12 @@ def test_what_is_not_determined_is_empty():
     found = compare_responses(flat, fine())
     (row, _) = scale_table(found).records()
     assert (row["scale"], row["shift_x_m"], row["shift_x_std_m"]) == (0.0, "", "")
+    (row, _) = ellipse_table(found).records()
+    assert row["problem"].startswith("measured: the map has no closed curves")
+    assert (row["parameter"], row["mean_difference_m"]) == ("", "")
+    both = compare_responses(flat, flat)
+    assert ellipse_table(both).records()[0]["problem"].startswith("the map has no closed curves")  # said once
+    assert curve_table(both).rows == ()
     assert inductance_table(found) is None
     assert "inductances" not in [one.name for one in comparison_tables(found)]
 

@@ -5,9 +5,11 @@ import pytest
 import xarray as xr
 from support.localize_boards import ROW, bells, response
 
+import coilarray.studies.comparison
 from coilarray.errors import LocalizeError
+from coilarray.paper.ellipse import PARAMETERS, fit_ellipses
 from coilarray.paper.published import published_map
-from coilarray.studies.comparison import compare_responses
+from coilarray.studies.comparison import compare_responses, level_curves
 
 pytestmark = pytest.mark.slow
 
@@ -33,6 +35,12 @@ WIDE = world(x=30e-3, y=12e-3, step=1e-3)
 NARROW = world(x=12e-3, states=["coil2"])
 
 
+@pytest.fixture(autouse=True)
+def no_copies(monkeypatch):
+    """Take no noisy copies, as fits of ellipses take longest."""
+    monkeypatch.setattr(coilarray.studies.comparison, "REPLICATES", 0)
+
+
 def compared(measured, simulated=WIDE, **options):
     return compare_responses(measured, simulated, **options)
 
@@ -45,6 +53,8 @@ def test_a_map_is_equal_to_itself():
     np.testing.assert_allclose(found.correlation_before, 1.0, atol=1e-14)
     for name in ("residual_before", "residual_after"):
         np.testing.assert_allclose(found[name], 0.0, atol=1e-17)  # rounding of a spline at its own knots
+    for name in PARAMETERS:
+        np.testing.assert_allclose(found[name][0], found[name][1], atol=1e-9)
     np.testing.assert_allclose(found.delta[0], measured.delta)
     assert not found.at_limit.any()
     assert (found.attrs["noise_from"], found.attrs["points_left_out"]) == ("residuals", 0)
@@ -68,8 +78,10 @@ def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
     assert (found.points == 243).all()
 
 
-def test_the_uncertainties_are_those_of_repeated_measurements():
+def test_the_uncertainties_are_those_of_repeated_measurements(monkeypatch):
     """Every figure's standard deviation against the scatter over 60 seeds, which is known to 9 %."""
+    none = level_curves(-NARROW)
+    monkeypatch.setattr(coilarray.studies.comparison, "level_curves", lambda *_: none)
     measured = world(1.1, (0.3e-3, 0.0))
     runs = [compared(noisy(measured, seed)) for seed in range(60)]
     for name in (*FIGURES, "shift"):
@@ -103,6 +115,28 @@ def test_simulated_positions_are_interpolated_never_extrapolated():
     assert np.isfinite(found.residual_before.values[:, :, ~outside]).all()
     assert found.attrs["points_left_out"] == 9 * outside.sum() * 3
     np.testing.assert_allclose(found.scale, 1.0, atol=0.01)
+    window = measured.isel(x=np.flatnonzero(~outside))
+    fits = fit_ellipses(window, states=["coil2"])  # the measured ellipses are of the common window
+    np.testing.assert_array_equal(found.x0.sel(source="measured", state="coil2")[0, : fits.sizes["step"]], fits.x0[0])
+
+
+def test_ellipses_of_both_are_side_by_side(monkeypatch):
+    monkeypatch.setattr(coilarray.studies.comparison, "REPLICATES", 8)
+    told = []
+    simulated = WIDE.sel(state=["coil2"])
+    found = compared(noisy(world(1.0, (0.5e-3, 0.0))), simulated, progress=lambda *counted: told.append(counted))
+    assert told == [(1, 2), (2, 2)]
+    of = found.sel(state="coil2").isel(depth=0)
+    known = np.isfinite(of.x0).all("source") & (of.level < 9e-4) & (of.level > 2e-4)
+    apart = (of.x0.sel(source="measured") - of.x0.sel(source="simulated"))[known.values]
+    assert known.sum() > 20
+    # the mean over levels of a shift of 0.5 mm; each is known to about 0.05 mm and neighbours share points
+    assert float(apart.mean()) == pytest.approx(0.5e-3, abs=0.05e-3)
+    deviation = of.x0_std.sel(source="measured")[known.values]
+    assert (deviation > 0).all()
+    assert np.isnan(of.x0_std.sel(source="simulated")).all()
+    assert (np.abs(apart - 0.5e-3) < 5 * deviation).mean() > 0.95
+    np.testing.assert_allclose(found.level, 3e-5 * np.arange(1, found.sizes["level"] + 1), rtol=1e-12)
 
 
 def test_states_that_one_alone_has_are_named():
@@ -137,6 +171,7 @@ def test_gaps_of_a_measurement_are_left_out():
     found = compared(measured)
     assert found.points.values.tolist() == [[242, 243, 243]]
     np.testing.assert_allclose(found.scale, 1.1, atol=0.01)
+    assert found.ellipse_problem.sel(source="measured").values.tolist() == [["the map has gaps.", "", ""]]
     assert np.isnan(found.residual_after[0, 3, 4, 0])
     assert found.attrs["points_left_out"] == 0
     with pytest.raises(LocalizeError, match="no measured position is in the simulated map"):
@@ -147,6 +182,8 @@ def test_a_line_of_positions_tells_no_shift_across():
     found = compared(noisy(world()).sel(y=[0.0]))
     assert np.isnan(found["shift"].sel(axis="y")).all()
     assert np.isfinite(found["shift"].sel(axis="x")).all()
+    problems = found.ellipse_problem.sel(source="measured").values.ravel()
+    assert all("at least 4 positions along y" in text for text in problems)
     np.testing.assert_allclose(found.scale, 1.0, atol=0.02)
 
 

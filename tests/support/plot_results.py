@@ -145,13 +145,15 @@ def dents(depths=(0.5e-3, 1e-3), rise=bell, stretch=flat, symmetry="axial", end=
 
 
 def comparison(states=2, y=(-1e-3, 0.0, 1e-3)):
-    """Residuals of some 10 millionths, one of them missing."""
+    """Residuals of some 10 millionths, one of them missing; x0 of the first state: 0 measured, 1 mm simulated."""
     names, random = [f"coil{k + 1}" for k in range(states)], np.random.default_rng(0)
     x = np.linspace(-4e-3, 4e-3, 5)
     shape = (1, len(y), len(x), states)
     before, after = 1e-5 * random.standard_normal((2, *shape))
     before[0, 0, 0, 0] = after[0, 0, 0, 0] = np.nan
-    dims = ("depth", "y", "x", "state")
+    dims, curves = ("depth", "y", "x", "state"), ("source", "depth", "state", "level")
+    x0 = np.array([0.0, 1e-3])[:, None, None, None] + np.zeros((2, 1, states, 4))
+    x0[:, :, 1:] = np.nan
     return xr.Dataset(
         {
             "delta": (("source", *dims), 1e-3 * random.standard_normal((2, *shape))),
@@ -159,10 +161,13 @@ def comparison(states=2, y=(-1e-3, 0.0, 1e-3)):
             "residual_after": (dims, after),
             "scale": (("depth", "state"), np.full((1, states), 1.25)),
             "scale_std": (("depth", "state"), np.full((1, states), 0.125)),
+            "x0": (curves, x0),
+            "x0_std": (curves, np.stack([0.1e-3 + 0 * x0[0], np.full_like(x0[0], np.nan)])),
+            "undetermined": (curves, np.zeros(x0.shape, dtype=bool)),
         },
         {
             "depth": [1e-3], "y": np.asarray(y), "x": x, "state": names, "source": ["measured", "simulated"],
-            "coil": names, "coil_x": ("coil", np.arange(states) * 2e-3),
+            "level": [1e-4, 2e-4, 3e-4, 4e-4], "coil": names, "coil_x": ("coil", np.arange(states) * 2e-3),
         },
     )  # fmt: skip
 

@@ -6,7 +6,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.patches import Polygon
 from support.plot_results import comparison
 
-from coilarray.viz.plots.measurement import comparison_figure, plot_readings
+from coilarray.viz.plots.measurement import comparison_figure, plot_centres, plot_readings
 
 
 def test_readings_are_dots_about_equality():
@@ -21,13 +21,29 @@ def test_readings_are_dots_about_equality():
     assert len(plot_readings(comparison(8)).lines) == 9
 
 
+def test_centres_of_both_are_drawn_with_a_band():
+    data = comparison()
+    ax = plot_centres(data, "coil1")
+    lines = {line.get_label(): line for line in ax.lines}
+    np.testing.assert_allclose(lines["measured"].get_ydata(), 0.0)
+    np.testing.assert_allclose(lines["simulated"].get_ydata(), 1.0)
+    np.testing.assert_allclose(lines["measured"].get_xdata(), [0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(lines["centre of the coil"].get_ydata(), 0.0)
+    band = ax.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == pytest.approx((-0.2, 0.2))  # two standard deviations
+    empty = plot_centres(data, "coil2")
+    assert [text.get_text() for text in empty.texts] == ["no ellipses"]
+    with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
+        plot_centres(data, "coil9")
+
+
 @pytest.mark.slow
 def test_a_figure_has_a_row_a_state():
     data, outline = comparison(3), np.array([[0.0, 0.0], [1e-3, 0.0], [1e-3, 1e-3]])
     figure = comparison_figure(data, outlines=[outline])
     titles = [ax.get_title(loc="left") for ax in figure.axes]
-    assert titles[:2] == ["coil1, as simulated", "coil1, scaled and shifted"]
-    assert len([title for title in titles if title]) == 6
+    assert titles[:3] == ["coil1, as simulated", "coil1, scaled and shifted", "$x_0$ of coil1"]
+    assert len([title for title in titles if title]) == 9
     assert "1 mm deep" in figure.get_suptitle()
     both = np.stack([data[f"residual_{stage}"].sel(state="coil1")[0] for stage in ("before", "after")])
     for ax, values in zip(figure.axes, both, strict=False):

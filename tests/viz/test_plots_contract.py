@@ -36,7 +36,7 @@ BELLS = {"coil1": Ellipse(0.0, 8e-3, 6e-3), "coil2": Ellipse(9e-3, 8e-3, 6e-3)}
 ARGUMENTS = {
     "plot_bell_curve": lambda: (results.response(),), "plot_board": lambda: (results.board(),),
     "plot_boards": lambda: (results.tolerances(), "worst_k"), "plot_causes": lambda: (results.distortion(), "coil1"),
-    "plot_copper": lambda: (results.board(), "L1"),
+    "plot_centres": lambda: (results.comparison(), "coil1"), "plot_copper": lambda: (results.board(), "L1"),
     "plot_coupling": lambda: (results.coupling(),), "plot_coupling_sweep": lambda: (results.pitch_sweep(),),
     "plot_currents": lambda: (results.coupling(),), "plot_dent": lambda: (results.dents(), Hemisphere(2.5e-3)),
     "plot_distortion": lambda: (results.distortion(), "coil1"),

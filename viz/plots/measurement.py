@@ -22,8 +22,10 @@ MOST_STATES = 6
 """Largest number of states in `comparison_figure` and `calibration_figure`."""
 
 _STAGES = {"before": "as simulated", "after": "scaled and shifted"}
-_SOURCES = ("measured", "simulated")
-_ROW = 10.0  # inches, of two maps beside each other
+_SOURCES = {"measured": (VERMILLION, "o-"), "simulated": (BLUE, "s--")}
+_SIGMAS = 2.0  # half width of the band around x0
+_WIDTHS = (1.0, 1.0, 0.6)  # of two maps and x0 beside each other
+_ROW = 13.0  # inches
 _LOOKS = {"A": ("o", BLUE), "B": ("s", VERMILLION), "x0": ("^", INK)}
 _NAMES = {"A": "A", "B": "B", "x0": "$x_0$"}
 
@@ -60,11 +62,51 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
 
 
 @style.styled
+def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw x0 of the ellipses of one state over δ.
+
+    The values are measured and simulated, with bands of two standard deviations. Levels whose points do not determine
+    their ellipse are crossed out.
+
+    Parameters
+    ----------
+    comparison, depth : xarray.Dataset and int
+        As in `plot_readings`.
+    state : str
+        State of the comparison.
+
+    Raises
+    ------
+    ValueError
+        If the dataset has no such state.
+    """
+    of = of_state(comparison.isel(depth=depth), state)
+    ax = ax or style.new_axes(5.0, 3.5)
+    level = MILLI_DELTA.of(of.level)
+    for source, (colour, line) in _SOURCES.items():
+        one = of.sel(source=source)
+        if np.isfinite(one.x0).any():
+            half, look = _SIGMAS * MM.of(one.x0_std), {"markersize": 3.0, "markerfacecolor": "none", "linewidth": 1.0}
+            undetermined = one.undetermined
+            style.draw_curve(
+                ax, level, MM.of(one.x0), line, colour, half=half, undetermined=undetermined, label=source, **look
+            )
+    if not ax.lines:
+        ax.text(0.5, 0.5, "no ellipses", ha="center", va="center", transform=ax.transAxes)
+    if "coil_x" in of.coords and state in of.coil.values:
+        centre = float(MM.of(of.coil_x.sel(coil=state)))
+        ax.axhline(centre, color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    style.finish_curves(ax, MILLI_DELTA.label("δ"), MM.label("$x_0$"), f"$x_0$ of {state}")
+    return ax
+
+
+@style.styled
 def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw a comparison, one row per state.
 
-    A row has maps of measured minus simulated δ before and after scale and shift, in the same colours. A response along
-    a single line, or at a single position, is drawn by `plot_readings` alone. The first `MOST_STATES` states are shown.
+    A row has maps of measured minus simulated δ before and after scale and shift, in the same colours, and x0 of both.
+    A response along a single line, or at a single position, is drawn by `plot_readings` alone. The first `MOST_STATES`
+    states are shown.
 
     Parameters
     ----------
@@ -79,10 +121,10 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
         return figure
     names = comparison.state.values.tolist()[:MOST_STATES]
     aspect = float(np.ptp(comparison.y.values) / np.ptp(comparison.x.values))
-    height = max(1.9, _ROW / 2 * aspect + 0.9)
+    height = max(1.9, _ROW / sum(_WIDTHS) * aspect + 0.9)
     figure = style.new_figure(_ROW, height * len(names) + 0.5)
-    axes = figure.subplots(len(names), 2, squeeze=False)
-    for (left, right), state in zip(axes, names, strict=True):
+    axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
+    for (left, right, curve), state in zip(axes, names, strict=True):
         of = of_state(comparison.isel(depth=depth), state)
         both = np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
         shown = style.axis_unit(both, "1")
@@ -91,6 +133,7 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
             ax.set_title(f"{state}, {stage}")
         figure.colorbar(mesh, ax=[left, right], label=shown.label("δ"), fraction=0.03, pad=0.01)
         right.set_ylabel("")
+        plot_centres(comparison, state, depth, curve)
     note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
     style.main_title(figure, f"Measured less simulated δ, {MM.text(comparison.depth[depth])} deep{note}")
     return figure

@@ -58,15 +58,15 @@ def compare(
         Path | None,
         shared.file_option(("--out", "-o"), "Also write: one page (.html), or a folder with page, tables and netCDF."),
     ] = None,
-    picture: Annotated[Path | None, shared.plot_option("the residuals", "--picture")] = None,
+    picture: Annotated[Path | None, shared.plot_option("the residuals and x0 of both", "--picture")] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Compare a measured response with a simulated one.
 
-    For every coil it finds the scale and the shift that fit the simulated map to the measured one, and the residuals
-    before and after. Maps on different grids are interpolated, never extrapolated; states, depths and positions that
-    are in one map only are listed.
+    For every coil it finds the scale and the shift that fit the simulated map to the measured one, the residuals before
+    and after, and x0, A and B of the ellipses of both with the same settings. Maps on different grids are interpolated,
+    never extrapolated; states, depths and positions that are in one map only are listed.
 
     Example: coilarray board compare campaign.sqlite gast2020 --out comparison
     """
@@ -91,7 +91,8 @@ def compare(
         from coilarray.hardware.record.recorded_response import response_less_reference
 
         first, second = (response_less_reference(one, reference) for one in (first, second))
-    result = compare_responses(first, second, largest_shift=largest_shift)
+    with shared.progress_bar("comparison") as progress:
+        result = compare_responses(first, second, largest_shift=largest_shift, progress=progress)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)
     shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
     files = [str(path) for path in (*written, picture) if path is not None]
@@ -103,7 +104,11 @@ def compare(
         "emulated": emulated, "measured": measured, "simulated": simulated, **said,
         **lacking, "notes": notes, **{table.name: table.records() for table in tables}, "files": files,
     }  # fmt: skip
-    parts: list[str | Table] = [*tables, *notes, *(f"wrote {path}" for path in files)]
+    parts: list[str | Table] = [
+        *(table for table in tables if table.name != "curves"),
+        *notes,
+        *(f"wrote {path}" for path in files),
+    ]
     print_marked(data, parts, as_json=as_json, emulated=emulated)
 
 
