@@ -26,6 +26,7 @@ def keys(
 
     Example: coilarray keys trace_width
     """
+    from coilarray.compute.table import text_table
     from coilarray.design.keys import keys_of
     from coilarray.design.tables import Document
 
@@ -39,8 +40,15 @@ def keys(
         columns = ("kinds", "unit", "allowed", "default", "meaning")
         shared.print_json([{"key": key.dotted, **{name: getattr(key, name) for name in columns}} for key in found])
         return
-    rows = []
-    for key in found:
-        name = f"{key.dotted} ({', '.join(key.kinds)})" if key.kinds else key.dotted
-        rows.append((name, key.unit, key.allowed, key.default, key.meaning))
-    typer.echo(shared.table_text(("key", "unit", "allowed", "default", "meaning"), rows))
+    rows = [
+        (
+            f"{key.dotted} ({', '.join(key.kinds)})" if key.kinds else key.dotted,
+            key.unit,
+            key.allowed,
+            key.default,
+            key.meaning,
+        )
+        for key in found
+    ]
+    table = text_table(("key", "unit", "allowed", "default", "meaning"), rows)
+    typer.echo(table.text(shared.terminal_width()))

@@ -359,30 +359,17 @@ def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
     """Return the line on the errors of plates with an outline, if any."""
     if "plate_error_inductance" not in attributes:
         return []
-    errors = [attributes[f"plate_error_{what}"] for what in ("inductance", "resistance")]
-    thick = attributes["plate_skin_depths"]
+    errors = [100 * attributes[f"plate_error_{name}"] for name in ("inductance", "resistance")]
+    L, R = (f"{error:.2g}" if error < 100 else f"{error:.0f}" for error in errors)
     return [
-        f"the change by a plate with an outline errs by up to {_share_text(errors[0])} of ΔL and "
-        f"{_share_text(errors[1])} of ΔR (estimated: its mesh, and currents on faces and rim of a plate that is "
-        f"{thick:.2g} skin depths thick)"
+        f"the change by a plate with an outline errs by up to {L} % of ΔL and {R} % of ΔR (estimated: its mesh, and "
+        f"currents on faces and rim of a plate that is {attributes['plate_skin_depths']:.2g} skin depths thick)"
     ]
-
-
-def _share_text(share: float) -> str:
-    """Percent with two figures."""
-    return f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"
 
 
 def print_json(data: Any) -> None:
     """Print a value as JSON, without numbers that are not finite."""
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
-
-
-def table_text(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> str:
-    """Return a table of texts, as wide as the terminal."""
-    from coilarray.compute.table import text_table
-
-    return text_table(headers, rows, title).text(terminal_width())
 
 
 def terminal_width(*, err: bool = False) -> int | None:
