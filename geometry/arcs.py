@@ -76,7 +76,8 @@ def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArra
     radius, turn = arc_size(start, middle, end)
     pieces = max(_LEAST_PIECES, count)
     angles = math.atan2(*(a - centre)[::-1]) + turn * np.linspace(0, 1, pieces + 1)
-    inside, area = pieces - 2, abs(turn) / math.sin(abs(turn) / pieces)
+    angle = abs(turn) / pieces
+    inside, area = pieces - 2, pieces * angle / math.sin(angle)
     inner = radius * ((math.sqrt(1 + inside * area) - 1) / inside)  # the positive root of the equation in `arc_points`
     points = centre + inner * np.column_stack((np.cos(angles), np.sin(angles)))
     points[0], points[-1] = a, c
