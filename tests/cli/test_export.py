@@ -18,7 +18,6 @@ from support.command_line import mistakes, runner, successes
 from coilarray import Design, export, load_design
 from coilarray.design.bundled import read
 from coilarray.design.export import SUFFIXES
-from coilarray.fabrication import kicad_writer as kicad
 from coilarray.geometry import Array, Placement, Spiral
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -89,19 +88,6 @@ def test_copper_that_is_not_the_coils_is_reported(capsys, small, monkeypatch, to
     assert "coil3" in " ".join(data["net_faults"])
 
 
-@pytest.mark.slow
-def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, small, monkeypatch):
-
-    true = kicad.board_text
-
-    def misnamed(array, name, title):
-        head, segment, rest = true(array, name, title).partition("(segment ")
-        return head + segment + rest.replace("(net 1)", "(net 2)", 1)
-
-    monkeypatch.setattr(kicad, "board_text", misnamed)
-    assert "of coil1 has the net coil2 at (" in refused(capsys, small, "--to", "kicad")
-
-
 def one_layer():
     """Two coils on a board of one layer, at angles of their own."""
     coil = Spiral(32, 8e-3, 3, 0.2e-3, 0.2e-3, layers=1).coil()
@@ -159,14 +145,6 @@ test_mistakes_are_one_line = mistakes(
     (("starter", "--to", "kicad", "--out", "a.kicad_pcb"), "--out must be a folder, as kicad has several"),
     (("starter", "--to", "svg", "--out", "a" * 300 + ".svg"), "File name too long"),
 )
-
-
-def test_names_that_are_taken_by_the_wrong_kind(capsys):
-    Path("folder.svg").mkdir()
-    assert "folder.svg: it is a folder" in refused(capsys, "starter", "--to", "svg", "--out", "folder.svg", "--force")
-    Path("starter-kicad").write_text("a file", encoding="utf-8")
-    assert "starter-kicad: a file has that name" in refused(capsys, "starter", "--to", "kicad", "--force")
-    assert Path("starter-kicad").read_text(encoding="utf-8") == "a file"
 
 
 @pytest.mark.parametrize(("to", "module", "extra"), [("dxf", "ezdxf", "fab"), ("step", "OCP.STEPCAFControl", "step")])

@@ -91,21 +91,6 @@ def test_copper_without_a_net_has_none_in_the_table(capsys):
     assert "no [fab]" in found["notes"][-1]
 
 
-def test_folders_that_cannot_be_searched_are_named(capsys, monkeypatch):
-    file = write(board(path(*SPIRAL)))
-    found = Path.stat
-
-    def refuse(path, **options):
-        if "closed" in path.parts:
-            raise PermissionError(13, "Permission denied", str(path))
-        return found(path, **options)
-
-    monkeypatch.setattr(Path, "stat", refuse)
-    assert "closed/b.kicad_pcb: cannot be read: Permission denied" in refused(capsys, "closed/b.kicad_pcb")
-    assert "closed/gerbers: cannot be read: Permission denied" in refused(capsys, "closed/gerbers")
-    assert "closed/d.toml" in refused(capsys, file, "closed/d.toml")
-
-
 def test_only_the_wanted_nets(capsys):
     text = board(path(*SPIRAL), path((20, 0), (30, 0), net="2"))
     good(capsys, write(text), "--nets", " B , A", "d.toml")

@@ -31,7 +31,6 @@ from coilarray.paper.ellipse import fit_ellipses
 from coilarray.paper.ellipse_model import ellipse_model, locate_x
 from coilarray.paper.published import published_map
 from coilarray.report.position import map_positions
-from coilarray.report.sections import _curve
 from coilarray.report.summary import summary_table
 from coilarray.response.dataset import coils_outside, in_ellipse_window, on_board
 
@@ -444,17 +443,6 @@ def test_an_indentation_that_fails_is_reported(tmp_path, old, new, problem, dent
     assert not (made.folder / "response.csv").exists()
     assert "Not computed: there is no response map." in page
     assert (made.folder / "coupling.nc").exists()  # the rest is there
-
-
-def test_depths_of_the_force_curve():
-    for depths in ((1e-3,), (0.3e-3, 0.6e-3), (0.5e-3, 1e-3, 1.5e-3), (1e-9,)):
-        curve = np.array(_curve(depths))
-        assert set(depths) <= set(curve.tolist())
-        assert 8 <= len(curve) <= 8 + len(depths)
-        assert curve[-1] == depths[-1]
-        # neither doubled nor with gaps
-        assert np.diff(curve).min() > 0.02 * depths[-1]
-        assert np.diff(curve, prepend=0.0).max() < 0.13 * depths[-1]
 
 
 PAD = """

@@ -5,7 +5,6 @@ import io
 
 import numpy as np
 import pytest
-import xarray as xr
 from support.plot_results import calibration
 
 from coilarray.errors import OutputError
@@ -97,16 +96,3 @@ def test_the_page_needs_no_other_file(tmp_path, kind):
         assert name in page
     with pytest.raises(OutputError):
         write_calibration_page(data, tmp_path / "no" / "page.html", "x")
-
-
-def test_a_combination_without_a_fit_is_no_number():
-    data = calibration("response")
-    lost = data.assign({
-        name: data[name].where(data.combination == "free")
-        for name in ("log_evidence", "chi_square", "value")
-    })  # fmt: skip
-    lost = lost.assign(problem=("combination", ["", "no contact"]))
-    assert isinstance(lost, xr.Dataset)
-    row = ranking_table(lost).records()[1]
-    assert (row["log_evidence"], row["problem"]) == ("", "no contact")
-    assert np.isnan(lost["value"].values[1]).all()

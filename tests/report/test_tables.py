@@ -11,7 +11,7 @@ import coilarray as ca
 from coilarray.circuit.board_circuit import board_circuit
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
-from coilarray.compute.table import Column, Table, dataset_table, text_table
+from coilarray.compute.table import Column, Table, dataset_table
 from coilarray.metal.finite_plates import worst_attributes
 from coilarray.report import summary
 from coilarray.report.response_tables import plate_table, response_table
@@ -79,12 +79,6 @@ def test_a_summary_has_the_least_and_most_of_what_is_finite():
     of = {"least": [3e6, np.inf, 2e6], "one": [np.inf, 1e6, np.inf], "none": [np.inf] * 3}
     rows = [summary._row(words, names, np.array(values), "Hz") for words, values in of.items()]
     assert rows == [("least", 2e6, 3e6, "Hz", "c; a"), ("one", 1e6, "", "Hz", "b"), ("none", "", "", "Hz", "")]
-
-
-def test_headings_take_several_lines_on_a_narrow_terminal():
-    lines = text_table(("coil", "resonance frequency (MHz)"), [("a", "1.9072"), ("b", "2")]).text(16).splitlines()
-    last = [f"coil{'(MHz)':>12}", f"a{'1.9072':>15}", f"b{'2':>15}"]
-    assert lines == [f"{'resonance':>16}", f"{'frequency':>16}", *last]
 
 
 def test_a_largest_response_at_the_edge_or_of_nothing_is_said_to_be_that():
