@@ -22,6 +22,7 @@ from coilarray.fabrication.track_graph import (
     follow,
     natural_order,
     place,
+    require_followable,
     track_graph,
     where,
 )
@@ -77,6 +78,8 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
             getattr(found.setdefault(item.net, _NetCopper()), kind).append(item)
     nameless = found.pop(None, _NetCopper())
     by_net = {net: copper for net, copper in found.items() if net is not None}
+    if nets is None:
+        require_followable(nameless.tracks)  # before any shape is made
     obstacles = Obstacles(nameless.all)
     if nets is not None:
         for net in nets:

@@ -26,6 +26,9 @@ JOINED = 1e-6
 # Relative to the squared length of a path: a smaller area that it runs around counts as zero.
 _BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6
+_MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond
+_SAMPLE = 1000  # ends by which they are counted
+_FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which it is certain
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,7 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
     >>> len(graph.edges), [len(node.edges) for node in graph.nodes.values()]
     (3, [1, 2, 2, 1])
     """
+    require_followable(tracks)
     stands = [
         *(_Stand(layer, (hole.x, hole.y), hole.pad, hole) for hole in holes for layer in hole.layers),
         *(_Stand(pad.layer, (pad.x, pad.y), pad.size, pad) for pad in pads),
@@ -120,6 +124,21 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
     pieces = _divided(tracks, stands)
     pieces += _bridges(pieces, stands)
     return _graph(pieces, stands)
+
+
+def require_followable(tracks: Sequence[Track]) -> None:
+    """Refuse tracks whose bounds overlap so often that following them takes minutes."""
+    ends = np.array([(track.start, track.end) for track in tracks]).reshape(-1, 2, 2)
+    lines = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
+    points: npt.NDArray[np.object_] = np.asarray(shapely.points(ends.reshape(-1, 2)))
+    for count, certain in ((_FEW, _CERTAIN), (_SAMPLE, 1.0)):  # a small sample is enough for gross excess
+        sample = points[:: max(len(points) // count, 1)]
+        pairs = lines.query(sample).shape[1] / max(len(sample), 1) * len(points)
+        if pairs > certain * _MOST_PAIRS:
+            raise BoardError(
+                f"{tracks[0].where}: {len(tracks)} tracks lie across each other too often to be followed: their bounds "
+                f"meet about {pairs:.0e} times, and may {_MOST_PAIRS:.0e} times."
+            )
 
 
 def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:

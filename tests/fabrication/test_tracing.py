@@ -21,6 +21,7 @@ from support.refusals import refused
 from coilarray.errors import BoardError
 from coilarray.fabrication.board import BoardCopper, Hole, SurfacePad, Track
 from coilarray.fabrication.tracing import trace_coils, traced_array, turn_gap
+from coilarray.fabrication.track_graph import require_followable
 from coilarray.geometry import PlatedHole, Spiral, Stackup
 
 GRID = 1e-9  # m: resolution of KiCad's files; a point is off by half of it at most
@@ -500,3 +501,11 @@ def test_a_board_drawn_by_hand(read):
     assert placement.coil.terminal == PlatedHole(1e-3, 1.7e-3)
     assert math.hypot(placement.x, placement.y) < 0.3e-3
     assert set(found.assumed) >= {"stackup.dielectric_thickness_mm", "stackup.copper_thickness_um"}
+
+
+def test_tracks_that_lie_across_each_other_too_often_are_refused_at_once():
+    """Random lines over a square, of whose bounds a ninth hold a point: 60,000 ends and 30,000 lines meet 2e8 times."""
+    ends = np.random.default_rng(1).uniform(0, 0.1, (30_000, 4)).tolist()
+    crossing = [Track("L1", (a, b), (c, d), 1e-4, None, "a:1") for a, b, c, d in ends]
+    refused(BoardError, "a:1: 30000 tracks .* about 2e.08 times", require_followable, crossing)
+    require_followable([Track("L1", (a, b), (a + 1e-3, b), 1e-4, None, "a:1") for a, b, _, _ in ends])
