@@ -125,6 +125,12 @@ def small_pictures(monkeypatch):
 
 
 @pytest.fixture
+def no_noisy_copies(monkeypatch):
+    """Compare responses without noisy copies, as the fits of their ellipses take longest."""
+    monkeypatch.setattr("coilarray.studies.comparison.REPLICATES", 0)
+
+
+@pytest.fixture
 def own_store(tmp_path, monkeypatch):
     """Keep the results of a test about the store in a folder of its own."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "cache"))

@@ -64,6 +64,7 @@ def test_every_line_of_an_emulated_board_says_so(capsys, recordings):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_noisy_copies")
 def test_the_whole_way_from_the_emulator(capsys):
     """campaign, calibrate, compare: all physics of two coils on both sides, scale 1 within noise.
 

@@ -79,7 +79,9 @@ def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, cap
     assert "cannot continue" in refused
 
 
-@pytest.mark.usefixtures("own_store")  # a kept contact of other depths has another mesh: 2e-3 of δ on a coarse one
+@pytest.mark.usefixtures(
+    "no_noisy_copies", "own_store"
+)  # a kept contact of other depths has another mesh: 2e-3 of δ on a coarse one
 def test_a_campaign_is_compared_with_its_design(design, tmp_path, capsys):
     recording = tmp_path / "campaign.sqlite"
     plan = toml_file(tmp_path / "plan.toml", x_mm=[-10.0, -5.0, 0.0], y_mm=[-3.0, 0.0, 3.0], depth_mm=[1.0])

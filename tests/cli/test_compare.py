@@ -11,7 +11,6 @@ from support.command_line import runner, successes
 from support.quick_recordings import GRID, campaign_file, quick_map, stream_file
 from support.recorded_boards import take_back, two_coils_document, unsealed_text
 
-import coilarray.studies.comparison
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware.record.recorded_response import recorded_response
@@ -20,7 +19,7 @@ from coilarray.paper.published import published_map
 from coilarray.report.comparison import scale_table
 from coilarray.studies.comparison import compare_responses
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures", "no_noisy_copies")]
 
 _, refused = runner("board", "compare")
 good, answer = successes("board", "compare")
@@ -47,12 +46,6 @@ def files(tmp_path_factory):
     flat = {key: value for key, value in two_coils_document().items() if key not in ("indenter", "indentation")}
     (folder / "flat.toml").write_text(tomli_w.dumps({**flat, "name": "flat"}))
     return folder
-
-
-@pytest.fixture(autouse=True)
-def no_copies(monkeypatch):
-    """Take no noisy copies, as fits of ellipses take longest."""
-    monkeypatch.setattr(coilarray.studies.comparison, "REPLICATES", 0)
 
 
 @pytest.fixture(scope="module")

@@ -104,6 +104,7 @@ def test_a_calibrated_response_has_the_known_inductance(campaign):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_noisy_copies")
 def test_emulator_to_recording_to_comparison_ends_at_scale_one(campaign):
     """The whole way through converter codes and SQLite: scale 1, shift 0, and nothing but noise remains."""
     simulated = quick_map(np.arange(-12e-3, 25.1e-3, 1e-3), np.arange(-10e-3, 10.1e-3, 1e-3))

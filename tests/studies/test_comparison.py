@@ -11,7 +11,7 @@ from coilarray.paper.ellipse import PARAMETERS, fit_ellipses
 from coilarray.paper.published import published_map
 from coilarray.studies.comparison import compare_responses, level_curves
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_noisy_copies")]
 
 STATES = ["coil1", "coil2", "coil3"]
 NOISE = 1e-5
@@ -33,12 +33,6 @@ def noisy(dataset, seed=0, noise=NOISE):
 WIDE = world(x=30e-3, y=12e-3, step=1e-3)
 """What is simulated: finer than what is measured, and larger by more than a shift."""
 NARROW = world(x=12e-3, states=["coil2"])
-
-
-@pytest.fixture(autouse=True)
-def no_copies(monkeypatch):
-    """Take no noisy copies, as fits of ellipses take longest."""
-    monkeypatch.setattr(coilarray.studies.comparison, "REPLICATES", 0)
 
 
 def compared(measured, simulated=WIDE, **options):
