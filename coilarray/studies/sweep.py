@@ -132,8 +132,14 @@ def parse_axis(text: str, option: str = "--vary") -> Axis:
     if not key or not equals:
         raise GoalError(f"{option} must be KEY=START:STOP:COUNT or KEY=A,B,…; got {text!r}.")
     found = _RANGE.fullmatch(values)
-    if found is None:
-        return Axis(key, _listed(values))
+    if found is None:  # a TOML list, or texts without quotes
+        try:
+            document = _VALUES.parse(f"values = [{values}]", "--vary")
+        except GoalError:
+            document = {}
+        if list(document) == ["values"] and all(map(_is_plain, document["values"])):
+            return Axis(key, tuple(document["values"]))
+        return Axis(key, tuple(part.strip() for part in values.split(",") if part.strip()))
     start, stop, count = found.groups()
     try:
         ends = float(start), float(stop)
@@ -384,17 +390,6 @@ def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], reques
 
 def _is_whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _listed(text: str) -> tuple[Any, ...]:
-    """Read values in the form of a TOML list; a value that is none is taken as a text."""
-    try:
-        document = _VALUES.parse(f"values = [{text}]", "--vary")
-    except GoalError:
-        document = {}
-    if list(document) == ["values"] and all(map(_is_plain, document["values"])):
-        return tuple(document["values"])
-    return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def _is_plain(value: object) -> bool:

@@ -211,8 +211,13 @@ def calibrate(
     document, imperfections = best.case.changed(best.fit.point)
     found = [entry for unknown in best.case.unknowns for entry in unknown.entry]
     found += [key for choice in best.case.choices for key in choice.set]
+    # the document of the case with title, source and remaining assumptions
+    says = {key: file.document[key] for key in file.document if key in document or key in SAYS_NOTHING}
+    whole = no_longer_assumed({**says, **document}, found)
+    known = build_design_file(document, file.design.name).values
+    assumed = {key: reason for key, reason in whole.pop("assumed", {}).items() if key in known}
     return Calibration(
-        _as_written(file, document, found),
+        build_design_file(whole | ({"assumed": assumed} if assumed else {}), file.design.name, file.text),
         imperfections_of(imperfections),
         values,
         result_dataset(file.design, measured, plan, (*solved, *unsolved)),
@@ -233,15 +238,6 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
         return Unsolved(name, choices, unknowns, str(error))
     starts = [_start(unknown, changes.get(unknown.name, value_of(file, unknown.name))) for unknown in unknowns]
     return Case(name, choices, document, unknowns, np.array(starts))
-
-
-def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[str]) -> DesignFile:
-    """Return a file with the document of a case, with title, source and remaining assumptions."""
-    says = {key: file.document[key] for key in file.document if key in document or key in SAYS_NOTHING}
-    whole = no_longer_assumed({**says, **document}, found)
-    values = build_design_file(document, file.design.name).values
-    assumed = {key: reason for key, reason in whole.pop("assumed", {}).items() if key in values}
-    return build_design_file(whole | ({"assumed": assumed} if assumed else {}), file.design.name, file.text)
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:

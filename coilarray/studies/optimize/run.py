@@ -39,7 +39,7 @@ from coilarray.errors import CoilarrayError, GoalError, OutputError
 from coilarray.studies import quantities
 from coilarray.studies.optimize.derive import keeping_rules
 from coilarray.studies.optimize.goal import Goal, Trial, best_of, better_than, trial_of
-from coilarray.studies.optimize.space import Axis, axes_of, changes_of, distributions_of, start_parameters
+from coilarray.studies.optimize.space import Axis, axes_of, changes_of, start_parameters
 from coilarray.studies.points import Outcome, evaluate_points
 
 if TYPE_CHECKING:
@@ -305,7 +305,8 @@ def _search(
     from optuna.trial import TrialState
 
     study = create_study(directions=goal.directions)
-    distributions, first, accuracy = distributions_of(axes), start_parameters(axes), goal.search.accuracy
+    distributions = {axis.entry: axis.distribution() for axis in axes}
+    first, accuracy = start_parameters(axes), goal.search.accuracy
     trials: list[Trial] = []
     for begin in range(0, goal.search.trials, goal.search.batch):
         places = range(begin, min(begin + goal.search.batch, goal.search.trials))

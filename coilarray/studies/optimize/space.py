@@ -123,11 +123,6 @@ def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     return tuple(_axis(variable, f"variable.{k}", file) for k, variable in enumerate(goal.variables))
 
 
-def distributions_of(axes: Sequence[Axis]) -> dict[str, BaseDistribution]:
-    """Return every variable as Optuna has it, by its entry."""
-    return {axis.entry: axis.distribution() for axis in axes}
-
-
 def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries that parameters stand for."""
     return {axis.entry: axis.value(parameters[axis.entry]) for axis in axes}
