@@ -1,4 +1,4 @@
-"""Geometry without physics: spirals, coils, stack-ups, arrays, copper, rules and solids."""
+"""Geometry without physics: coils, stack-ups, arrays, copper, rules and solids."""
 
 from coilarray.geometry.array import Array, Connector, Lattice, Placement, lattice, lattice_array
 from coilarray.geometry.bodies import (

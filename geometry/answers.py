@@ -1,6 +1,6 @@
-"""Answers of shapes about themselves: inductance, resistance, field, and pictures.
+"""Answers of shapes about themselves: inductance, resistance, field and pictures.
 
-The physics and the pictures are computed above the shapes, and are loaded only when a value is asked for.
+Physics and pictures lie above the shapes and are imported only when a value is asked for.
 """
 
 from __future__ import annotations
@@ -33,10 +33,9 @@ class CurrentPaths(ABC):
         """Return the array of these coils on their board."""
 
     def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
-        """Return the current paths of the coils in m, vias included.
+        """Return the current paths in m, vias included.
 
-        A path runs from the first to the second terminal. `chord` is the resolution of arcs, as in
-        `Coil.current_lines`.
+        A path runs from the first to the second terminal. `chord` is as in `Coil.current_lines`.
         """
         from coilarray.geometry.array import current_path
 
@@ -46,35 +45,16 @@ class CurrentPaths(ABC):
     def field(self, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0) -> FloatArray:
         """Compute the magnetic flux density in T, in free space.
 
-        Parameters
-        ----------
-        points : array_like, shape (..., 3)
-            Places in m. The upper face of the board is at z = 0.
-        currents : array_like, shape (coils,) or scalar
-            Current in A of every coil.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            Flux density B in T, see `coilarray.magnetic_field`.
+        `points` (..., 3) are in m, with the upper face of the board at z = 0. `currents` are in A,
+        one per coil or one for all. Returns B with the shape (..., 3), see
+        `coilarray.magnetic_field`.
         """
         from coilarray.electromagnetics.field import magnetic_field
 
         return magnetic_field(self.conductors(), points, currents)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the board from above in mm.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw into, in mm. New axes by default.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            The axes with the board, see `coilarray.viz.plot_board`.
-        """
+        """Draw the board from above in mm, see `coilarray.viz.plot_board`."""
         from coilarray.viz.plots.board import plot_board
 
         return plot_board(self.as_array(), ax)
@@ -98,7 +78,7 @@ class SingleCoil(CurrentPaths):
         """Return the centre lines of the coil."""
 
     def as_array(self) -> Array:
-        """Return the array of this coil alone on its board, at the origin."""
+        """Return the array of this coil alone, at the origin."""
         from coilarray.geometry.array import Array
 
         return Array.row(self, 1)

@@ -1,4 +1,4 @@
-"""Circular arcs in lines: as straight pieces, and as rounded corners of a line."""
+"""Circular arcs as straight pieces and as rounded corners."""
 
 from __future__ import annotations
 
@@ -34,15 +34,14 @@ _FLATTEST = 2e-10  # m: an arc of less height is straight, below the resolution 
 
 
 def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERROR) -> FloatArray:
-    """Points in m on an arc, including both ends.
+    """Points in m on an arc, ends included, shape (n >= 2, 2).
 
-    The arc runs from `start` over `middle` to `end`. The array has the shape (n >= 2, 2). `middle` may lie anywhere
-    between the ends. If all three points lie on a line, the arc is this line. If start and end are one point, it is the
+    `middle` lies anywhere on the arc. Three points on a line give the line. Equal ends give the
     whole circle, with `middle` opposite. The pieces are at most `error` (m) from the arc.
 
-    The inner points lie slightly outside the arc, so that pieces and arc enclose the same area with the arc's centre.
-    With n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc would make every coil of arcs
-    too small.
+    The inner points lie slightly outside the arc, so that pieces and arc enclose the same area with
+    the centre: with n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc
+    would make every coil of arcs too small.
 
     >>> points = arc_points((1e-3, 0.0), (0.0, 1e-3), (-1e-3, 0.0))
     >>> len(points), bool((abs(np.hypot(*points.T) - 1e-3) < 0.9e-6).all())
@@ -58,16 +57,15 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
 
 
 def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
-    """Angle in rad of a chord of given sagitta. The sagitta `error` is in m."""
+    """Angle in rad of a chord with sagitta `error` (m)."""
     # the arc sine keeps it above 0 for the largest radius
     return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
 
 
 def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
-    """Points in m on an arc in equal pieces.
+    """Points in m on an arc in `count` equal pieces.
 
-    `count` is the number of pieces. There are at least 3 straight pieces of equal angle. The points lie as in
-    `arc_points`.
+    There are at least 3 pieces. The points lie as in `arc_points`.
     """
     a, c = np.array(start), np.array(end)
     centre = arc_centre(start, middle, end)
@@ -78,7 +76,7 @@ def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArra
     angles = math.atan2(*(a - centre)[::-1]) + turn * np.linspace(0, 1, pieces + 1)
     angle = abs(turn) / pieces
     inside, area = pieces - 2, pieces * angle / math.sin(angle)
-    inner = radius * ((math.sqrt(1 + inside * area) - 1) / inside)  # the positive root of the equation in `arc_points`
+    inner = radius * ((math.sqrt(1 + inside * area) - 1) / inside)  # the positive root in `arc_points`
     points = centre + inner * np.column_stack((np.cos(angles), np.sin(angles)))
     points[0], points[-1] = a, c
     return np.asarray(points)
@@ -100,7 +98,7 @@ def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
 
 
 def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
-    """Centre in m of an arc, shape (2,). None if the three points lie on a line."""
+    """Centre in m of an arc, None for a line."""
     a, b, c = (np.array(point) for point in (start, middle, end))
     if np.array_equal(a, c):
         return None if np.array_equal(a, b) else (a + b) / 2
@@ -116,13 +114,8 @@ def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
 class Arc:
     """Run of pieces that stand for one arc.
 
-    Parameters
-    ----------
-    first, last : int
-        Vertices of the line where the arc begins and ends.
-    bulge : float
-        tan(θ/4) of the arc's angle θ, positive counter-clockwise, as in DXF files. It is invariant under motions of the
-        line.
+    It runs from vertex `first` to `last`. `bulge` is tan(θ/4) of the arc's angle θ, positive
+    counter-clockwise, as in DXF files. Motions of the line do not change it.
     """
 
     first: int
@@ -134,16 +127,16 @@ class Arc:
         return replace(self, first=self.first + count, last=self.last + count)
 
     def points(self, line: FloatArray) -> tuple[Point, Point, Point]:
-        """Begin, middle and end in m of the arc. The vertices of the `line` have the shape (n, 2)."""
+        """Begin, middle and end in m of the arc."""
         (x0, y0), (x1, y1) = line[[self.first, self.last]].tolist()
         middle = (x0 + x1 + self.bulge * (y1 - y0)) / 2, (y0 + y1 - self.bulge * (x1 - x0)) / 2
         return (x0, y0), middle, (x1, y1)
 
 
 def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
-    """Yield a line as arcs and straight pieces.
+    """Yield a line as arcs and straight pieces, in order.
 
-    The line has the shape (n, 2). The pieces come in order. A straight piece is an arc without a bulge.
+    A straight piece is an arc without a bulge.
     """
     done = 0
     for arc in (*arcs, Arc(len(line) - 1, len(line) - 1, 0.0)):
@@ -154,12 +147,10 @@ def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
 
 
 def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: float = 0.0) -> tuple[FloatArray, IntArray]:
-    """Replace the arcs of a line by larger pieces.
+    """Replace arcs of a line (n, 2) in m by larger pieces.
 
-    `line` (n, 2): vertices in m. `step`: largest angle of a piece in rad. `small`: radius in m up to which an arc has
-    the smallest possible number of pieces.
-
-    Returns vertices in m, shape (m, 2).
+    `step` is the largest angle of a piece in rad. Arcs with a radius up to `small` (m) have as few
+    pieces as possible.
     """
     points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
     for arc in arcs:
@@ -173,13 +164,11 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: floa
 
 
 def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArray, tuple[Arc, ...]]:
-    """Round the corners of a line.
+    """Round the corners of a line (n, 2) in m.
 
-    `corners` (n, 2): ends and corners of the line in m. `radii`: radius in m of every inner corner, small enough that
-    neighbouring arcs do not overlap; 0 leaves the corner sharp.
-
-    Returns the line in m, with arcs as pieces like in `arc_points`. All pieces have the angle that the largest arc
-    needs. The pieces of concentric arcs are therefore parallel and as far apart as the arcs, shape (m, 2).
+    `radii` are in m, one for each inner corner, and small enough that neighbouring arcs do not
+    overlap. All pieces have the angle that the largest arc needs, so the pieces of concentric arcs
+    are parallel and as far apart as the arcs.
 
     >>> points, (arc,) = rounded_line(np.array([[0, 0], [2e-3, 0], [2e-3, 2e-3]]), [1e-3])
     >>> (points[[0, arc.first, arc.last, -1]] * 1e3).round(6).tolist()

@@ -1,4 +1,4 @@
-"""An array: coils placed on a board, each on its own layers."""
+"""An array: coils on a board with their layers."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 class Placement:
     """One coil on the board.
 
-    Raises GeometryError if a position is not finite, the number of layers differs from the number of lines, a via joins
-    a layer to itself, or two lines meet on one layer.
+    Raises GeometryError if a position is not finite, the number of layers differs from the number
+    of lines, a via joins a layer to itself, or two lines meet on one layer.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ class Placement:
     coil : Coil
         Shape of the coil.
     layers : tuple of str
-        Copper layer of each of the coil's lines, in order. Successive lines lie on different layers. A layer may carry
-        several lines.
+        Copper layer of each of the coil's lines, in order. Successive lines lie on different
+        layers. A layer may carry several lines.
     x, y : float
         Position of the coil's centre in m.
     rotation : float
@@ -91,11 +91,11 @@ class Placement:
         return f"<Placement {self.name}: {self.coil!r} on {', '.join(self.layers)} at {place}>"
 
     def lines_on(self, layer: str) -> tuple[int, ...]:
-        """Return the indices of the lines on a layer, in order."""
+        """Return the indices of the lines on a layer."""
         return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
-        """Transform `points` of the coil to the board. They have the shape (n, 2), in m."""
+        """Transform points (n, 2) of the coil in m to the board."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
 
@@ -126,15 +126,16 @@ class Lattice:
     Parameters
     ----------
     kind : {"single", "linear", "square", "hexagonal", "triangle", "rings"}
-        Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, with every
-        second row shifted by half a pitch, so every inner point has six neighbours one pitch away. Triangle: points of
-        a hexagonal lattice in as many rows as columns, each row shorter by one. Rings: a point of a hexagonal lattice
-        and its neighbours ring by ring, counter-clockwise from `direction`.
+        Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch
+        apart, with every second row shifted by half a pitch, so every inner point has six
+        neighbours one pitch away. Triangle: points of a hexagonal lattice in as many rows as
+        columns, each row shorter by one. Rings: a point of a hexagonal lattice and its neighbours
+        ring by ring, counter-clockwise from `direction`.
     pitch : float or None
         Distance of neighbours in m. None for a single coil.
     columns, rows : int
-        Coils per row and number of rows. A linear lattice and a triangle have one row given. A single point and rings
-        have one column and one row given.
+        Coils per row and number of rows. A linear lattice and a triangle have one row given. A
+        single point and rings have one column and one row given.
     layers : tuple of tuple of str
         Sets of copper layers that the coils use in turn along a row.
     direction : float
@@ -142,8 +143,8 @@ class Lattice:
     rotation : float
         Counter-clockwise turn of every coil in rad.
     layer_shift : int or None
-        Steps in `layers` from row to row, so that neighbours differ. By default it is −1 on a hexagonal lattice, 2 for
-        four sets on a square lattice, and 1 otherwise.
+        Steps in `layers` from row to row, so that neighbours differ. By default it is −1 on a
+        hexagonal lattice, 2 for four sets on a square lattice, and 1 otherwise.
     names : tuple of str or None
         Names of the coils row by row. By default coil1, coil2, …
     rings : int
@@ -164,8 +165,7 @@ class Lattice:
     def placements(self, coil: SingleCoil) -> tuple[Placement, ...]:
         """Return the coil placed on every point, row by row.
 
-        Raises GeometryError as `lattice` and `Placement` do, if there are no layers, or if names and points differ in
-        number.
+        Raises GeometryError if there are no layers, or if names and points differ in number.
         """
         points, indices = lattice(
             self.kind, self.pitch, self.columns, self.rows, rings=self.rings, direction=self.direction
@@ -175,8 +175,9 @@ class Lattice:
             raise GeometryError(f"a lattice of {len(points)} points must have as many names; got {len(names)}.")
         if not self.layers:
             raise GeometryError("a lattice must have at least one set of layers; got none.")
-        # (i − j) mod 3 differs between all neighbours of a hexagonal lattice. On a square lattice (i + j) mod 2 differs
-        # between all neighbours, and (i + 2j) mod 4 between diagonal neighbours too.
+        # (i − j) mod 3 differs between all neighbours of a hexagonal lattice. On a square lattice
+        # (i + j) mod 2 differs between all neighbours, and (i + 2j) mod 4 between diagonal
+        # neighbours too.
         default = -1 if self.kind in ("hexagonal", "triangle", "rings") else 2 if len(self.layers) == 4 else 1
         shift = default if self.layer_shift is None else self.layer_shift
         shape = coil.coil()
@@ -251,13 +252,14 @@ class Array(SeveralCoils):
     board_margin : float
         Distance in m from the outermost copper to the edge of the rectangular board.
     through_holes : bool
-        True: every hole is drilled through the whole board. False: it spans only the layers it joins.
+        True: every hole is drilled through the whole board. False: it spans only the layers it
+        joins.
     lattice : Lattice or None
-        The lattice from which `lattice_array` made the placements. It is a hint for design files and has no effect if
-        the placements were changed since.
+        The lattice from which `lattice_array` made the placements. It is a hint for design files
+        and has no effect if the placements were changed since.
     routing : Routing or None
-        The array and connector from which `coilarray.geometry.connector.route_leads` made the placements. It is a hint
-        as well.
+        The array and connector from which `coilarray.geometry.connector.route_leads` made the
+        placements. It is a hint as well.
     """
 
     stackup: Stackup
@@ -295,7 +297,8 @@ class Array(SeveralCoils):
     ) -> Array:
         """Place equal coils in a row along x.
 
-        Coils that overlap have copper layers of their own: every second, third, … coil uses the same layers.
+        Coils that overlap have copper layers of their own: every second, third, … coil uses the
+        same layers.
 
         Parameters
         ----------
@@ -306,7 +309,8 @@ class Array(SeveralCoils):
         pitch : float, optional
             Distance of neighbours in m. One coil has none.
         stackup : Stackup, optional
-            The board's layers. By default those of the coil, or `Stackup.usual` with as many as are needed.
+            The board's layers. By default those of the coil, or `Stackup.usual` with as many as are
+            needed.
         board_margin, through_holes
             As in `Array`.
 
@@ -352,7 +356,7 @@ class Array(SeveralCoils):
 
     @property
     def unrouted(self) -> Array:
-        """The array before its leads were routed to a connector. It is the array itself if no leads were routed."""
+        """The array before its leads were routed, or itself."""
         return self if self.routing is None else self.routing.array
 
     @property
@@ -367,7 +371,7 @@ class Array(SeveralCoils):
 
     @property
     def least_distance(self) -> float:
-        """Smallest distance in m between two coils. It is infinite for a single coil."""
+        """Smallest distance in m between two coils, inf for one."""
         gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
         return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
 
@@ -402,7 +406,7 @@ class Array(SeveralCoils):
 
     @property
     def outline_bounds(self) -> tuple[float, float, float, float]:
-        """Bounds in m of all coil outlines, without leads. They are given as x_min, y_min, x_max, y_max."""
+        """x_min, y_min, x_max, y_max in m of coils without leads."""
         outlines = np.vstack([placement.to_board(placement.coil.outline) for placement in self.placements])
         x_min, y_min, x_max, y_max = np.concatenate((outlines.min(axis=0), outlines.max(axis=0))).tolist()
         return x_min, y_min, x_max, y_max
@@ -411,7 +415,8 @@ class Array(SeveralCoils):
     def middle_coil(self) -> str:
         """Name of the coil nearest to the middle.
 
-        The middle is the centre of the rectangle about all coil centres. Of several nearest coils it is the first.
+        The middle is the centre of the rectangle about all coil centres. Of several nearest coils
+        it is the first.
         """
         x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
         distance = np.hypot(*(self.centres - (x, y)).T)
@@ -423,7 +428,7 @@ class Array(SeveralCoils):
 
 
 def current_path(placement: Placement, stackup: Stackup, chord: float = CHORD) -> Conductor:
-    """Return the current path of one coil, vias included. `chord` is as in `Coil.current_lines`."""
+    """Return the current path of one coil, vias included."""
     coil = placement.coil
     vertices: list[FloatArray] = []
     widths: list[float] = []
@@ -486,8 +491,9 @@ def lattice(
 ) -> tuple[FloatArray, IntArray]:
     """Points of a regular lattice about the origin.
 
-    Returns lattice points in m, centred on the origin, row by row or ring by ring, shape (n, 2). Raises GeometryError
-    if the pitch is not positive and finite, a count is below 1, or the kind does not have rows, columns or rings.
+    Returns lattice points in m, centred on the origin, row by row or ring by ring, shape (n, 2).
+    Raises GeometryError if the pitch is not positive and finite, a count is below 1, or the kind
+    does not have rows, columns or rings.
     """
     if pitch is None and (columns > 1 or rows > 1 or rings > 0):
         raise GeometryError("a lattice of more than one coil must have a pitch; got none.")
@@ -532,8 +538,8 @@ def lattice(
 def array_words(array: Array) -> str:
     """Describe number, shape, size and spacing of the coils.
 
-    Ways to a connector are left out. The spacing is the distance of the nearest coils. Circles, and windings that step
-    in at every corner, have the size of their copper added.
+    Ways to a connector are left out. Circles, and windings that step in at every corner, have the
+    size of their copper added.
 
     >>> from coilarray import load_design
     >>> array_words(load_design("proximity").array)
@@ -567,7 +573,7 @@ def copper_words(coil: Coil) -> str:
 
 
 def array_facts(array: Array) -> list[tuple[str, str]]:
-    """Return facts about a board as rows. A row has a name and a value."""
+    """Facts about a board, as rows of name and value."""
     names, layers = array.names, array.stackup.names
     shown = names if len(names) <= _MOST_NAMES else (*names[:_MOST_NAMES], f"and {len(names) - _MOST_NAMES} more")
     x_min, y_min, x_max, y_max = array.bounds
@@ -579,7 +585,7 @@ def array_facts(array: Array) -> list[tuple[str, str]]:
 
 
 def _shape(coil: Coil) -> str:
-    """Return the word for a coil's shape. A blank follows the word. It is empty for a path."""
+    """Return the word for a coil's shape and a blank."""
     if coil.wound is None:
         return ""
     spiral = coil.wound

@@ -1,4 +1,4 @@
-"""Bodies of metal or ferrite near the coils: materials, plates, balls, and the target that is moved over the board."""
+"""Bodies of metal or ferrite: plates, balls and targets."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ class Material:
     Raises
     ------
     GeometryError
-        If a value is not allowed, or the material has neither conductivity nor permeability and would be air.
+        If a value is not allowed, or the material has neither conductivity nor permeability and
+        would be air.
 
     Examples
     --------
@@ -149,7 +150,7 @@ class Disc:
 
     @property
     def exterior(self) -> tuple[Point, ...]:
-        """Corners in m of a polygon of the same area. It lies about the centre, anticlockwise."""
+        """Corners in m of a polygon of equal area, anticlockwise."""
         return _circle(self.radius)
 
     holes: ClassVar[tuple[tuple[Point, ...], ...]] = ()
@@ -198,12 +199,12 @@ class Ring:
 
     @property
     def exterior(self) -> tuple[Point, ...]:
-        """Polygon corners in m for the outer circle, anticlockwise. Polygon and circle have the same area."""
+        """Corners in m of the outer polygon of equal area."""
         return _circle(self.radius)
 
     @property
     def holes(self) -> tuple[tuple[Point, ...], ...]:
-        """Polygon corners in m for the inner circle. Polygon and circle have the same area."""
+        """Corners in m of the inner polygon, of equal area."""
         return (_circle(self.inner_radius),)
 
 
@@ -214,14 +215,16 @@ class Polygon:
     Parameters
     ----------
     exterior : tuple of points
-        Corners (x, y) in m about the centre of the plate, in either sense. The first corner is not repeated.
+        Corners (x, y) in m about the centre of the plate, in either sense. The first corner is not
+        repeated.
     holes : tuple of such tuples
         Corners of each hole.
 
     Raises
     ------
     GeometryError
-        If there are fewer than three corners, the outline crosses itself, or holes touch or are not inside.
+        If there are fewer than three corners, the outline crosses itself, or holes touch or are not
+        inside.
     """
 
     exterior: tuple[Point, ...]
@@ -262,7 +265,8 @@ class FinitePlate:
     outline : Outline
         Outline about the plate's centre.
     centre : tuple of float
-        x, y and z in m of the outline's origin, in the middle of the thickness. The board's upper face is at z = 0.
+        x, y and z in m of the outline's origin, in the middle of the thickness. The board's upper
+        face is at z = 0.
     thickness : float
         Thickness in m.
     material : Material
@@ -308,10 +312,7 @@ class FinitePlate:
         return np.array([cos * along - sin * across, sin * along + cos * across, normal])
 
     def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
-        """Transform points of the mid-plane to the board.
-
-        The `points` are given in the plate's own x and y in m, shape (n, 2). The result has the shape (n, 3), in m.
-        """
+        """Transform points (n, 2) of the mid-plane to the board."""
         return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
 
     def lifted(self, height: float) -> FinitePlate:
@@ -354,23 +355,27 @@ class Target:
     body : Plate, FinitePlate or Ball
         The body. Its own position has no effect.
     distances : tuple of float
-        Gaps in m between its nearest point and the highest face of board and sheets, in rising order.
+        Gaps in m between its nearest point and the highest face of board and sheets, in rising
+        order.
     x, y : tuple of float
-        Places of its centre in m, relative to `origin_point`. If both are empty, `coilarray.Design` sets an even grid
-        over all coils. An infinite plate has one place.
+        Places of its centre in m, relative to `origin_point`. If both are empty, `coilarray.Design`
+        sets an even grid over all coils. An infinite plate has one place.
     origin : str or None
         Name of the coil whose centre is the origin. None if `origin_point` is given.
     origin_point : tuple of float
-        x and y in m of the origin on the board. `coilarray.Design` sets it if `origin` names a coil.
+        x and y in m of the origin on the board. `coilarray.Design` sets it if `origin` names a
+        coil.
     step : float or None
-        Distance in m of the places that `coilarray.Design` sets. By default it follows from the coils.
+        Distance in m of the places that `coilarray.Design` sets. By default it follows from the
+        coils.
     over_array : tuple of tuple of float
         The x and y set by `coilarray.Design`. They are replaced for another array.
 
     Raises
     ------
     GeometryError
-        If there is no distance, distances do not rise from above zero, x has no y, or an infinite plate has places.
+        If there is no distance, distances do not rise from above zero, x has no y, or an infinite
+        plate has places.
 
     Examples
     --------
@@ -413,7 +418,7 @@ class Target:
 
     @property
     def extent(self) -> float:
-        """Height of the body in m. It is measured from the lowest to the highest point."""
+        """Height in m from the body's lowest to highest point."""
         if isinstance(self.body, Plate | FinitePlate):
             low, high = self.body.heights
             return high - low
@@ -422,8 +427,8 @@ class Target:
     def height(self, face: float, distance: float) -> float:
         """Height in m of the body's centre.
 
-        For an infinite plate it is the height of the lower face. `distance` is measured from `face` to the body's
-        nearest point. Both are in m.
+        For an infinite plate it is the height of the lower face. `distance` is measured from `face`
+        to the body's nearest point, both in m.
         """
         if isinstance(self.body, Plate):
             below = 0.0

@@ -1,4 +1,4 @@
-"""A coil: centre lines on copper layers, joined in series by plated holes, with two terminals."""
+"""A coil: centre lines on copper layers, joined by holes."""
 
 from __future__ import annotations
 
@@ -67,9 +67,8 @@ class PlatedHole:
     def bar_width(self) -> float:
         """Side in m of the barrel's equivalent square bar.
 
-        Bar and barrel have the same geometric mean distance (GMD).
-
-        A thin tube of radius r has GMD r. A square of side a has GMD 0.447049 a (Grover 1946, ch. 3).
+        A thin tube of radius r has GMD r. A square of side a has GMD 0.447049 a (Grover 1946, ch.
+        3).
         """
         return (self.drill / 2) / 0.4470491559
 
@@ -117,14 +116,14 @@ class Coil(SingleCoil):
 
     The lines are in the coil's own frame.
 
-    Raises GeometryError if a line has fewer than two points, a value is not finite, a point is repeated, ends do not
-    meet, or there is not one width per segment.
+    Raises GeometryError if a line has fewer than two points, a value is not finite, a point is
+    repeated, ends do not meet, or there is not one width per segment.
 
     Parameters
     ----------
     lines : tuple of ndarray, each of shape (n, 2)
-        Centre lines, each on one copper layer, x and y in m. Leads and the stubs to the vias are included. Each line
-        begins at the end of the line before, where a via stands.
+        Centre lines, each on one copper layer, x and y in m. Leads and the stubs to the vias are
+        included. Each line begins at the end of the line before, where a via stands.
     widths : tuple of ndarray, each of shape (n − 1,)
         Width of every segment of every line in m.
     gap : float
@@ -138,16 +137,17 @@ class Coil(SingleCoil):
     name : str
         Name of the shape in a design file. It may be empty.
     arcs : tuple of tuple of Arc
-        Runs of pieces in every line that stand for arcs. They are manufactured as arcs, and the field is computed with
-        larger pieces. Empty if all lines are straight.
+        Runs of pieces in every line that stand for arcs. They are manufactured as arcs, and the
+        field is computed with larger pieces. Empty if all lines are straight.
     stackup : Stackup or None
-        Board of the coil when it is alone, `Stackup.usual` by default. The lines lie on its uppermost layers.
+        Board of the coil when it is alone, `Stackup.usual` by default. The lines lie on its
+        uppermost layers.
 
     Attributes
     ----------
     wound : Spiral, RoundedSpiral or None
-        The spiral that made the lines. `dataclasses.replace` does not copy it, so it is present only while the lines
-        are the lines of the spiral.
+        The spiral that made the lines. `dataclasses.replace` does not copy it, so it is present
+        only while the lines are the lines of the spiral.
     """
 
     lines: tuple[FloatArray, ...]
@@ -209,14 +209,14 @@ class Coil(SingleCoil):
         return self.arcs[line] if self.arcs else ()
 
     def current_lines(self, chord: float = CHORD) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield lines and widths for the field computation.
+        """Yield lines (n, 2) and widths (n − 1,) in m for the field computation.
 
-        They are in m, shapes (n, 2) and (n − 1,). Arcs are divided into pieces of a suitable size. The pieces of all
-        arcs have the same angle, so the pieces of neighbouring turns are parallel. On the largest arc they deviate by
-        `chord` times half the size of the outline. Bends within a trace have three pieces.
+        The pieces of all arcs have the same angle, so the pieces of neighbouring turns are
+        parallel. On the largest arc they deviate by `chord` times half the size of the outline.
+        Bends within a trace have three pieces.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
-        from_middle = self.outline - self.outline.mean(axis=0)  # not the bounds, which change as a coil is turned
+        from_middle = self.outline - self.outline.mean(axis=0)  # bounds change as a coil is turned
         radius = float(np.hypot(*from_middle.T).max()) if radii else 0.0
         step = math.sqrt(8 * chord * radius / max(radii, default=1.0))
         for k, (line, widths) in enumerate(zip(self.lines, self.widths, strict=True)):
@@ -225,20 +225,20 @@ class Coil(SingleCoil):
 
     @cached_property
     def trace_width(self) -> float:
-        """Trace width in m of most of the path's length. Of several widths with the same length it is the smallest."""
+        """Trace width in m of most of the path's length."""
         widths, which = np.unique(np.concatenate(self.widths), return_inverse=True)
         lengths = np.concatenate([np.hypot(*np.diff(line, axis=0).T) for line in self.lines])
         share = np.bincount(which, weights=lengths) / lengths.sum()
-        return float(widths[np.argmax(np.round(share, 9))])  # the orientation of a path has no influence
+        return float(widths[np.argmax(np.round(share, 9))])  # independent of the path's orientation
 
     @property
     def via_points(self) -> FloatArray:
-        """Positions in m of the vias between consecutive lines. The array has the shape (lines − 1, 2)."""
+        """Positions in m of the vias between lines, shape (lines − 1, 2)."""
         return np.array([line[-1] for line in self.lines[:-1]]).reshape(-1, 2)
 
     @property
     def terminal_points(self) -> FloatArray:
-        """First and last point of the path, in m. The array has the shape (2, 2)."""
+        """First and last point (2, 2) of the path in m."""
         return np.array([self.lines[0][0], self.lines[-1][-1]])
 
 

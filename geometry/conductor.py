@@ -1,4 +1,4 @@
-"""Current path of a coil, made of straight bars, as the physics sees it."""
+"""Current path of a coil, made of straight bars."""
 
 from __future__ import annotations
 
@@ -20,20 +20,23 @@ _STRAIGHT = 1e-6  # rad; less is not a bend
 class Conductor:
     """Current path of straight segments, each a rectangular bar.
 
-    A bar runs from vertex to vertex. Its width lies in the x-y plane across the segment, for a vertical segment along
-    x. Its thickness is perpendicular to both. A width and thickness of zero stand for a thin filament.
+    A bar runs from vertex to vertex. Its width lies in the x-y plane across the segment, for a
+    vertical segment along x. Its thickness is perpendicular to both. A width and thickness of zero
+    stand for a thin filament.
 
-    Raises GeometryError if there are fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of
-    length zero, a negative width, or a bar with a width and no thickness.
+    Raises GeometryError if there are fewer than two vertices, values that are not finite or beyond
+    1e30 m, a segment of length zero, a negative width, or a bar with a width and no thickness.
 
     Parameters
     ----------
     vertices : array_like, shape (n + 1, 3)
-        Points of the path in m, in the direction of the current, up to 1e30. Neighbours must differ by at least 1e-30.
+        Points of the path in m, in the direction of the current, up to 1e30. Neighbours must differ
+        by at least 1e-30.
     widths, thicknesses : array_like, shape (n,) or scalar
         Cross-section in m that determines the inductance. Both are zero or both positive.
     areas : array_like, shape (n,) or scalar, optional
-        Conducting cross-section in m² that determines the resistance. By default it is width × thickness.
+        Conducting cross-section in m² that determines the resistance. By default it is width ×
+        thickness.
     name : str
         Name shown in messages and results.
 

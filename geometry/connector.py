@@ -1,8 +1,8 @@
-"""Leads of all coils of an array, routed to one row of pads at an edge of the board without crossing.
+"""Leads of all coils, routed to pads without crossing.
 
-The leads run on a grid of their own pitch, straight or at 45°, each on the layer on which its coil ends. They take the
-shortest way that keeps the gap to all copper there and to the leads routed before. A way across a coil's winding, on
-another layer, counts as longer.
+The leads run on a grid of their own pitch, straight or at 45°, each on the layer on which its coil
+ends. They take the shortest way that keeps the gap to all copper there and to the leads routed
+before. A way across a coil's winding, on another layer, counts as longer.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _ACROSS = 4.0  # weight of a way across a winding, over the same way beside it
 _MOST_NODES = 90_000  # of the grid: a larger board gets a coarser grid
 _SHARE = 0.49  # of a piece between two corners, which may both be rounded: the arcs must not meet
 _TRIES = 4  # orders of the coils, each beginning with the coil that found no way
-_FIRST_LOOK = 1.5  # of the straight line from a coil to its pad: ways up to that length are looked for first
+_FIRST_LOOK = 1.5  # times the straight line: ways up to this length are looked for first
 _LOOK_AHEAD = 10  # corners of a way that a single corner may replace
 _NANOMETRE = 9  # digits of m: rounding errors of a design's lengths must not change a way
 _AROUND = 4.0  # room around coils and pads, in pitches of the pads
@@ -52,7 +52,8 @@ def route_leads(array: Array, connector: Connector) -> Array:
     Returns
     -------
     Array
-        The array, in which each coil has a path of its own. `Array.routing` holds the original array.
+        The array, in which each coil has a path of its own. `Array.routing` holds the original
+        array.
 
     Raises
     ------
@@ -90,7 +91,7 @@ def _routed(
     board = _turned(array, connector.side)
     farthest: NoWayError | None = None
     orders = [_along_the_edge(board, near_first=near_first) for near_first in (True, False)]
-    bare = _Grid(board, connector, _pads(board, connector, orders[0]))  # every order has its pads at the same places
+    bare = _Grid(board, connector, _pads(board, connector, orders[0]))  # every order has the same pads
     for begun in orders[: 1 if orders[0] == orders[1] else 2]:
         order, tried = begun, list[list[int]]()
         grid = bare.with_pads(_pads(board, connector, order))
@@ -117,8 +118,7 @@ def _routed(
 class NoWayError(GeometryError):
     """No way leads from a coil to its pad.
 
-    The pad belongs to a connector. `coil`: index of the coil, which should better be routed first. `routed`: number of
-    coils that were routed before it.
+    `coil` is the coil that should be routed first, `routed` the number of coils routed before it.
     """
 
     def __init__(self, coil: int, message: str) -> None:
@@ -133,7 +133,7 @@ def _to_bottom(side: Side) -> int:
 
 
 def _turn(quarters: int) -> FloatArray:
-    """Matrix of counter-clockwise quarter turns, free of rounding. It turns rows of points."""
+    """Matrix of counter-clockwise quarter turns of points, free of rounding."""
     c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
     return np.array([[c, s], [-s, c]], dtype=np.float64)
 
@@ -163,7 +163,7 @@ def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
 
 
 def _pads(array: Array, connector: Connector, order: Sequence[int]) -> FloatArray:
-    """Positions in m of the pads of all coil ends. The array has the shape (coils, 2, 2)."""
+    """Positions (coils, 2, 2) in m of the pads of all ends."""
     largest = max(place.coil.terminal.pad for place in array.placements if place.coil.terminal)
     if connector.pitch <= largest:
         raise GeometryError(
@@ -186,7 +186,7 @@ def _pads(array: Array, connector: Connector, order: Sequence[int]) -> FloatArra
 
 
 class _Grid:
-    """Grid of nodes and edges for leads. Each layer records its occupied edges."""
+    """Grid of nodes and edges, with occupied edges per layer."""
 
     def __init__(self, array: Array, connector: Connector, pads: FloatArray) -> None:
         self.array, self.connector, self.pads = array, connector, pads
@@ -221,7 +221,7 @@ class _Grid:
             [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
         )
         self.length[self.tree.query(self.windings, predicate="intersects")] *= _ACROSS
-        self.around = self.clearance + 1.5 * self.step  # of a lead's beginning, where it may be near its own trace
+        self.around = self.clearance + 1.5 * self.step  # a lead may be this near its trace
         for place in array.placements:
             wound = place.coil.wound
             if wound is not None and wound.leads is not None and wound.leads.length < self.around:
@@ -238,7 +238,7 @@ class _Grid:
                     outline = trace_outline(place.to_board(place.coil.lines[line]), place.coil.widths[line])
                     self._take([layer], outline, (k, line))
                 for end in (0, 1):
-                    if layer == place.layers[-end]:  # where the lead will turn by up to a right angle
+                    if layer == place.layers[-end]:  # the lead turns by up to 90°
                         x, y = place.to_board(place.coil.terminal_points)[end].tolist()
                         widest = max(self.width, float(place.coil.widths[-end][-end]))
                         self._take([layer], disc(x, y, math.sqrt(2) * widest), (k, "lead", end))
@@ -247,7 +247,7 @@ class _Grid:
                 self._take(hole.layers, disc(hole.x, hole.y, hole.pad), None)
 
     def with_pads(self, pads: FloatArray) -> _Grid:
-        """Return the grid with the `pads` of the coils (coils, 2, 2) in m. Unchanged parts are shared."""
+        """Return the grid with other pads (coils, 2, 2) in m."""
         grid = self._copy()
         grid.pads = pads
         for k, place in enumerate(grid.array.placements):
@@ -264,9 +264,9 @@ class _Grid:
         return grid
 
     def ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
-        """Route the coils in the given order, then straighten all ways.
+        """Route the coils in order, then straighten all ways.
 
-        For each coil the ways of both ends are given in m, from the coil to its pad.
+        A coil has the ways of both ends in m, from the coil to its pad.
         """
         grid = self._copy()
         found: dict[int, list[FloatArray]] = {}
@@ -286,9 +286,9 @@ class _Grid:
         return found
 
     def _foreign(self, coil: int, end: int) -> list[_Taken]:
-        """Copper that a lead must not meet.
+        """Copper on a lead's layer that it must not meet.
 
-        It lies on the layer of the lead. The lead may meet its own pad, and its own trace near its end.
+        The lead may meet its own pad, and its own trace near its end.
         """
         place = self.array.placements[coil]
         line = (coil, len(place.coil.lines) - 1 if end else 0)
@@ -303,7 +303,7 @@ class _Grid:
         return pieces
 
     def _way(self, coil: int, end: int) -> FloatArray:
-        """Find the shortest way from coil to pad. The way belongs to one end of the coil."""
+        """Find the shortest way from coil to pad."""
         from scipy.sparse import coo_array  # loaded for boards with a connector only
         from scipy.sparse.csgraph import dijkstra
 
@@ -343,17 +343,17 @@ class _Grid:
         )
 
     def _ahead(self, coil: int, end: int) -> FloatArray:
-        """Direction in which the own lead of a coil arrives. Its way may not turn back on it."""
+        """Direction in which a lead arrives and cannot turn back."""
         place = self.array.placements[coil]
         line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
         direction: FloatArray = line[-1] - line[-2]
         return direction
 
     def _with_fewer_corners(self, way: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> FloatArray:
-        """Replace corners of a way by fewer corners.
+        """Replace corners of a way (n, 2) by fewer corners.
 
-        A straight and a slanting piece replace several corners if they are free of copper. The way has the shape (n,
-        2). It begins in the direction `ahead`, or to the side of it.
+        A straight and a slanting piece replace several corners if they are free of copper. The way
+        begins in the direction `ahead` or to its side.
         """
         short, k = [way[0]], 0
         while k < len(way) - 1:
@@ -379,7 +379,7 @@ class _Grid:
         return _straightened(np.array(short))
 
     def _hops(self, place: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> IntArray:
-        """Nodes reached from a place by a straight piece. The place is in m. Nodes behind the place are left out."""
+        """Nodes that a straight piece reaches ahead of a place."""
         apart = self.nodes - place
         close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
         hops = np.asarray(shapely.linestrings([(place, node) for node in self.nodes[close]]))
@@ -411,7 +411,7 @@ class _Taken(NamedTuple):
 
 
 def _straightened(way: FloatArray) -> FloatArray:
-    """Leave out repeated points, and points without a turn. The way has the shape (n, 2)."""
+    """Leave out repeated points and points without a turn."""
     step = np.diff(way, axis=0)
     way = way[np.append(True, np.hypot(*step.T) > 1e-9 * np.ptp(way))]
     along = np.diff(way, axis=0)
@@ -435,9 +435,9 @@ def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc,
 
 
 def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Placement:
-    """Return a coil with ways at both ends.
+    """Return a coil whose path has ways at both ends.
 
-    Its path begins and ends with the ways. The ways are in m on the board, from the coil's ends to their pads.
+    The ways are in m on the board, from the coil's ends to their pads.
     """
     coil = place.coil
     c, s = math.cos(place.rotation), math.sin(place.rotation)

@@ -1,4 +1,4 @@
-"""Outlines of the copper, layer by layer: traces, pads and the holes that join them."""
+"""Outlines of traces, pads and holes by layer."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import Array, Placement
 
-# A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle. 4 leaves room for
-# corners down to 29°.
+# A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral
+# triangle. 4 leaves room for corners down to 29°.
 MITRE_LIMIT = 4.0
 # Segments per quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle.
 _QUADRANT = 32
@@ -24,10 +24,10 @@ _QUADRANT = 32
 
 @dataclass(frozen=True)
 class CopperFeature:
-    """Piece of copper on one layer.
+    """Piece of copper on one layer, line or pad.
 
-    `layer`: name of the copper layer. `net`: name of the coil it belongs to. `kind`: one line of a coil, or one pad.
-    `shape`: outline in m, in the frame of the board; the drilled hole is not cut out.
+    `net` is the name of the coil. `shape` is the outline in m on the board, without the drilled
+    hole.
     """
 
     layer: str
@@ -38,13 +38,11 @@ class CopperFeature:
 
 @dataclass(frozen=True)
 class Drill:
-    """Plated hole with pads, or a bare pad.
+    """Plated hole with pads, or bare pad of a terminal.
 
-    The latter is a terminal that reaches a single layer. `net`: name of the coil it belongs to. `kind`: purpose. `x`,
-    `y`: position in m, in the frame of the board. `diameter`, `pad`: diameter of the hole and of its pads in m.
-    `layers`: copper layers that it pierces, top to bottom; each has a pad. `plating`: thickness of the copper barrel
-    inside the hole in m. `drilled`: false for a terminal that reaches one layer of several; it has a pad on this layer
-    and no hole.
+    `net` is the name of the coil. `x`, `y`, the `diameter` of the hole, the diameter of its pads,
+    and the thickness of its copper barrel are in m. The hole has a pad on each of the `layers` that
+    it pierces, top to bottom. A bare pad is not `drilled`.
     """
 
     net: str
@@ -89,12 +87,12 @@ def _pads_of(array: Array, placement: Placement) -> Iterator[CopperFeature]:
 
 
 def drills(array: Array) -> tuple[Drill, ...]:
-    """Return every hole and pad, coil by coil. The vias along the path come first, then the two terminals."""
+    """Return every hole and pad, vias before terminals."""
     return tuple(drill for placement in array.placements for drill in drills_of(array, placement))
 
 
 def drills_of(array: Array, placement: Placement) -> list[Drill]:
-    """Return the holes and pads of one coil. They are as in `drills`. `placement` need not belong to the array."""
+    """Return the holes and pads of one coil."""
     coil, stackup, name = placement.coil, array.stackup, placement.name
     holes = []
     for (x, y), first, last in zip(
@@ -117,11 +115,11 @@ def drills_of(array: Array, placement: Placement) -> list[Drill]:
 def copper_by_layer(array: Array) -> dict[str, dict[str, BaseGeometry]]:
     """Unite the copper of every net on every layer.
 
-    Returns by layer, from top to bottom, the copper of each net in m, in the order of the coils. Nets without copper on
-    a layer are left out.
+    Layers are given from top to bottom, nets in the order of the coils. Nets without copper on a
+    layer are left out.
     """
     copper: dict[str, dict[str, BaseGeometry]] = {layer: {} for layer in array.stackup.names}
-    united: dict[tuple[int, tuple[str, ...]], dict[str, BaseGeometry]] = {}  # of equal coils once, in their frame
+    united: dict[tuple[int, tuple[str, ...]], dict[str, BaseGeometry]] = {}  # equal coils once
     for placement in array.placements:
         key = id(placement.coil), placement.layers
         if key not in united:
@@ -141,25 +139,23 @@ def board_outline(array: Array) -> shapely.Polygon:
 
 
 def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
-    """Polygon with 128 corners on a circle, in m. `x` and `y` are the centre of the circle."""
+    """Polygon in m with 128 corners on a circle."""
     return shapely.Point(x, y).buffer(diameter / 2, quad_segs=_QUADRANT)
 
 
 def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Cut a centre line where its width changes.
+    """Cut a line (n, 2) where its widths (n − 1,) change.
 
-    The line has the shape (n, 2), the widths have the shape (n − 1,), all in m. The pieces come in order, each with its
-    width. Every piece begins at the end of the piece before.
+    Every piece begins at the end of the piece before.
     """
     starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
     return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
 
 
 def segment_rectangles(ends: FloatArray, widths: FloatArray) -> FloatArray:
-    """Return rectangles of the given widths about segments.
+    """Rectangles (n, 4, 2) of given widths about segments (n, 2, 2).
 
-    They have the shape (n, 4, 2) and do not extend beyond the ends of the segments. `ends` are the ends of the segments
-    in m, shape (n, 2, 2). The corners are anticlockwise.
+    They do not extend beyond the ends of the segments. The corners are anticlockwise.
     """
     start, stop = ends[:, 0], ends[:, 1]
     along = stop - start
@@ -169,7 +165,7 @@ def segment_rectangles(ends: FloatArray, widths: FloatArray) -> FloatArray:
 
 
 def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
-    """Lowest index connected with each index through the pairs. There are `count` indices."""
+    """Lowest index that pairs connect with each of `count` indices."""
     from scipy.sparse import coo_array  # slow to import, and needed only to read a board
     from scipy.sparse.csgraph import connected_components
 
@@ -180,10 +176,9 @@ def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
 
 
 def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
-    """Outline in m of a trace.
+    """Outline in m of a trace with centre `line` (n, 2).
 
-    It has flat ends, mitred corners, and round corners where the width changes. `line` is the centre line, shape (n,
-    2), and `widths` the width of every segment, shape (n − 1,) or scalar, in m.
+    It has flat ends, mitred corners, and round corners where the width changes.
     """
     runs = uniform_runs(line, np.broadcast_to(np.asarray(widths, dtype=np.float64), (len(line) - 1,)))
     ribbons = [
@@ -199,11 +194,11 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
 
 
 def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
-    """Outline of a simple trace of one width.
+    """Outline of a trace of one width without overlaps.
 
-    None if corners or runs of the trace meet. `line` is the centre line, shape (n, 2), in m. The outline is built from
-    the offset corners themselves: the general buffer of GEOS simplifies its input by up to 1 % of the distance, which
-    shows in the area of a finely divided circle.
+    None if corners or runs of the trace meet. The outline is built from the offset corners of
+    `line` (n, 2) in m. The general buffer of GEOS simplifies its input by up to 1 % of the
+    distance, which shows in the area of a finely divided circle.
     """
     offset = _corners(line, width)[1]
     if offset is None:
@@ -213,11 +208,11 @@ def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
 
 
 def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArray], FloatArray | None]:
-    """Find normals, mitres and side offsets of a centre line.
+    """Find normals, mitres and side offsets of a line.
 
-    The normals of segments have the shape (n − 1, 2), the mitres of corners (n − 2, 2), and the offsets of the sides
-    (n, 2), in m. A mitre beyond the limit is zero. The offsets are None if there is such a mitre, or if a segment is
-    shorter than its corners.
+    Their shapes are (n − 1, 2), (n − 2, 2) and (n, 2), the offsets in m. A mitre beyond the limit
+    is zero. The offsets are None if there is such a mitre, or if a segment is shorter than its
+    corners.
     """
     half = width / 2
     step = np.diff(line, axis=0)
@@ -236,7 +231,7 @@ def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArr
 
 
 def _pieced_outline(line: FloatArray, half: float, left: FloatArray, mitre: FloatArray) -> shapely.Polygon:
-    """Unite the segment rectangles and corner wedges of a trace. It is needed for traces that overlap themselves."""
+    """Unite segments and corners of a trace that overlaps itself."""
     side = half * left
     rectangles = np.stack((line[:-1] + side, line[1:] + side, line[1:] - side, line[:-1] - side), axis=1)
     # +1: the corner opens on the right

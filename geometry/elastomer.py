@@ -1,4 +1,4 @@
-"""The elastomer on a board and the bodies pressed into it."""
+"""The elastomer on a board and the bodies pressed in."""
 
 from __future__ import annotations
 
@@ -68,14 +68,15 @@ class Sheet:
 class Seat:
     """Soft support under the lowest sheet (a Winkler bed).
 
-    The pressure at a point is proportional to its displacement. The seat stands for a film, trapped air or the
-    roughness between a sheet and a board on which it was not cast.
+    The pressure at a point is proportional to its displacement. The seat stands for a film, trapped
+    air or the roughness between a sheet and a board on which it was not cast.
 
     Parameters
     ----------
     stiffness : float
-        Pressure per displacement normal to the board in Pa/m, positive and finite. 4.3 kPa/mm are 4.3e6 Pa/m. Under
-        large deformations it is the force per undeformed area, as the shear stress is.
+        Pressure per displacement normal to the board in Pa/m, positive and finite. 4.3 kPa/mm are
+        4.3e6 Pa/m. Under large deformations it is the force per undeformed area, as the shear
+        stress is.
     shear : float
         Shear stress per displacement along the board in Pa/m. 0 lets the sheet slide.
 
@@ -104,20 +105,20 @@ class Seat:
 
 
 Base: TypeAlias = RigidBase | Seat
-"""Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat."""
+"""Support of the lowest sheet: a rigid board, glued or sliding, or a soft seat."""
 
 
 @dataclass(frozen=True)
 class Unevenness:
     """Deviation of a sample's seat from an even, clamped seat.
 
-    `stiffness_slope`: relative change of the seat's stiffness along x and y in 1/m; the stiffness at a position is 1 +
-    slope · position times the stiffness at the origin of the map; the shear stiffness changes by the same factor.
-    `gap_slope`: rise of the gap between the seat and a flat sample along x and y in m per m, from the origin of the
-    map; a negative gap is set to zero, because the sample would tilt with a seat that is flat everywhere; the gap has
-    an effect only if the sample can lift: a seat that also pulls is a linear spring, whose length at rest changes
-    nothing. `lifts`: whether the sample can lift off its seat. `weight`: pressure in Pa by which its weight holds a
-    sample that can lift. Raises GeometryError if a value is not finite, or the weight is below zero.
+    `stiffness_slope` is the relative change of the seat's stiffness along x and y in 1/m, from the
+    origin of the map. The shear stiffness changes by the same factor. `gap_slope` is the rise of
+    the gap between seat and flat sample along x and y in m per m. A negative gap is set to zero,
+    because the sample would tilt. The gap has an effect only if the sample `lifts`: a seat that
+    also pulls is a linear spring, whose length at rest changes nothing. `weight` is the pressure in
+    Pa by which its weight holds a sample that can lift. Raises GeometryError if a value is not
+    finite, or the weight is below zero.
     """
 
     stiffness_slope: tuple[float, float] = (0.0, 0.0)
@@ -165,14 +166,14 @@ class _Tip(ABC):
         return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m, inf beyond the body. `r` are distances in m, and give the shape."""
+        """Height in m above the tip, inf beyond the body."""
         return self._heights(np.asarray(r, dtype=float))
 
     @abstractmethod
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height.
+        """Radius in m of the cut at `height` (m).
 
-        The `height` is above the tip in m. For a plane body it is half the width. It is at most `largest_radius`.
+        For a plane body it is half the width. It is at most `largest_radius`.
         """
 
     @abstractmethod
@@ -200,17 +201,18 @@ class _Round(_Body):
     def _heights(self, distance: FloatArray) -> FloatArray:
         inside = distance <= self.radius
         square = np.where(inside, distance, 0.0) ** 2
-        height = square / (self.radius + np.sqrt(self.radius**2 - square))  # R − √(R² − r²) without cancellation
+        # R − √(R² − r²) without cancellation
+        height = square / (self.radius + np.sqrt(self.radius**2 - square))
         return np.where(inside, height, np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a `height`. For a plane body it is half the width."""
+        """Radius in m of the cut at `height` (m)."""
         return self.radius if height >= self.radius else math.sqrt(height * (2 * self.radius - height))
 
 
 @dataclass(frozen=True)
 class Hemisphere(_Round):
-    """Lower half of a ball, like the tip of a rod with the same radius.
+    """Lower half of a ball, like a rod's tip.
 
     Parameters
     ----------
@@ -231,7 +233,8 @@ class Hemisphere(_Round):
 class Paraboloid(_Body):
     """Paraboloid of revolution, like a ball near its tip.
 
-    `radius` is the radius of curvature at the tip in m, positive and finite. Otherwise GeometryError is raised.
+    `radius` is the radius of curvature at the tip in m, positive and finite. Otherwise
+    GeometryError is raised.
 
     Examples
     --------
@@ -250,7 +253,7 @@ class Paraboloid(_Body):
         return np.asarray(distance**2 / (2 * self.radius))
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a `height` in m."""
+        """Radius in m of the cut at `height` (m)."""
         return math.sqrt(2 * self.radius * height)
 
 
@@ -259,7 +262,7 @@ EDGE = 0.1
 
 
 class _Edged(_Tip):
-    """Indenter with an edge, rounded for large deformations. A sharp edge would cut the sheet."""
+    """Indenter with an edge that is rounded for large deformations."""
 
     edge_radius: float | None
 
@@ -287,8 +290,8 @@ class FlatPunch(_Edged, _Body):
     radius : float
         Radius in m, positive and finite. Otherwise GeometryError is raised.
     edge_radius : float, optional
-        Radius in m of its rounded edge under large deformations, at most `radius`. By default it is 10 % of `radius`.
-        Linear elasticity and `profile` take the edge as sharp.
+        Radius in m of its rounded edge under large deformations, at most `radius`. By default it is
+        10 % of `radius`. Linear elasticity and `profile` take the edge as sharp.
 
     Examples
     --------
@@ -320,7 +323,8 @@ class Cone(_Edged):
     Parameters
     ----------
     half_angle : float
-        Angle between the axis and the surface in rad, between 0 and π/2. Near π/2 the cone is blunt.
+        Angle between the axis and the surface in rad, between 0 and π/2. Near π/2 the cone is
+        blunt.
     radius : float, optional
         Radius in m at which the cone ends, positive. By default the cone is infinite.
     edge_radius : float, optional
@@ -348,7 +352,7 @@ class Cone(_Edged):
         return np.where(distance <= self.radius, distance / math.tan(self.half_angle), np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a `height` in m."""
+        """Radius in m of the cut at `height` (m)."""
         return min(height * math.tan(self.half_angle), self.radius)
 
 
@@ -356,7 +360,8 @@ class Cone(_Edged):
 class CylinderEdge(_Round):
     """Infinite cylinder along y that lies on the sample.
 
-    The deformation is plane strain. `radius` in m must be positive and finite. Otherwise GeometryError is raised.
+    The deformation is plane strain. `radius` in m must be positive and finite. Otherwise
+    GeometryError is raised.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Overlapping copper: paths that would be one conductor but are counted as two, or as a longer path."""
+"""Overlapping copper of paths or of turns of one path."""
 
 from __future__ import annotations
 
@@ -32,11 +32,10 @@ _ALIKE = 1e-9  # of a size: equal but for rounding
 
 @dataclass(frozen=True, eq=False)
 class _Trace:
-    """Consecutive flat bars of a path.
+    """Consecutive flat bars of path number `path`, in m.
 
-    They are given by centre line and widths. The centre line has the shape (n + 1, 2), the widths have the shape (n,),
-    both in m. `path` is the number of the path. z and thickness are in m. Traces of one `shape` are equal but for the
-    place. `closed` is True if the trace is the whole path and its end meets its beginning.
+    The centre line has the shape (n + 1, 2), the widths (n,). Traces of one `shape` are equal but
+    for the place. `closed` is True if the trace is the whole path and its end meets its beginning.
     """
 
     path: int
@@ -56,17 +55,16 @@ class _Trace:
 
 
 _Place = tuple[_Trace, _Trace, float, float, float]
-"""Two traces (or the same trace twice), their distance in m, negative if they overlap, and x and y in m."""
+"""Two traces (or one twice), their distance in m, negative for an overlap, and x and y in m."""
 
 
 def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = None) -> None:
     """Raise GeometryError if flat bars overlap at one height.
 
-    The bars may belong to two paths or to two turns of one path. The distance is measured as in
-    `coilarray.geometry.check_rules`: between the outlines of different paths, with mitred corners, and within a path
-    between the places that face each other across the way of the current. Copper may touch, and may overlap by up to 1
-    µm, which is also the tolerance of the rules. The end of a path may meet its beginning. Bars that are not flat, such
-    as the bars of vias, are left out. With the `stackup` the error names the layer instead of the height.
+    Distances are measured as in `coilarray.geometry.check_rules`. Copper may overlap by up to 1 µm,
+    the tolerance of the rules, and the end of a path may meet its beginning. Bars that are not
+    flat, such as vias, are left out. With the `stackup` the error names the layer instead of the
+    height.
 
     >>> bars = [Conductor([[0, y, 0], [1e-2, y, 0]], 2e-4, 35e-6, name=name) for name, y in (("A", 0), ("B", 1.5e-4))]
     >>> require_apart(bars)  # doctest: +ELLIPSIS
@@ -86,7 +84,7 @@ def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = Non
 
 
 def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iterator[_Trace]:
-    """Yield the flat runs of a path. Their shapes are recorded."""
+    """Yield the flat runs of a path, recording their shapes."""
     vertices, z = conductor.vertices, conductor.vertices[:, 2]
     flat = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (conductor.widths > 0)
     ends = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])))).tolist()
@@ -101,7 +99,7 @@ def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iter
 
 
 def _steps(way: FloatArray, line: FloatArray) -> FloatArray:
-    """Express vectors in small fractions of a line's size. The vectors are in m. Adding 0.0 avoids −0."""
+    """Vectors in small fractions of a line's size, without −0."""
     return np.asarray(np.round(way / (_ALIKE * np.abs(line - line[0]).max())) + 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Fabrication rules as continuous margins: by how much each limit is kept or broken, and where."""
+"""Fabrication rules as margins of each limit."""
 
 from __future__ import annotations
 
@@ -24,18 +24,20 @@ from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
 
-# Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not quite parallel, as
-# every corner lies a fraction of a pitch further in than the corner before. Turns of nominal gap s come as close as s −
-# (w + s)·tan(π/N)·δ, with δ the difference of their tilts. This is 0.8 µm less than 0.1 mm for 30 hexagonal turns of 23
-# mm. Fabricators state their limits to 10 µm. Floating-point noise is far below.
+# Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not
+# quite parallel, as every corner lies a fraction of a pitch further in than the corner before.
+# Turns of nominal gap s come as close as s − (w + s)·tan(π/N)·δ, with δ the difference of their
+# tilts. This is 0.8 µm less than 0.1 mm for 30 hexagonal turns of 23 mm. Fabricators state their
+# limits to 10 µm. Floating-point noise is far below.
 KEPT_WITHIN = 1e-6
 
 # Rules whose limit is a largest value.
 _LARGEST = ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
 # Pieces of copper further apart than this many limits are not listed.
 _HORIZON = 10.0
-# Two places of one trace count as separate pieces if the way along the copper is at least this many times the distance
-# across. A corner of 39° or more, an arc or a straight run never is. Facing turns and hairpins are.
+# Two places of one trace count as separate pieces if the way along the copper is at least this many
+# times the distance across. A corner of 39° or more, an arc or a straight run never is. Facing
+# turns and hairpins are.
 TRACE_DETOUR = 3.0
 # The same for a pad and the trace that leaves it. A right angle at the pad has 1.42.
 _PAD_DETOUR = 1.5
@@ -116,20 +118,22 @@ class FabRules:
 class Margin:
     """Margin of one rule at its worst place.
 
-    It is positive if the rule is kept. It belongs to one layer and to one net or pair of nets, or to the board.
+    It is positive if the rule is kept. It belongs to one layer and to one net or pair of nets, or
+    to the board.
 
     Parameters
     ----------
     rule : str
-        "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing", "edge clearance",
-        "aspect ratio", "blind holes", "copper thickness", "layer count" or "board size".
+        "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing",
+        "edge clearance", "aspect ratio", "blind holes", "copper thickness", "layer count" or "board
+        size".
     layer : str
         Copper layer. For holes it is the topmost layer they pierce. Empty for the board as a whole.
     feature : str
         The net, both nets joined by " – ", or "board".
     margin : float
-        Distance from the limit, positive if the rule is kept and negative if it is broken. It is `value` − `limit`, or
-        `limit` − `value` if the limit is a largest value.
+        Distance from the limit, positive if the rule is kept and negative if it is broken. It is
+        `value` − `limit`, or `limit` − `value` if the limit is a largest value.
     limit, value : float
         Limit and measured value.
     x, y : float or None
@@ -163,7 +167,7 @@ class Margin:
 
     @property
     def at_most(self) -> bool:
-        """Whether the limit is a largest value. Otherwise it is a smallest value."""
+        """Whether the limit is a largest value, not a smallest."""
         return self.rule in _LARGEST
 
 
@@ -184,23 +188,24 @@ def check_rules(array: Array, rules: FabRules, *, progress: Progress | None = No
     Returns
     -------
     tuple of Margin
-        A margin for each rule, layer and net or pair of nets, the smallest margin first. The order is: broken counts
-        and ratios, broken lengths, kept lengths and ratios of the copper and its holes, and kept limits of the bare
-        board. Distances beyond ten limits are not listed.
+        A margin for each rule, layer and net or pair of nets, the smallest margin first. The order
+        is: broken counts and ratios, broken lengths, kept lengths and ratios of the copper and its
+        holes, and kept limits of the bare board. Distances beyond ten limits are not listed.
 
     Notes
     -----
-    Pads count on every layer that their hole pierces, so a hole through foreign copper shows as a clearance. A
-    terminal's pad without a hole has neither drill nor ring.
+    Pads count on every layer that their hole pierces, so a hole through foreign copper shows as a
+    clearance. A terminal's pad without a hole has neither drill nor ring.
 
-    The spacing within one net is the smallest distance of two places of its copper on one layer that face each other
-    across a gap. The way between them along the copper is at least three times the distance of their centre lines, or
-    one and a half times from a pad. Corners of 39° and more and the directly neighbouring segments of a path are joined
-    copper, not a gap. Pads on which no trace of that layer ends, and two separate lines of one coil on one layer,
-    always count.
+    The spacing within one net is the smallest distance of two places of its copper on one layer
+    that face each other across a gap. The way between them along the copper is at least three times
+    the distance of their centre lines, or one and a half times from a pad. Corners of 39° and more
+    and the directly neighbouring segments of a path are joined copper, not a gap. Pads on which no
+    trace of that layer ends, and two separate lines of one coil on one layer, always count.
 
-    Overlapping copper of two nets has the value −d, with d the diameter of the largest circle in the overlap. The value
-    is continuous at contact and saturates at the width of the narrower trace.
+    Overlapping copper of two nets has the value −d, with d the diameter of the largest circle in
+    the overlap. The value is continuous at contact and saturates at the width of the narrower
+    trace.
 
     Examples
     --------
@@ -226,7 +231,7 @@ def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple
     for layer, copper in copper_by_layer(array).items():
         margins += _edge_clearance(array, layer, copper, rules)
         margins += clearances(layer, copper, rules)
-        nearest: dict[tuple[int, tuple[str, ...]], Gap | None] = {}  # equal coils have the same gaps
+        nearest: dict[tuple[int, tuple[str, ...]], Gap | None] = {}  # equal coils: same gaps
         for placement in array.placements:
             key = id(placement.coil), placement.layers
             if key not in nearest:
@@ -238,8 +243,9 @@ def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple
                 progress(next(done), total)
 
     def rank(margin: Margin) -> tuple[int, bool, float, str, str]:
-        # the bare board last: a copper thickness as ordered has no margin at all and would hide those of the traces.
-        # Margins that are equal but for rounding stand in the order of their layers and nets
+        # the bare board last: a copper thickness as ordered has no margin at all and would hide
+        # those of the traces. Margins that are equal but for rounding stand in the order of their
+        # layers and nets
         place = 0 if not margin.kept else 2 if margin.feature == "board" else 1
         value = round(margin.margin, 12)
         return place, (margin.unit == "m") != margin.kept, value, margin.layer, margin.feature
@@ -254,8 +260,7 @@ _MEASURED: Recent[tuple[Margin, ...]] = Recent(4)
 def require_rules(array: Array, rules: FabRules) -> None:
     """Raise RuleViolationError if a rule is broken.
 
-    The message names the worst violation and the number of further violations. `array` and `rules` are as in
-    `check_rules`.
+    The message names the worst violation and the number of further violations.
     """
     require_kept(check_rules(array, rules))
 
@@ -282,7 +287,7 @@ def require_kept(margins: Iterable[Margin]) -> None:
 
 
 def broken_rules(margins: Iterable[Margin]) -> list[str]:
-    """Return a sentence for each broken rule. It describes the worst place.
+    """Sentence about the worst place of each broken rule.
 
     >>> board = Margin("board size", "", "board", -0.01, 0.3, 0.31, None, None)
     >>> copper = Margin("clearance", "L2", "coil7 – coil12", -0.3e-3, 0.15e-3, -0.15e-3, 0.0, 0.0)
@@ -340,7 +345,7 @@ def _board(array: Array, rules: FabRules) -> Iterator[Margin]:
 
 
 def _hole_depths(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Margins of the worst aspect ratio and of blind holes. Blind holes count."""
+    """Margins of the worst aspect ratio and of blind holes."""
     if holes and rules.max_aspect_ratio is not None:
         span = array.stackup.span
         ratios = [(span(hole.layers[0])[1] - span(hole.layers[-1])[0]) / hole.diameter for hole in holes]
@@ -353,7 +358,7 @@ def _hole_depths(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Ite
 
 
 def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
-    """Margins of the narrowest traces. There is one for each coil and layer."""
+    """Margins of the narrowest trace of each coil and layer."""
     for placement in array.placements:
         coil = placement.coil
         for layer in dict.fromkeys(placement.layers):
@@ -366,7 +371,7 @@ def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
 
 
 def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Worst margins of drill, annular ring and hole spacing. They are given for each net or pair of nets."""
+    """Worst margins of drill, ring and hole spacing by net."""
     if not holes:
         return
     for net in array.names:
@@ -405,9 +410,9 @@ def _edge_clearance(array: Array, layer: str, copper: dict[str, BaseGeometry], r
 
 
 def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
-    """Measure the distances between the nets of a layer.
+    """Distances in m between the nets of a layer.
 
-    `copper` holds the copper of each net in m. Distances up to ten limits are measured. An overlap has the value −d.
+    Distances up to ten limits are measured. An overlap has the value −d.
     """
     nets = list(copper)
     if len(nets) < 2:
@@ -427,7 +432,7 @@ def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> 
 
 
 def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | None]:
-    """Diameter in m and centre of the overlap's largest circle. They are 0 and None if the shapes only touch."""
+    """Diameter in m and centre of an overlap's largest circle."""
     parts = shapely.get_parts(shapely.intersection(a, b))
     parts = parts[shapely.area(parts) > 0]
     if parts.size == 0:
@@ -442,7 +447,7 @@ Gap = tuple[float, FloatArray]
 
 
 def _gap_within(array: Array, placement: Placement, layer: str, limit: float) -> Gap | None:
-    """Smallest gap between separate pieces of one net. The pieces lie on one layer. None if no pieces are near."""
+    """Smallest gap between pieces of one net on a layer."""
     coil = placement.coil
     holes = [pad for pad in drills_of(array, placement) if layer in pad.layers]
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
@@ -462,7 +467,10 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 def trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], within: float
 ) -> Gap | None:
-    """Smallest gap of two traces up to `within` (m). Each trace is a centre line with half its widths."""
+    """Smallest gap of two traces, up to `within` (m).
+
+    Each trace is a centre line with half its widths.
+    """
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + within)
     if not len(i):
@@ -474,7 +482,7 @@ def trace_to_trace(
 
 
 def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
-    """Smallest gap of a trace to itself. Gaps up to `within` (m) are searched."""
+    """Smallest gap up to `within` (m) of a trace to itself."""
     near = min(float(4 * half.max()), within)
     while (gap := _gap_to_itself(line, half, limit, near)) is None and near < within:
         near = min(4 * near, within)  # a wide search costs the square of the number of segments
@@ -482,7 +490,7 @@ def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: fl
 
 
 def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
-    """Search the smallest gap of a trace to itself. Gaps up to `within` (m) are found in one search."""
+    """Gap up to `within` (m) of a trace, in one search."""
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
     r = 2 * half.max() + within
@@ -515,14 +523,14 @@ def _nearest_beyond(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Nearest places on pairs of segments, `way` apart along both.
 
-    Lengths are in m. Lengths are arrays of shape (n,), vectors have the shape (n, 2). `apart` runs from the end of
-    segment i to the beginning of segment j, and `along_…` are unit vectors. The place a on i is measured back from its
-    end, and b on j onwards from its beginning. They satisfy a + b ≥ way. Their distance is inf if the segments are too
-    short.
+    Lengths (n,) and vectors (n, 2) are in m. `apart` runs from the end of segment i to the
+    beginning of segment j, and `along_…` are unit vectors. Place a on i is measured back from its
+    end, b on j onwards from its beginning, with a + b ≥ way. The distance is inf if the segments
+    are too short.
 
-    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon 0 ≤ a ≤ l_i, 0 ≤ b
-    ≤ l_j, a + b ≥ way. The minimum is zero inside, where the segments cross, or lies on one of the polygon's five
-    edges. Each edge is the distance of a point to a segment.
+    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon
+    0 ≤ a ≤ l_i, 0 ≤ b ≤ l_j, a + b ≥ way. The minimum is zero inside, where the segments cross, or
+    lies on an edge. Each edge is the distance of a point to a segment.
     """
     zero, least = np.zeros_like(way), np.maximum(way, 0.0)
     one = np.ones_like(way)
@@ -536,7 +544,7 @@ def _nearest_beyond(
     a0, b0, da, db, low, high = (np.array(column) for column in zip(*edges, strict=True))
     offset = apart + a0[..., None] * along_i + b0[..., None] * along_j
     direction = da[..., None] * along_i + db[..., None] * along_j
-    square = np.maximum((direction**2).sum(axis=-1), 1e-30)  # zero for a hairpin's last edge, where all t are equal
+    square = np.maximum((direction**2).sum(axis=-1), 1e-30)  # zero for a hairpin's last edge
     t = np.clip(-(offset * direction).sum(axis=-1) / square, low, np.maximum(low, high))
     distance = np.where(low <= high, np.linalg.norm(offset + t[..., None] * direction, axis=-1), np.inf)
     a, b = a0 + t * da, b0 + t * db
@@ -554,7 +562,7 @@ def _nearest_beyond(
 
 
 def _end_at(line: FloatArray, hole: Drill) -> str | None:
-    """End of a line at a pad. It is "first", "last" or None."""
+    """Return which end of a line is at a pad."""
     for end, point in (("first", line[:1]), ("last", line[-1:])):
         if len(point) and np.hypot(point[0, 0] - hole.x, point[0, 1] - hole.y) < 1e-9:
             return end
@@ -562,7 +570,7 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
 
 
 def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[Gap]:
-    """Gaps between pads and other traces. Traces that lead into a pad have no gap to it."""
+    """Gaps between pads and traces that do not enter them."""
     for hole in holes:
         end = _end_at(line, hole)
         points, radius = (line[::-1], half[::-1]) if end == "last" else (line, half)
@@ -582,7 +590,7 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
 
 
 def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[Gap]:
-    """Gaps between every two pads of one net. Pads joined by a short trace are one piece."""
+    """Gaps between pads of one net without a short trace."""
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
     for a, b in itertools.combinations(holes, 2):
         copper = (a.pad + b.pad) / 2

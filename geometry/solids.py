@@ -1,4 +1,4 @@
-"""Closed solids of the board, all of them prisms: copper, barrels, laminate and the sheets on top."""
+"""Closed prisms of a board and the sheets on top."""
 
 from __future__ import annotations
 
@@ -25,16 +25,20 @@ if TYPE_CHECKING:
 def solids(array: Array, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trimesh]:
     """Build the closed solids of a board and its sheets.
 
-    Raises GeometryError if two sheets have the same name.
+    Raises GeometryError if two sheets have the same name. Returns meshes in m, with z = 0 at the
+    top face of the top copper, by these keys:
 
-    Returns meshes in m, z = 0 at the top face of the top copper. The keys: - ``copper/<layer>/<coil>``: trace and pads
-    as one solid, with the holes cut out, as thick as the layer. - ``barrel/<coil>/<n>``: hollow cylinder in the coil's
-    n-th hole, from the top of the uppermost to the bottom of the lowest layer it pierces. n counts from 0 in the order
-    of `drills`, without pads that have no hole. - ``board``: the laminate as a whole, from the bottom of the top copper
-    to the top of the bottom copper, without the holes through the whole board. Inner copper and blind holes lie inside
-    it. A board of one copper layer has no laminate. - ``sheet/<name>``: stacked upwards from z = 0.
+    - ``copper/<layer>/<coil>``: trace and pads as one solid, as thick as the layer, without the holes.
+    - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole, from the top of the uppermost to
+      the bottom of the lowest layer it pierces. n counts from 0 in the order of `drills`, without pads
+      that have no hole.
+    - ``board``: the laminate, from the bottom of the top copper to the top of the bottom copper,
+      without the holes through the whole board. Inner copper and blind holes lie inside it. A board of
+      one copper layer has no laminate.
+    - ``sheet/<name>``: stacked upwards from z = 0.
 
-    Every solid is watertight, and its volume is the area of its outline times its height. Circles have 128 corners.
+    Every solid is watertight, and its volume is the area of its outline times its height. Circles
+    have 128 corners.
 
     >>> from coilarray.geometry import Array, Placement, PlatedHole, Sheet, Stackup, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
@@ -56,7 +60,10 @@ def sheet_solids(array: Array, sheets: Sequence[Sheet]) -> dict[str, trimesh.Tri
 
 
 def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> trimesh.Trimesh:
-    """Build the solid of a metal plate in m. An infinite plate gets the rectangle x_min, y_min, x_max, y_max in m."""
+    """Build the solid of a metal plate in m.
+
+    An infinite plate gets the rectangle x_min, y_min, x_max, y_max in m.
+    """
     if isinstance(plate, Plate):
         return _extruded(Prism(shapely.box(*within), *plate.heights))
     outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)
@@ -150,7 +157,7 @@ def board_prisms(array: Array) -> dict[str, Prism]:
 
 
 def _copper(array: Array) -> Iterator[tuple[str, str, Prism]]:
-    """Yield layer, net and prism of all copper. The holes are not cut out."""
+    """Yield layer, net and prism of all copper, without holes."""
     holes = _holes(array)
     for layer, nets in copper_by_layer(array).items():
         through = [hole for hole in holes if layer in hole.layers]
@@ -180,8 +187,7 @@ def _laminate(array: Array) -> Prism | None:
 def sheet_prisms(array: Array, sheets: Sequence[Sheet]) -> dict[str, Prism]:
     """Stack sheets upwards from z = 0.
 
-    They are as large as the board. The keys are ``sheet/<name>``. Raises GeometryError if two sheets have the same
-    name.
+    They are as large as the board. The keys are ``sheet/<name>``.
     """
     names = [sheet.name for sheet in sheets]
     if len(set(names)) != len(names):

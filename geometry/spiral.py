@@ -1,20 +1,20 @@
-"""Spirals, layer by layer: straight or round corners, and the coil that winds them in series.
+"""Spirals by layer, with straight or round corners.
 
-There are two winding rules. With "parallel", the sides of a turn are parallel to the sides of the enclosing shape. All
-N sides of the outermost turn lie at the stated size, and the sides of each following turn lie one pitch w + s further
-in. The last side of a turn ends on the line of the next turn's first side, and the next turn begins there. With many
-sides the step inwards can be longer than the last side. The next turn then begins on an earlier side, and the remaining
-sides are left out.
+With the rule "parallel", all N sides of the outermost turn lie at the stated size, and the sides of
+each following turn lie one pitch w + s further in. The last side of a turn ends on the line of the
+next turn's first side, and the next turn begins there. With many sides the step inwards can be
+longer than the last side. The next turn then begins on an earlier side, and the remaining sides are
+left out.
 
-With "corner", vertex k of a spiral with sharp corners lies at the angle 2πk/N from the first corner, on the polygon
-with the apothem (outer edge apothem − w/2) − (w + s)·k/N. Only the first corner of the outer edge touches the enclosing
-polygon. With round corners, side k of a layer, counted from 0, lies w/2 + (w + s)·k/N further in.
+With "corner", vertex k of a spiral with sharp corners lies at the angle 2πk/N from the first
+corner, on the polygon with the apothem (outer edge apothem − w/2) − (w + s)·k/N. With round
+corners, side k of a layer, counted from 0, lies w/2 + (w + s)·k/N further in.
 
-Round corners: along the sides the turns keep the gap s everywhere. The corner after side k is an arc with the same
-centre in every turn, so the gap is kept in the corners too. If the radius would fall below one trace width, the inner
-turns keep one trace width as radius. A winding with round corners starts and ends in the middle of a side, others at
-the beginning of a side. A circle is a square with the largest possible corner radius: quarter circles joined by
-straight pieces of a quarter pitch.
+The corner after side k is an arc with the same centre in every turn, so the gap s is kept in the
+corners too. Where the radius would fall below one trace width, it is one trace width. A winding
+with round corners starts and ends in the middle of a side, others at the beginning of a side. A
+circle is a square with the largest possible corner radius: quarter circles joined by straight
+pieces of a quarter pitch.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ WindingRule = Literal["parallel", "corner"]
 
 
 def across_flats(across_corners: float, sides: int) -> float:
-    """Size in m across the flats of a regular polygon, from its size in m across corners.
+    """Size in m across the flats of a regular polygon.
 
     For an odd number of sides these are twice the apothem and twice the circumradius.
 
@@ -72,7 +72,7 @@ def across_flats(across_corners: float, sides: int) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Construction:
-    """How a winding becomes a coil: layers in series, vias, leads, and the board."""
+    """Layers, vias, leads and board of a wound coil."""
 
     layers: int = 2
     via: PlatedHole = VIA
@@ -85,7 +85,7 @@ class Construction:
 
 
 class Winding(Construction, SingleCoil):
-    """Common base of spirals with N sides per turn, each turn one pitch further in."""
+    """Base of spirals with N sides per turn."""
 
     sides: int
     turns: float
@@ -99,25 +99,14 @@ class Winding(Construction, SingleCoil):
         return f"{type(self).__name__}({values})"
 
     def coil(self) -> Coil:
-        """Wind the spiral on its layers in series, with vias and leads.
+        """Wind the layers in series, with vias and leads.
 
-        Vias are moved off the winding's end, inwards or outwards along the corner's ray, just far enough for their pads
-        to keep the gap to the windings and leads of every layer. They can then be drilled through the whole board.
-        Several vias at one corner spread to both sides of the ray.
+        Vias are moved off the winding's end along the corner's ray, just far enough for their pads
+        to keep the gap to the windings and leads of every layer. They can then be drilled through
+        the whole board. Several vias at one corner spread to both sides of the ray. Raises
+        GeometryError if there is no layer, no room for a via inside the winding, or a return lead
+        without leads or with an even number of layers.
 
-        Returns
-        -------
-        Coil
-            The coil about the origin, its path in m.
-
-        Raises
-        ------
-        GeometryError
-            If there is no layer, no room for a via inside the winding, or a return lead without leads or with an even
-            number of layers.
-
-        Examples
-        --------
         >>> coil = Spiral(6, 20e-3, 10, 0.15e-3, 0.15e-3).coil()
         >>> len(coil.lines), coil.via_points.shape
         (2, (1, 2))
@@ -141,36 +130,37 @@ class Winding(Construction, SingleCoil):
 
     @property
     def inner_apothem(self) -> float:
-        """Apothem in m of the centre line's inner end. It is the distance from the centre to the nearest side there."""
+        """Apothem in m of the centre line's inner end."""
         turns_in = (self.steps - 1) // self.sides if self.is_parallel else self.turns
         return self._apothem - self.width / 2 - self.pitch * turns_in
 
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer in m, along the current.
+        """Vertices (n, 2) of one layer in m, along the current.
 
-        The array has the shape (n, 2). Layers count from 0. Even layers run inwards, odd layers outwards. Arcs are
-        short straight pieces. If parallel sides are too short for the step inwards, there are fewer than steps + 1
+        Even layers, counted from 0, run inwards, odd layers outwards. Arcs are short straight
+        pieces. If parallel sides are too short for the step inwards, there are fewer than steps + 1
         vertices.
         """
         return self._line(layer)[0]
 
     def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
-        """Return the arcs of one layer's centre line, in order. `layer` counts from 0."""
+        """Return the arcs of one layer's centre line, in order."""
         return self._line(layer)[1]
 
     @abstractmethod
     def outline(self) -> FloatArray:
-        """Corners of the enclosing shape in m, shape (n, 2). The shape is the nominal outer copper edge."""
+        """Corners (n, 2) in m of the nominal outer copper edge."""
 
     @abstractmethod
     def rim(self, step: int) -> FloatArray:
-        """Point in m of the outermost turn at a `step`. It lies on the ray on which the step ends, shape (2,)."""
+        """Point in m of the outermost turn after a step."""
 
     def junction(self, layer: int) -> FloatArray:
-        """Point in m between a `layer` and the next, shape (2,).
+        """Point (2,) in m between a `layer` and the next.
 
-        If the ends do not meet, they lie about the ray through this point. With sharp parallel corners it is the corner
-        where a further turn would begin, on the outside a corner of the outermost polygon.
+        If the ends do not meet, they lie about the ray through this point. With sharp parallel
+        corners it is the corner where a further turn would begin, on the outside a corner of the
+        outermost polygon.
         """
         if not self._starts_at_corner:
             return np.asarray(self.centre_line(layer)[-1])
@@ -181,7 +171,7 @@ class Winding(Construction, SingleCoil):
     def outwards(self, step: int) -> FloatArray:
         """Direction of the leads at the end of a `step`.
 
-        It is a dimensionless unit vector, shape (2,). Vias inside the winding lie in the opposite direction.
+        It is a unit vector, shape (2,). Vias inside the winding lie in the opposite direction.
         """
         rim = self.rim(step)
         return np.asarray(rim / float(np.hypot(*rim)))
@@ -205,10 +195,10 @@ class Winding(Construction, SingleCoil):
 
     @abstractmethod
     def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
-        """Centre line and arcs of a layer without sharp parallel corners."""
+        """Centre line and arcs of a layer without sharp corners."""
 
     def _insets(self, inwards: IntArray) -> FloatArray:
-        """Distances in m of sides from the enclosing shape. The sides are given by their numbers from the outer end."""
+        """Distances in m of sides from the enclosing shape."""
         turns = inwards // self.sides if self.is_parallel else inwards / self.sides
         return np.asarray(self.width / 2 + self.pitch * turns)
 
@@ -220,7 +210,7 @@ class Winding(Construction, SingleCoil):
         return np.zeros(len(inset) - 1)
 
     def _corners(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Intersections in m of successive sides moved in by `inset`. The array has the shape (n − 1, 2)."""
+        """Intersections (n − 1, 2) in m of sides moved in by `inset`."""
         normal, distance = self._normals(sides)
         (a, b), p = (normal[:-1], normal[1:]), distance - inset
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -229,10 +219,10 @@ class Winding(Construction, SingleCoil):
         return np.column_stack((x, y))
 
     def _line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
-        """Centre line of one layer in m, shape (n, 2), and its arcs."""
+        """Centre line (n, 2) in m of one layer, and its arcs."""
         if not self._starts_at_corner:
             return self._stepped_line(layer)
-        number = np.arange(-1, self.steps + 1)  # from the outer end; the first and the last only bound the others
+        number = np.arange(-1, self.steps + 1)  # the first and the last only bound
         sides = layer * self.steps + number if layer % 2 == 0 else (layer + 1) * self.steps - 1 - number
         line = self._parallel_corners(sides, self._insets(np.maximum(number, 0)))[0]
         return line if layer % 2 == 0 else line[::-1], ()
@@ -240,8 +230,8 @@ class Winding(Construction, SingleCoil):
     def _parallel_corners(self, sides: IntArray, inset: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Corners in m between parallel sides, and their radii.
 
-        The sides are moved in by `inset`. If the step inwards is longer than the last side of a turn, as with many
-        sides, the next turn begins on the side before. Sides that are too short are left out.
+        If the step inwards is longer than the last side of a turn, as with many sides, the next
+        turn begins on the side before. Sides that are too short are left out.
         """
         while True:
             corners, radii = self._corners(sides, inset), self._radii(inset)
@@ -260,13 +250,13 @@ class Winding(Construction, SingleCoil):
             sides, inset = sides[kept], inset[kept]
 
     def _turned(self, steps: npt.ArrayLike) -> FloatArray:
-        """Angle in rad after a number of steps. It has the sign of the winding."""
+        """Angle in rad after steps, with the winding's sign."""
         # the whole number of steps keeps corners of different turns and layers on the same rays
         angle = 2 * math.pi * (np.asarray(steps) % self.sides) / self.sides
         return np.asarray(angle if self.winding == "ccw" else -angle)
 
     def _require_turns(self, least: float, direction: str) -> None:
-        """Raise GeometryError if the turns do not fit. The centre line must stay beyond `least` (m) from the centre."""
+        """Raise GeometryError if turns come within `least` (m)."""
         outer = self._apothem
         if self.sides < 3:
             raise GeometryError(f"sides must be at least 3; got {self.sides}.")
@@ -296,38 +286,42 @@ class Winding(Construction, SingleCoil):
 
 @dataclass(frozen=True, repr=False)
 class Spiral(Winding):
-    """Polygonal spiral coil: a hexagon, a square, an octagon and so on.
+    """Polygonal spiral coil, such as a hexagon or a square.
 
-    Even layers are wound inwards, odd layers outwards. A layer begins at a corner of the outermost turn. A turn ends on
-    the line of the next turn's first side, one pitch further in, and the next turn begins there. With the rule "corner"
-    it ends at the same corner, one pitch further in. Every layer starts at the corner where the layer before ended, so
-    the current keeps its sense of rotation. The outer ends of two layers lie above each other. The inner ends lie
-    symmetrically about the corner, where a via joins them.
+    Even layers are wound inwards, odd layers outwards. A layer begins at a corner of the outermost
+    turn. A turn ends on the line of the next turn's first side, one pitch further in, and the next
+    turn begins there. With the rule "corner" it ends at the same corner, one pitch further in.
+    Every layer starts at the corner where the layer before ended, so the current keeps its sense of
+    rotation. The outer ends of two layers lie above each other. The inner ends lie symmetrically
+    about the corner, where a via joins them.
 
-    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, or if the turns do not
-    fit.
+    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, or
+    if the turns do not fit.
 
     Parameters
     ----------
     sides : int
         Number of sides of the polygon, at least 3.
     diameter : float
-        Size in m across flats, from outer copper edge to outer copper edge. For odd `sides` it is twice the apothem.
+        Size in m across flats, from outer copper edge to outer copper edge. For odd `sides` it is
+        twice the apothem.
     turns : float
         Turns per layer, a positive multiple of 1/sides.
     width, gap : float
         Width of the trace and of the gap between turns in m.
     first_corner : float, optional
-        Angle in rad of the corner where the outermost turn starts and the leads leave. 0 is the +x axis. By default a
-        side faces +x, and it is the corner nearest to +y.
+        Angle in rad of the corner where the outermost turn starts and the leads leave. 0 is the +x
+        axis. By default a side faces +x, and it is the corner nearest to +y.
     layers : int
-        Number of copper layers that are wound in series, at least 1. With an odd number the path ends inside.
+        Number of copper layers that are wound in series, at least 1. With an odd number the path
+        ends inside.
     via : PlatedHole
         Hole that joins consecutive layers.
     leads : Leads or None
         Leads to the terminals. None for bare ends.
     return_lead : bool
-        For an odd number of layers, add a layer with a straight trace from the inner end out to the second terminal.
+        For an odd number of layers, add a layer with a straight trace from the inner end out to the
+        second terminal.
     stackup : Stackup, optional
         Board of the coil, `Stackup.usual` by default. The coil lies on its uppermost layers.
     name : str
@@ -335,10 +329,11 @@ class Spiral(Winding):
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
     winding_rule : {"parallel", "corner"}
-        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in on its last side. If
-        sides are shorter than a step, the turn ends a few sides earlier: for a coil of 100 sides, 40 mm wide with a
-        pitch of 0.5 mm, three sides earlier. "corner": each corner lies 1/sides of a pitch further in than the corner
-        before. No side is then parallel to the enclosing polygon, and only the first corner reaches it.
+        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in
+        on its last side. If sides are shorter than a step, the turn ends a few sides earlier: for a
+        coil of 100 sides, 40 mm wide with a pitch of 0.5 mm, three sides earlier. "corner": each
+        corner lies 1/sides of a pitch further in than the corner before. No side is then parallel
+        to the enclosing polygon, and only the first corner reaches it.
 
     Examples
     --------
@@ -367,11 +362,11 @@ class Spiral(Winding):
         self._require_turns(self.width / 2, "first_corner")
 
     def outline(self) -> FloatArray:
-        """Corners of the enclosing polygon in m, shape (sides, 2). The polygon is the nominal outer copper edge."""
+        """Corners (sides, 2) in m of the nominal outer copper edge."""
         return self._on_rays(np.arange(self.sides), np.full(self.sides, self.diameter / 2))
 
     def rim(self, step: int) -> FloatArray:
-        """Corner number `step` of the outermost turn in m, shape (2,)."""
+        """Corner number `step` of the outermost turn in m."""
         apothem = self.diameter / 2 - self.width / 2
         return np.asarray(self._on_rays(np.array([step]), np.array([apothem]))[0])
 
@@ -395,7 +390,7 @@ class Spiral(Winding):
         return np.column_stack((np.cos(angle), np.sin(angle))), np.full(len(sides), self.diameter / 2)
 
     def _on_rays(self, steps: IntArray, apothem: FloatArray) -> FloatArray:
-        """Points on polygons of given apothems. The points are at given steps. Apothems are in m."""
+        """Points in m at steps, on polygons of given apothems."""
         radius = apothem / math.cos(math.pi / self.sides)
         angle = self.first_corner + self._turned(steps)
         return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))
@@ -403,35 +398,39 @@ class Spiral(Winding):
 
 @dataclass(frozen=True, repr=False)
 class RoundedSpiral(Winding):
-    """Planar spiral coil with round or sharp corners: rectangles, racetracks, circles, rounded polygons.
+    """Planar spiral coil with round or sharp corners.
 
-    Even layers are wound inwards, odd layers outwards.
+    It may be a rectangle, a racetrack, a circle or a rounded polygon. Even layers are wound
+    inwards, odd layers outwards.
 
-    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, if the two sizes differ
-    without four sides, if the radius does not fit, or if the turns do not fit.
+    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, if
+    the two sizes differ without four sides, if the radius does not fit, or if the turns do not fit.
 
     Parameters
     ----------
     extent, breadth : float
-        Sizes in m between the outer copper edges, along the direction in which the winding starts and across it. For a
-        number of sides other than four, both are equal to twice the apothem.
+        Sizes in m between the outer copper edges, along the direction in which the winding starts
+        and across it. For a number of sides other than four, both are equal to twice the apothem.
     turns : float
         Turns per layer, a positive multiple of 1/sides.
     width, gap : float
         Width of the trace and of the gap between turns in m.
     corner_radius : float
-        Radius in m of the outer copper edge at the corners, up to half of the smaller size. 0 for sharp corners.
+        Radius in m of the outer copper edge at the corners, up to half of the smaller size. 0 for
+        sharp corners.
     sides : int
         Sides of the enclosing polygon, at least 3.
     direction : float
-        Angle in rad of the middle of the outermost turn's first side, seen from the centre. The turn starts there. With
-        parallel sides and sharp corners it starts at the beginning of the side.
+        Angle in rad of the middle of the outermost turn's first side, seen from the centre. The
+        turn starts there. With parallel sides and sharp corners it starts at the beginning of the
+        side.
     layers, via, leads, return_lead, stackup, name, winding
         As in `Spiral`.
     winding_rule : {"parallel", "corner"}
-        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in at the end of its
-        last side. "corner": each side lies 1/sides of a pitch further in than the side before. A circle always follows
-        "corner": its outer edge starts on the circle of the stated size and approaches the centre steadily.
+        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in
+        at the end of its last side. "corner": each side lies 1/sides of a pitch further in than the
+        side before. A circle always follows "corner": its outer edge starts on the circle of the
+        stated size and approaches the centre steadily.
 
     Examples
     --------
@@ -474,7 +473,7 @@ class RoundedSpiral(Winding):
 
     @property
     def is_parallel(self) -> bool:
-        """Whether each turn is parallel to the enclosing shape. This is never so for a circle."""
+        """Whether turns are parallel to the enclosing shape."""
         return super().is_parallel and not self.is_circle
 
     @property
@@ -483,16 +482,16 @@ class RoundedSpiral(Winding):
         return self.sides == 4 and self.corner_radius == min(self.extent, self.breadth) / 2
 
     def outline(self) -> FloatArray:
-        """Points of the enclosing shape in m, shape (n, 2). The shape is the nominal outer copper edge."""
+        """Points (n, 2) in m of the nominal outer copper edge."""
         sides = np.arange(self.sides + 1)
         middle = self._corners(sides, np.zeros(self.sides + 1))
         line = np.vstack((self._foot(sides[:1], np.zeros(1)), middle, self._foot(sides[:1], np.zeros(1))))
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
     def rim(self, step: int) -> FloatArray:
-        """Middle of side number `step` of the outermost turn in m, shape (2,).
+        """Start in m of side `step` of the outermost turn.
 
-        If turns start at the beginning of a side, it is the beginning of the side.
+        It is the middle of the side, or its beginning if turns start there.
         """
         if self._starts_at_corner:
             return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, self.width / 2))[0])
@@ -501,8 +500,8 @@ class RoundedSpiral(Winding):
     def outwards(self, step: int) -> FloatArray:
         """Outward direction at the start of side `step`.
 
-        It is a dimensionless unit vector, shape (2,), the normal of the side if turns start in its middle. Otherwise it
-        lies between the normals of both sides at its beginning.
+        It is a unit vector, shape (2,): the normal of the side if turns start in its middle,
+        otherwise between the normals of both sides at its beginning.
         """
         sides = np.array([step - 1, step] if self._starts_at_corner else [step])
         between = self._normals(sides)[0].sum(axis=0)
@@ -545,6 +544,6 @@ class RoundedSpiral(Winding):
         return np.column_stack((np.cos(angle), np.sin(angle))), distance
 
     def _foot(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Points in m of sides nearest to the centre. The sides are moved in by `inset`."""
+        """Points in m of moved sides nearest to the centre."""
         normal, distance = self._normals(sides)
         return np.asarray((distance - inset)[:, None] * normal)

@@ -1,4 +1,4 @@
-"""The layers of a board, top to bottom: copper, dielectric, copper, …, copper."""
+"""The copper layers and dielectrics of a board."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ BOARD_THICKNESS = 1.6e-3
 class Stackup:
     """Copper layers and the dielectrics between them.
 
-    Heights are measured from the top face of the top copper layer, where the elastomer lies. There z = 0, and every
-    layer has z < 0.
+    Heights are measured from the top face of the top copper layer, where the elastomer lies. There
+    z = 0, and every layer has z < 0.
 
-    Raises GeometryError if a tuple has a wrong length, a name is repeated, or a thickness or permittivity is not
-    allowed.
+    Raises GeometryError if a tuple has a wrong length, a name is repeated, or a thickness or
+    permittivity is not allowed.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ class Stackup:
     copper_thickness : tuple of float
         Thickness of each copper layer in m, with the same length as `names`.
     dielectric_thickness : tuple of float
-        Thickness in m of the dielectric below each copper layer but the last. One shorter than `names`.
+        Thickness in m of the dielectric below each copper layer but the last. One shorter than
+        `names`.
     epsilon_r : tuple of float
         Relative permittivity of each dielectric. One shorter than `names`.
 
@@ -104,7 +105,8 @@ class Stackup:
         names : sequence of str
             Names of the copper layers, top to bottom.
         thickness : float
-            Thickness of the whole board in m, copper included. The dielectrics share the remaining thickness equally.
+            Thickness of the whole board in m, copper included. The dielectrics share the remaining
+            thickness equally.
         copper : float
             Thickness of every copper layer in m.
         epsilon_r : float
@@ -129,8 +131,9 @@ class Stackup:
     def usual(cls, layers: int, sets: int = 1) -> Stackup:
         """Make the usual stack-up for sets of coils that overlap.
 
-        Layers of one set are 0.2 mm apart, so coils of all sets are alike. The dielectrics between the sets share what
-        remains of a board of 1.6 mm, and are at least 0.2 mm thick. Copper has 35 µm, the dielectric is FR-4.
+        Layers of one set are 0.2 mm apart, so coils of all sets are alike. The dielectrics between
+        the sets share what remains of a board of 1.6 mm, and are at least 0.2 mm thick. Copper has
+        35 µm, the dielectric is FR-4.
 
         Parameters
         ----------
@@ -180,11 +183,11 @@ class Stackup:
         return z_top - self.copper_thickness[i], z_top
 
     def centre(self, name: str) -> float:
-        """Height in m of the middle plane of the copper layer `name`."""
+        """Height in m of a copper layer's middle plane."""
         bottom, top = self.span(name)
         return 0.5 * (bottom + top)
 
     def between(self, first: str, last: str) -> tuple[str, ...]:
-        """Names of the copper layers from `first` to `last`, top to bottom."""
+        """Names of the copper layers from `first` to `last`."""
         i, j = sorted((self.index(first), self.index(last)))
         return self.names[i : j + 1]

@@ -1,7 +1,7 @@
-"""Usual ranges of lengths, capacitances, resistances and frequencies, and the likely wrong unit outside of them.
+"""Usual ranges of values, and likely wrong units.
 
-A value is called unusual only if a thousandth or the thousandfold of it would be usual, such as millimetres for metres
-or micrometres for millimetres. The ranges extend from coils 0.1 mm wide to the coils of wireless chargers, 1 m wide.
+A value is unusual only if a thousandth or the thousandfold of it would be usual. The ranges extend
+from coils 0.1 mm wide to the coils of wireless chargers, 1 m wide.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "clock_MHz": (0.5, 500),
     **dict.fromkeys(("dielectric_epsilon_r", "elastomer_permittivity"), (1, 200)),
 }  # fmt: skip
-"""Least and largest usual value of each key of a design file, in the unit at the end of its name."""
+"""Least and largest usual value of each key of a design file, in the unit of its name."""
 _UNITS = {
     "mm": "mm", "um": "µm", "pF": "pF", "nH": "nH", "ohm": "Ω", "ohm_m": "Ω·m", "MHz": "MHz", "MS_per_m": "MS/m",
     "kPa": "kPa", "r": "", "permittivity": "",
@@ -67,9 +67,7 @@ _reading: ContextVar[bool] = ContextVar("_reading", default=False)
 
 
 def slip(key: str, value: float) -> str:
-    """Return an unusual value and its likely unit, "" for a usual value.
-
-    The range is taken by the last name of a key.
+    """Return an unusual value and its likely unit, or "".
 
     >>> slip("target.distances_mm.0", 0.001), slip("coils.c.gap_mm", 0.15)
     ('0.001 mm is unusual: 1 mm?', '')
@@ -86,7 +84,7 @@ def slip(key: str, value: float) -> str:
 
 
 def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return a line for each unusual value of a design's table."""
+    """Return a line for each unusual value of a design."""
     found: list[str] = []
     for key, value in table.items():
         name = f"{prefix}{key}"
@@ -102,7 +100,7 @@ def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
 
 
 def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
-    """Warn of unusual values in SI by the keys of a file, but not while a file is read."""
+    """Warn of unusual values in SI, except in `reading`."""
     if _reading.get():
         return
     for key, value in values:
@@ -113,7 +111,7 @@ def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Suppress warnings of single values while the reader of a whole file gives them."""
+    """Suppress warnings of single values while a file is read."""
     token = _reading.set(True)
     try:
         yield

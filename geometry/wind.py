@@ -1,4 +1,4 @@
-"""Windings in series on several layers, with the vias between them and leads to two terminals."""
+"""Windings in series on several layers, with vias and leads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TOUCH = 1e-9  # of a gap: rounding
 
 @lru_cache(maxsize=64)  # searches and sweeps change the array around one coil a thousand times
 def wind(spiral: Winding) -> Coil:
-    """Wind a spiral as `Winding.coil` does, naming the spacing of the leads that makes room for a pad."""
+    """Wind a spiral, naming the lead spacing a pad needs."""
     try:
         return _wind(spiral)
     except _NoRoomBesideLeadsError as error:
@@ -32,7 +32,7 @@ def wind(spiral: Winding) -> Coil:
 
 
 class _NoRoomBesideLeadsError(GeometryError):
-    """A pad does not fit beside the leads, which wider spacing may mend."""
+    """A pad does not fit beside the leads."""
 
 
 def _wind(spiral: Winding) -> Coil:
@@ -57,7 +57,8 @@ def _wind(spiral: Winding) -> Coil:
         elif not ends_inside:
             last_lead = _lead(windings[last][-1], spiral.outwards(steps), leads, sense)
 
-    # the hole at the end of each layer: of every layer but the last, and of the last if it ends inside at a hole
+    # the hole at the end of each layer: of every layer but the last, and of the last if it ends
+    # inside at a hole
     pads = [via.pad] * last
     if leads is not None and ends_inside:
         pads.append(via.pad if spiral.return_lead else leads.terminal.pad)
@@ -84,7 +85,7 @@ def _wind(spiral: Winding) -> Coil:
 
 
 def _remedy(spiral: Winding) -> str:
-    """Hint of the least lead spacing, to 0.1 mm, that a pad needs; empty if no spacing helps."""
+    """Hint of the least lead spacing (to 0.1 mm) or ""."""
     leads = spiral.leads
     if leads is None:
         return ""
@@ -108,7 +109,10 @@ def _remedy(spiral: Winding) -> str:
 
 
 def _lead(end: FloatArray, outwards: FloatArray, leads: Leads, side: float) -> FloatArray:
-    """Knee and terminal of one lead, shape (2, 2). `side` is +1 to the left seen outwards, −1 to the right."""
+    """Knee and terminal (2, 2) of one lead.
+
+    `side` is +1 to the left seen outwards, −1 to the right.
+    """
     tangent = np.array([-outwards[1], outwards[0]])
     half = leads.spacing / 2
     knee = end + half * (outwards + side * tangent)
@@ -126,8 +130,9 @@ def _hole_points(
 ) -> list[FloatArray]:
     """Positions in m of holes at the ends of layers.
 
-    They belong to the first `len(pads)` layers. A hole may be drilled through the whole board, so its pad must clear
-    the windings, leads and holes of every layer. Holes at the same corner are spread like a fan.
+    They belong to the first `len(pads)` layers. A hole may be drilled through the whole board, so
+    its pad must clear the windings, leads and holes of every layer. Holes at the same corner are
+    spread like a fan.
     """
     lines = [*windings]
     fixed: list[tuple[FloatArray, float]] = []  # holes already placed: point and pad
@@ -165,12 +170,12 @@ def _fan(
     *,
     inside: bool,
 ) -> FloatArray:
-    """Nearest points in m where all pads have clearance.
+    """Nearest points (m, 2) in m where all pads have clearance.
 
-    The points have the shape (m, 2) and lie on rays from `end` about a `direction`. The `pads` (m,) keep the gap to all
-    copper and to one another. `begins` are the beginnings of the stubs to each pad. `lines` are the centre lines to be
-    cleared, each of shape (n, 2). `fixed` are the other holes, by place and pad diameter. All are in m. The rays run
-    towards the centre if `inside`.
+    They lie on rays from `end` about `direction`, towards the centre if `inside`. The `pads` (m,)
+    keep the gap to all copper and to one another. `begins` are the beginnings of the stubs to each
+    pad, `lines` the centre lines to be cleared, and `fixed` the other holes with their pad
+    diameters, all in m.
     """
     m = len(pads)
     gap = (1 - _TOUCH) * spiral.gap  # a pad that just fits does so in every orientation of the coil
@@ -221,9 +226,9 @@ def _fan(
 
 
 def _to_stubs(centre: FloatArray, begins: Sequence[FloatArray], ends: FloatArray) -> FloatArray:
-    """Distance in m of places from the nearest stub.
+    """Distance (n,) in m of places from the nearest stub.
 
-    The places have the shape (2,) or (n, 2), and `ends` has the shape (n, 2). The result has the shape (n,).
+    Places have the shape (2,) or (n, 2), and `ends` (n, 2).
     """
     nearest = np.full(len(ends), math.inf)
     for begin in begins:

@@ -1,7 +1,7 @@
-"""Turns of a path without its leads, the poles about which it winds, and cuts across the turns.
+"""Turns of a path, their poles, and cuts across them.
 
-Nothing here depends on where a coil lies or how it is turned. Directions and places are taken from the path itself,
-never from the first of several equal places.
+Nothing depends on where a coil lies or how it is turned. Directions and places are taken from the
+path itself, never from the first of several equal places.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import shapely
 
 from coilarray.compute.arrays import FloatArray, IntArray
 
-_REACH = math.pi  # pitches up to which turns belong to one bundle; like the next two no ratio of round lengths
+_REACH = math.pi  # largest distance in pitches within a bundle: no ratio of round lengths, as below
 _NEXT = math.sqrt(3)  # pitches within which a turn has a neighbour on its line
-_ABOVE = math.sqrt(0.5)  # and sideways on another line: turns of two layers are staggered by half a pitch at most
+_ABOVE = math.sqrt(0.5)  # pitches sideways: layers are staggered by half a pitch at most
 _ALONGSIDE = 0.9  # cosine of the largest angle between neighbouring turns
 _PARALLEL = 0.985  # of one turn in ten at 30° from the others, or all spread over 20°
 _STEEPEST = 0.35  # cosine to a ray's normal below which a trace runs along the ray: a stub
-_WITHIN = (3 - math.sqrt(5)) / 2  # golden section: a place on a side, or along a path, where symmetry puts nothing
+_WITHIN = (3 - math.sqrt(5)) / 2  # golden section: symmetry puts nothing there
 _GRAIN = 1e-9  # of the size of a path
 _SAME = 1e-6  # of a distance: places of a symmetric coil have the same distance but for rounding
 _NO_AREA = 1e-6  # of the area that is enclosed: rounding between lines above each other
@@ -34,11 +34,10 @@ _HALVINGS = 8
 
 @dataclass(frozen=True, eq=False)
 class FlatPath:
-    """A current path seen from above.
+    """A current path seen from above, with `points` (n + 1, 2) in m.
 
-    `points` (n + 1, 2) are in m, in the direction of the current. `widths` (n,) are the widths in m of the pieces
-    between them. `line` (n,) is the number of the line that each piece belongs to. Pieces of one line are on one layer.
-    Vias are pieces of no length.
+    `widths` (n,) are the widths in m of the pieces between them, and `line` (n,) the number of each
+    piece's line, which is on one layer. Vias are pieces of no length.
     """
 
     points: FloatArray
@@ -47,10 +46,9 @@ class FlatPath:
 
     @classmethod
     def of_lines(cls, lines: Sequence[FloatArray], widths: Sequence[FloatArray]) -> FlatPath:
-        """Join lines to a path.
+        """Join lines (n, 2) and widths (n − 1,) in m to a path.
 
-        Each line begins at the end of the line before. `lines` (n, 2): lines between two vias in m. `widths` (n − 1,):
-        widths of their pieces in m.
+        Each line begins at the end of the line before.
         """
         numbers = [np.append(np.full(len(width), k), -1) for k, width in enumerate(widths)]
         with_vias = [np.append(width, 0.0) for width in widths]
@@ -63,24 +61,24 @@ class FlatPath:
 
     @property
     def along(self) -> FloatArray:
-        """Length in m up to every point. It is measured along the path, shape (n + 1,)."""
+        """Length (n + 1,) in m along the path up to every point."""
         return np.append(0.0, np.cumsum(np.hypot(*self.steps.T)))
 
     def between(self, begin: float, end: float) -> FloatArray:
-        """Points in m between two places along the path. The array has the shape (m, 2)."""
+        """Points (m, 2) in m between two places along the path."""
         along = self.along
         inside = (along > begin) & (along < end)
         return np.vstack((self.at(np.array([begin])), self.points[inside], self.at(np.array([end]))))
 
     def at(self, s: FloatArray) -> FloatArray:
-        """Points in m at places along the path. The points have the shape (n, 2), the places `s` in m (n,)."""
+        """Points (n, 2) in m at places `s` (m) along the path."""
         along = self.along
         return np.column_stack([np.interp(s, along, axis) for axis in self.points.T])
 
 
 @dataclass(frozen=True)
 class Pole:
-    """Place about which a path winds, with its turns. `x` and `y` are in m. Turns are positive anticlockwise."""
+    """Place in m about which a path winds."""
 
     x: float
     y: float
@@ -91,9 +89,9 @@ class Pole:
 class Cut:
     """Turns crossed by a ray from a pole, outwards.
 
-    `piece` (k,) is the piece of the path, `across` and `along` are the places across the turns and along the path in m,
-    shape (k,), and `sign` (k,) is the sense of the current: 1 anticlockwise about the pole. Places across are
-    perpendicular distances of the turns.
+    `piece` (k,) is the piece of the path. `across` (k,) are the perpendicular distances of the
+    turns and `along` (k,) the places along the path, in m. `sign` (k,) is 1 for a current
+    anticlockwise about the pole.
     """
 
     piece: IntArray
@@ -104,9 +102,9 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Winding part of a path.
+    """Winding part of a path from `begin` to `end` (m).
 
-    It has a mean pitch and poles. It runs from `begin` to `end` along the path in m. `pitch` is in m.
+    `pitch` is the mean pitch in m.
     """
 
     path: FlatPath
@@ -120,33 +118,36 @@ class Turns:
         return [cut for pole in self.poles for cut in self.about(pole, rays) if len(cut.piece)]
 
     def enough_cuts(self, least: int, most: int, crossings: float) -> list[Cut]:
-        """Cut the turns by enough rays.
+        """Cut the turns by `least` to `most` rays per pole.
 
-        The number of rays per pole is `least` to `most`. It is chosen so that all rays together cross about `crossings`
-        turns. See `cuts`.
+        All rays together cross about `crossings` turns. See `cuts`.
         """
         wound = max(abs(pole.turns) for pole in self.poles)
         return self.cuts(min(max(math.ceil(crossings / wound), least), most))
 
     def own_turns(self, pole: Pole) -> float:
-        """Count the turns about a pole.
+        """Count the turns about one pole.
 
-        The way to other poles does not count. They run from the first place that winds about the pole to the last. The
-        first and the last turn end at one of `_RAYS` rays.
+        They run from the first place that winds about the pole to the last, and end at one of
+        `_RAYS` rays.
         """
         sense = math.copysign(1.0, pole.turns)
         along = np.concatenate([cut.along[cut.sign == sense] for cut in self.about(pole, _RAYS)])
         return turns_about(self.path.between(along.min(), along.max()), (pole.x, pole.y)) if len(along) else pole.turns
 
     def about(self, pole: Pole, rays: int) -> list[Cut]:
-        """Cut the turns by rays from one pole. In contrast to `cuts`, cuts without turns are included."""
+        """Cut the turns by rays from one pole.
+
+        In contrast to `cuts`, cuts without turns are included.
+        """
         inset = _WITHIN * (self.end - self.begin)
         places = self.path.at(np.array([self.begin + inset, self.end - inset])) - (pole.x, pole.y)
         away = np.hypot(*places.T)
         x, y = places[1] if away[1] > (1 + _SAME) * away[0] else places[0]
         first = math.atan2(y, x)
-        # the angle from the pole to a place of the path, so that the rays turn and mirror with it. Of two places with
-        # the same distance from the ends it is the outer place, so the choice of the path's beginning has no influence
+        # the angle from the pole to a place of the path, so that the rays turn and mirror with it.
+        # Of two places with the same distance from the ends it is the outer place, so the choice of
+        # the path's beginning has no influence
         sense = math.copysign(1.0, pole.turns)
         return [self._cut(pole, first + sense * 2 * math.pi * ray / rays) for ray in range(rays)]
 
@@ -176,11 +177,10 @@ class Turns:
 
 
 def find_turns(path: FlatPath) -> Turns | None:
-    """Find the winding part of a path.
+    """Find the winding part of a path, without its leads.
 
-    It does not include the leads. From either end, a path is a lead up to the first place beside which another part of
-    it runs in the same direction about a pitch away, or above it on another layer. The turns are the same however far
-    the leads go.
+    From either end, a path is a lead up to the first place beside which another part of it runs in
+    the same direction about a pitch away, or above it on another layer.
     """
     steps = path.steps
     length = np.hypot(*steps.T)
@@ -204,12 +204,11 @@ def find_turns(path: FlatPath) -> Turns | None:
 def _crossings(
     path: FlatPath, origins: FloatArray, directions: FloatArray
 ) -> tuple[npt.NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
-    """Intersections of lines with a path.
+    """Crossings of lines with the pieces of a path.
 
-    The lines go through points, and the path consists of pieces. All arrays have the shape (lines, pieces). The first
-    is True for crossed pieces. The second is the place on the line in m from its point, and the third the place on the
-    piece, 0 to 1. The last is the cosine of the angle between the piece and the normal of the line, positive if the
-    piece goes to the left of the line.
+    All arrays have the shape (lines, pieces): whether a piece is crossed, the place on the line in
+    m from its point, the place on the piece from 0 to 1, and the cosine between the piece and the
+    normal of the line, positive if the piece goes to the left of the line.
     """
     x, y = path.points.T
     dx, dy = directions[:, :1], directions[:, 1:]
@@ -224,11 +223,11 @@ def _crossings(
 
 
 def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Distances in m to parallel parts of a path.
+    """Distances (m,) in m from places to parallel parts.
 
-    They are measured from places of the path. The parts run in the direction of the path, on the same line or on other
-    lines. Both arrays have the shape (m,). `places` (m, 2) in m lie on pieces given by their numbers (m,). A distance
-    is infinite if there is no such part.
+    The parts run in the direction of the path, first on the same line, second on other lines.
+    `places` (m, 2) in m lie on the pieces of number `piece` (m,). A distance is infinite if there
+    is no such part.
     """
     length = np.hypot(*path.steps.T)
     tangent = path.steps[piece] / length[piece][:, None]
@@ -241,7 +240,7 @@ def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatA
 
 
 def _lead(path: FlatPath, pitch: float) -> float | None:
-    """Length in m of a path's first lead. None if the whole path is a lead."""
+    """Length in m of a path's first lead."""
     along = path.along
     total = float(along[-1])
     step = pitch / 2
@@ -272,7 +271,8 @@ def _poles(points: FloatArray) -> tuple[Pole, ...]:
     The path has points (n, 2) in m and is closed by a straight line.
     """
     ring = np.vstack((points, points[:1]))
-    # on a fine grid: edges of layers above each other are the same but for rounding, which must not separate faces
+    # on a fine grid: edges of layers above each other are the same but for rounding, which must not
+    # separate faces
     grain = _GRAIN * float(np.ptp(points, axis=0).max())
     edges = shapely.union_all(shapely.linestrings(np.stack((ring[:-1], ring[1:]), axis=1)), grid_size=grain)
     faces = shapely.get_parts(shapely.polygonize([edges]))
