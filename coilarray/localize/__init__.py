@@ -1,1 +1,1 @@
-"""Position and depth of an indentation from the responses of the coils."""
+"""Position and depth of an indentation from the coils' responses."""

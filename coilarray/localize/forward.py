@@ -1,12 +1,13 @@
-"""Forward model: δ of every state as a smooth function of position and depth, and the whitening of its noise.
+"""Forward model: smooth δ over position and depth, with noise.
 
-The drift of a clock or a capacitor of all coils changes every δ by one random number. With D the variances of the noise
-that is independent from state to state, and C the drift of every state by every common cause,
+The drift of a clock or a capacitor of all coils changes every δ by one random number. With D the
+variances of the noise that is independent from state to state, and C the drift of every state by
+every common cause,
 
-    Σ = D + C Cᵀ,      W = (1 − P Γ Pᵀ) D^(−1/2),      D^(−1/2) C = P S Qᵀ,      Γ = 1 − (1 + S²)^(−1/2),
+    Σ = D + C Cᵀ,    W = (1 − P Γ Pᵀ) D^(−1/2),    D^(−1/2) C = P S Qᵀ,    Γ = 1 − (1 + S²)^(−1/2),
 
-has W Σ Wᵀ = 1, so that χ² = |W e|² for residuals e, and the Fisher information is (W J)ᵀ (W J). For a single cause,
-with u = D^(−1/2) c, it is P = u/|u| and Γ = 1 − 1/√(1 + |u|²).
+has W Σ Wᵀ = 1, so that χ² = |W e|² for residuals e, and the Fisher information is (W J)ᵀ (W J). For
+a single cause, with u = D^(−1/2) c, it is P = u/|u| and Γ = 1 − 1/√(1 + |u|²).
 """
 
 from __future__ import annotations
@@ -52,18 +53,10 @@ _DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, relative to its gre
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Whitening W of one covariance or many.
+    """Whitening W of covariances, many along leading axes.
 
-    Many covariances, one for each reading, are on leading axes.
-
-    Parameters
-    ----------
-    deviations : ndarray, shape (…, states)
-        Roots of D.
-    directions : ndarray, shape (…, states, rank)
-        P, orthonormal. The rank is 0 without common causes.
-    shares : ndarray, shape (…, rank)
-        Γ.
+    `deviations` (…, states) are the roots of D, `directions` (…, states, rank) the orthonormal P,
+    and `shares` (…, rank) Γ. The rank is 0 without common causes.
     """
 
     deviations: FloatArray
@@ -87,7 +80,7 @@ class Whitening:
         return np.asarray((self.residuals(values) ** 2).sum(axis=-1))
 
     def of(self, rows: Any) -> Whitening:
-        """Take some of many covariances by an index of the leading axis; a single one is for all."""
+        """Take some of many covariances, or the single one."""
         if self.deviations.ndim == 1:
             return self
         return Whitening(self.deviations[rows], self.directions[rows], self.shares[rows])
@@ -96,10 +89,8 @@ class Whitening:
 def whitening(deviations: FloatArray, common: FloatArray) -> Whitening:
     """Make W from independent deviations and common drifts.
 
-    The standard deviations (…, states) are positive. The common drifts have the shape (states, causes).
+    The shapes are (…, states) and (states, causes).
 
-    Examples
-    --------
     >>> W = whitening(np.array([3e-7, 3e-7]), np.array([[4e-6], [4e-6]]))
     >>> covariance = np.diag([9e-14, 9e-14]) + 16e-12
     >>> np.round(W.slopes(W.slopes(covariance).T), 9) + 0.0
@@ -114,25 +105,12 @@ def whitening(deviations: FloatArray, common: FloatArray) -> Whitening:
 class ForwardModel(ResponseSpline):
     """δ of every state over position and depth, with derivatives.
 
-    Parameters
-    ----------
-    x, y, depth, spline, in_root
-        Table of the response, see `coilarray.response.interpolation.ResponseSpline`. Its values have the shape
-        (states,).
-    states : tuple of str
-        Names of the states in the order of every axis of states.
-    parameters : tuple of str
-        Names of the coordinates. The last is the distance of a target.
-    noise : float
-        Standard deviation of δ of a reading, independent from state to state, if no other is given. It is the noise of
-        the response, which a computed response has by the noise budget of its design, else `NOISE`.
-    common : tuple of ndarray, shape (states,)
-        Changes of δ by causes that are one random number for all states, each of one standard deviation. Empty by
-        default. They count if no other noise is given.
-    errors : tuple of float
-        Relative error of δ of every state by the table itself. Empty by default.
-    unread : ndarray of bool, shape (x, y, depth, states), optional
-        True where the converter cannot read a state, at the coordinates of the table. None if it reads all states.
+    `x`, `y`, `depth`, `spline` and `in_root` are the table, see
+    `coilarray.response.interpolation.ResponseSpline`. The last of `parameters` is the distance of a
+    target. `noise` is the standard deviation of δ of a reading by the noise budget of the design,
+    else `NOISE`. `common` (states,) are changes of δ of one standard deviation by causes that are
+    one random number for all states. `errors` are the relative errors of δ by the table. `unread`
+    (x, y, depth, states) is True where the converter cannot read a state.
     """
 
     states: tuple[str, ...]
@@ -143,14 +121,10 @@ class ForwardModel(ResponseSpline):
     unread: BoolArray | None = None
 
     def unread_at(self, points: FloatArray) -> BoolArray | None:
-        """Test which states the converter cannot read at points.
+        """Test which states (…, states) the converter cannot read.
 
-        The points (…, 3) are in m. A state also counts if it is unreadable at a neighbour of the point in the table.
-
-        Returns
-        -------
-        ndarray of bool, shape (…, states), or None
-            True for unreadable states. None if it reads every state everywhere.
+        The points (…, 3) are in m. A state also counts if it is unreadable at a neighbour of the
+        point in the table. None if every state is read.
         """
         if self.unread is None:
             return None
@@ -165,16 +139,7 @@ class ForwardModel(ResponseSpline):
         return found
 
     def select(self, states: Sequence[str]) -> ForwardModel:
-        """Return the model of some of the states.
-
-        The states are in the given order. It serves for example to leave out a broken coil. Raises LocalizeError as
-        `chosen_states`.
-
-        Returns
-        -------
-        ForwardModel
-            The smaller model.
-        """
+        """Return the model of some states, in the given order."""
         kept = [self.states.index(name) for name in chosen_states(self.states, states)]
         unread = None if self.unread is None else self.unread[..., kept]
         return self._with(kept, self.spline.c[..., kept], tuple(one[kept] for one in self.common), unread)
@@ -182,7 +147,7 @@ class ForwardModel(ResponseSpline):
     def _with(
         self, kept: list[int], coefficients: FloatArray, common: tuple[FloatArray, ...], unread: BoolArray | None
     ) -> ForwardModel:
-        """Return the model of some states, with other coefficients of its spline."""
+        """Return the model of some states, with other coefficients."""
         return replace(
             self,
             states=tuple(self.states[k] for k in kept),
@@ -194,22 +159,16 @@ class ForwardModel(ResponseSpline):
 
     @property
     def common_noise(self) -> FloatArray:
-        """Standard deviation of δ by all causes that are common to the states, shape (states,)."""
+        """Standard deviation (states,) of δ by all common causes."""
         return np.sqrt(np.sum(np.square(self.common), axis=0)) if self.common else np.zeros(len(self.states))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
         """Return the model of δ relative to reference coils.
 
-        It is the δ of the other states minus the mean δ of the reference coils. It models readings of
-        `coilarray.hardware.record.recorded_response.less_reference`, also if the indenter reaches a reference. Common
-        noise cancels as far as it is equal. The references' own noise becomes common to all others. Raises
-        LocalizeError for an unknown reference, for a reference that is named twice, for no reference, or if no other
-        state is left.
-
-        Returns
-        -------
-        ForwardModel
-            The model of the other states.
+        It is the δ of the other states minus the mean δ of the reference coils, as in
+        `coilarray.hardware.record.recorded_response.less_reference`, also if the indenter reaches a
+        reference. Common noise cancels as far as it is equal. The references' own noise becomes
+        common to all others.
         """
         others = referenced_names(self.states, reference, LocalizeError)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -222,39 +181,20 @@ class ForwardModel(ResponseSpline):
         return self._with(kept, coefficients, common, unread)
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Compute δ of every state at points in m.
+        """Compute δ (…, states) at points (…, 3) in m.
 
-        The points have the shape (…, 3), with the coordinates x, y and depth. The result has the shape (…, states).
-        Raises LocalizeError for another shape, or a point that is not in the table.
-
-        Returns
-        -------
-        ndarray, shape (…, states)
-            δ, a ratio.
+        A point outside the table raises a LocalizeError.
         """
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Slopes of `delta` by the unknowns, in 1/m.
-
-        They are at `points` (…, 3) in m, by the unknowns among x, y and depth.
-
-        Returns
-        -------
-        ndarray, shape (…, states, unknowns)
-            Slopes in 1/m.
-        """
+        """Slopes (…, states, unknowns) of `delta` in 1/m."""
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute `delta` and `jacobian` without checks, for solvers.
 
         The points must be in the table.
-
-        Returns
-        -------
-        tuple of ndarray, shapes (…, states) and (…, states, unknowns)
-            δ, a ratio, and its slopes in 1/m.
         """
         slopes = [self.values_at(points, axis) for axis in range(self.unknowns)]
         return self.values_at(points), np.stack(slopes, axis=-1)
@@ -275,7 +215,7 @@ class ForwardModel(ResponseSpline):
 
 
 def chosen_states(known: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Return the wanted states; LocalizeError for none, an unknown one, or one given twice."""
+    """Return the wanted states, each known and given once."""
     for name in wanted:
         if name not in known:
             raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(known)}.")
@@ -298,10 +238,9 @@ def whitening_of(
 ) -> Whitening:
     """Return the whitening of differences from the model.
 
-    It divides differences of readings from the model, and its slopes, by their noise. A given noise is independent from
-    state to state. The model's own noise also includes the part that is common to the states. The error of the table,
-    relative to δ, is added for δ (…, states) if given. States that the converter cannot read at points (…, 3) in m, if
-    given, do not count. Raises LocalizeError as `checked_noise`.
+    A given noise is independent from state to state. The model's own noise also has a common part.
+    The error of the table is added for δ (…, states). States that the converter cannot read at
+    points (…, 3) in m do not count.
     """
     deviations = checked_noise(model.states, model.noise if noise is None else noise)
     if delta is not None and any(model.errors):
@@ -314,7 +253,7 @@ def whitening_of(
 
 
 def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
-    """Return the standard deviation of δ of every state from one number, or one for each."""
+    """Return the standard deviation of δ of every state."""
     values = np.asarray(noise, dtype=np.float64)
     if values.shape not in ((), (len(states),)):
         raise LocalizeError(
@@ -331,14 +270,16 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     Parameters
     ----------
     response : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. The attribute
-        ``noise`` and the variable ``common_noise`` (drift_cause, state) are the model's noise. If it has
-        ``delta_error``, as the response of a target has, the root mean square of ``delta_error`` over the root mean
-        square of δ is the model's error, for each state. Where ``readable`` is False the converter cannot read a state,
-        and its δ determines nothing.
+        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state.
+        The attribute ``noise`` and the variable ``common_noise`` (drift_cause, state) are the
+        model's noise. If it has ``delta_error``, as the response of a target has, the root mean
+        square of ``delta_error`` over the root mean square of δ is the model's error, for each
+        state. Where ``readable`` is False the converter cannot read a state, and its δ determines
+        nothing.
     zero_plane : bool
-        Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth without the depth 0. Not
-        for the table of a target, whose distances take the place of depths.
+        Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth
+        without the depth 0. Not for the table of a target, whose distances take the place of
+        depths.
 
     Returns
     -------
@@ -348,8 +289,9 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     Raises
     ------
     LocalizeError
-        A dataset without ``delta`` or with other dimensions, values that are not finite, coordinates that do not rise,
-        2 or 3 positions along x or y, a single position and depth, a depth below 0, states that share a name.
+        A dataset without ``delta`` or with other dimensions, values that are not finite,
+        coordinates that do not rise, 2 or 3 positions along x or y, a single position and depth, a
+        depth below 0, states that share a name.
 
     Notes
     -----
@@ -389,7 +331,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
-    """Return δ and its axes x, y and depth, checked. δ has the axes x, y, depth, state."""
+    """Return checked δ (x, y, depth, state) and its axes."""
     delta = response["delta"].transpose("x", "y", "depth", "state").values
     x, y, depth = (response[name].values for name in PARAMETERS)
     for name, axis in (("x", x), ("y", y)):
@@ -405,13 +347,12 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
 def table_grid(
     design: Design, *, spacing: float | None = None, deepest: float | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose positions of a response that are close enough together for the splines of a forward model.
+    """Choose depths and positions in m for a table.
 
-    By default `spacing`, the largest distance in m, is a fifth of the thickness of all sheets, which leaves errors of
-    less than 1e-6 in δ between the positions (gast2020), and `deepest` is 1.7 times the greatest depth of the design,
-    since noise must not push a reading out of the table. Returns depths, x and y (n,) in m. x and y count from the
-    map's origin and cover all coils, as far as the contact at the greatest depth stays on the sample. Raises
-    ElastomerError without an indentation, and LocalizeError for a sample that leaves no room over the coils.
+    By default `spacing` is a fifth of the thickness of all sheets, which leaves errors of less than
+    1e-6 in δ between the positions (gast2020). `deepest` is 1.7 times the greatest depth of the
+    design, since noise must not push a reading out of the table. Positions count from the map's
+    origin and cover all coils, as far as the contact at the greatest depth stays on the sample.
     """
     setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing
@@ -431,10 +372,8 @@ def table_grid(
 def table_for(design: Design, *, network: Network | None = None, progress: Progress | None = None) -> xr.Dataset:
     """Compute the response at the positions of `table_grid`.
 
-    It is the table for `forward_model` and takes 10 s for the six coils of gast2020. The default network of coils,
-    switches and strays is the same as for `response_map`. For a design with a target and no indentation it is the
-    target's map at the positions and distances of the design. Raises ElastomerError for arguments that `response_map`
-    refuses, and MetalError for those that `target_map` refuses.
+    It takes 10 s for the six coils of gast2020. For a design with a target and no indentation it is
+    the target's map at the positions and distances of the design.
     """
     if design.indentation is None and design.target is not None:
         return target_map(design, network=network, progress=progress)

@@ -1,12 +1,12 @@
-"""Fisher information and Cramér–Rao bound of position and depth, with a map over the board.
+"""Fisher information and Cramér–Rao bound of position and depth.
 
 For Gaussian noise of known covariance Σ in δ, and J the derivatives of the model by the unknowns,
 
     F = Jᵀ Σ⁻¹ J,      cov(θ̂) ≥ F⁻¹
 
-for every unbiased estimate (S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 1, sect. 3.9). The bound is
-of first order. On the middle line of a symmetric board δ has no slope across the line. The information is singular
-there, and δ determines y² alone.
+for every unbiased estimate (S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 1, sect.
+3.9). The bound is of first order. On the middle line of a symmetric board δ has no slope across the
+line. The information is singular there, and δ determines y² alone.
 """
 
 from __future__ import annotations
@@ -26,10 +26,8 @@ _SINGULAR = 1e-13  # least eigenvalue of a scaled information, whose entries are
 def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> FloatArray:
     """Fisher information of one reading of all states, in 1/m².
 
-    It is about x, y and, if it is unknown, the depth. Shape (…, unknowns, unknowns), for points (…, 3). The noise is
-    the standard deviation of δ, one number or a number for each state, independent from state to state. By default it
-    is the model's noise, including its common part. The table's error counts, and states that the converter cannot read
-    do not. Raises LocalizeError for arguments that `ForwardModel.jacobian` and `checked_noise` refuse.
+    The shape is (…, unknowns, unknowns) for points (…, 3) in m. A given noise is independent from
+    state to state. The table's error counts, and states that the converter cannot read do not.
     """
     at = np.asarray(points, dtype=np.float64)
     scaled = whitening_of(model, noise, model.delta(at), at).slopes(model.jacobian(at))
@@ -37,13 +35,10 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
 
 
 def covariance_of(information: FloatArray) -> FloatArray:
-    """Invert Fisher information to covariances in m².
+    """Invert Fisher information (…, n, n) to covariances in m².
 
-    The information (…, n, n) in 1/m² is about x, y and, with n = 3, the depth. If the information is singular to
-    rounding, all variances are infinite and the covariances 0.
+    If the information is singular to rounding, all variances are infinite and the covariances 0.
 
-    Examples
-    --------
     >>> covariance_of(np.array([[4.0, 0.0], [0.0, 0.0]]))
     array([[inf,  0.],
            [ 0., inf]])
@@ -81,11 +76,12 @@ def identifiability(
     Returns
     -------
     xarray.Dataset
-        Dimensions y and x. ``sigma_x``, ``sigma_y`` and, if the depth is unknown, ``sigma_h`` are the least standard
-        deviations in m, infinite where the information is singular. ``condition`` is the ratio of the largest to the
-        least eigenvalue of the information, with x and y in one unit and the depth in its own. It shows how far the
-        unknowns can replace each other, and is infinite where singular. The attributes are depth in m, noise and
-        common_noise of every state.
+        Dimensions y and x. ``sigma_x``, ``sigma_y`` and, if the depth is unknown, ``sigma_h`` are
+        the least standard deviations in m, infinite where the information is singular.
+        ``condition`` is the ratio of the largest to the least eigenvalue of the information, with x
+        and y in one unit and the depth in its own. It shows how far the unknowns can replace each
+        other, and is infinite where singular. The attributes are depth in m, noise and common_noise
+        of every state.
 
     Raises
     ------
@@ -121,10 +117,10 @@ def identifiability(
 
 
 def _scaled_eigen(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenvalues and vectors of the scaled information, rising.
+    """Rising eigenvalues and vectors of the information, and its scale.
 
-    Also returns the scale: one for x and y, one for the depth. With a scale of its own an unknown that does not affect
-    δ beyond rounding would look like any other.
+    x and y have one scale, and the depth another. With a scale of its own an unknown that does not
+    affect δ beyond rounding would look like any other.
     """
     diagonal = np.diagonal(information, axis1=-2, axis2=-1).copy()
     diagonal[..., :2] = diagonal[..., :2].max(axis=-1, keepdims=True)

@@ -1,9 +1,10 @@
-"""Position and depth of an indentation from δ, by maximum likelihood, with all solutions.
+"""Position and depth from δ by maximum likelihood.
 
-For Gaussian noise of known covariance in δ, −2 ln of the likelihood is χ² up to a constant. The relative error of a
-target's table is added to the variances, scaled by the δ of the reading. A `Location` keeps every mode, which is every
-minimum of χ² in the likelihood region {θ : χ²(θ) − min χ² ≤ q}. Here q is the quantile of χ² with as many degrees of
-freedom as unknowns. On a board that is symmetric in y both signs of y are modes.
+For Gaussian noise of known covariance in δ, −2 ln of the likelihood is χ² up to a constant. The
+relative error of a target's table is added to the variances, scaled by the δ of the reading. A
+`Location` keeps every mode, which is every minimum of χ² in the likelihood region {θ : χ²(θ) − min
+χ² ≤ q}. Here q is the quantile of χ² with as many degrees of freedom as unknowns. On a board that
+is symmetric in y both signs of y are modes.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from coilarray.localize.search import refine, starts
 from coilarray.response.interpolation import PARAMETERS
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
-"""Result of a reading: a position in the table, a position on its border (the indenter may be outside), a position
-outside the table or deeper, no position that explains the reading, no indentation beyond the noise, or an invalid
-reading."""
+"""Result of a reading: a position in the table, on its border (the indenter may be outside), or
+outside or deeper, no position that explains the reading, no indentation beyond the noise, or an
+invalid reading."""
 
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
 """δ by the names of the states, or in the order of the model's states."""
@@ -52,26 +53,13 @@ _BLOCK = 1000  # readings solved together, some 10 MB
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """Position that explains a reading, with its uncertainty.
+    """Position in m that explains a reading, with its uncertainty.
 
-    Parameters
-    ----------
-    x, y, depth : float
-        Position and depth in m.
-    information : ndarray, shape (unknowns, unknowns)
-        Fisher information there about x, y and, if it is unknown, the depth, in 1/m².
-    chi_square : float
-        χ² of the residuals.
-    gaussian : bool
-        True if the ellipsoid of the information describes the likelihood. Then χ² rises at the ends of its axes by the
-        expected amount within a factor of 2, and all ends are in the table. If it is False, the region follows from
-        `deviance`.
-    border : tuple of str
-        Names among x, y and depth that are on the border of the table.
-    free : tuple of int
-        Indices of the unknowns among x, y and depth. By default the first.
-    unread : tuple of str
-        States that the converter cannot read there. The information leaves them out.
+    `information` (unknowns, unknowns) is the Fisher information in 1/m². `chi_square` is χ² of the
+    residuals. If `gaussian`, χ² rises at the ends of the axes of the information's ellipsoid by the
+    expected amount within a factor of 2, with all ends in the table. Otherwise the region follows
+    from `deviance`. `border` are coordinates on the border of the table, `free` the unknowns, and
+    `unread` the states that the converter cannot read there.
     """
 
     x: float
@@ -91,20 +79,20 @@ class Mode:
 
     @property
     def covariance(self) -> FloatArray:
-        """Inverse of the information in m², see `covariance_of`. It has the shape (unknowns, unknowns)."""
+        """Inverse of the information in m², see `covariance_of`."""
         return covariance_of(self.information)
 
     @property
     def deviations(self) -> FloatArray:
-        """Standard deviations of x, y and depth in m. They have the shape (unknowns,)."""
+        """Standard deviations (unknowns,) of x, y and depth in m."""
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
     def known_deviations(self) -> tuple[float | None, ...]:
         """Standard deviations of x, y and depth in m.
 
-        They run to the last unknown. A deviation of `UNKNOWN_DEVIATION` or more is None, and so is a coordinate that
-        the table fixes.
+        A deviation of `UNKNOWN_DEVIATION` or more is None, as for a coordinate that the table
+        fixes.
         """
         found = dict(zip(self.unknowns, self.deviations.tolist(), strict=True))
         values = (found.get(k, np.inf) for k in range(max(found) + 1))
@@ -159,12 +147,8 @@ class Location:
 
 
 def location_lines(location: Location) -> list[str]:
-    """Format the verdict and the possible positions as lines.
+    """Format the verdict and the positions, best first, as lines.
 
-    The best position comes first.
-
-    Examples
-    --------
     >>> location_lines(Location("nothing pressed", "nothing is pressed."))
     ['nothing pressed: nothing is pressed.']
     """
@@ -199,15 +183,15 @@ def locate(
     model : ForwardModel
         Model of the board.
     reading : mapping of str to float, or array_like, shape (states,)
-        δ by name, or in the model's order. A coil that is missing or NaN is refused. To locate without it use
-        ``model.select([...])``.
+        δ by name, or in the model's order. A coil that is missing or NaN is refused. To locate
+        without it use ``model.select([...])``.
     noise : array_like, scalar or shape (states,), optional
         Standard deviation of δ. By default the noise of the model.
     confidence : float
         Confidence of the region whose modes are kept.
     alarm : float
-        Least probability of the residuals at which a position still fits, and of the reading itself at which it still
-        counts as noise.
+        Least probability of the residuals at which a position still fits, and of the reading itself
+        at which it still counts as noise.
 
     Returns
     -------
@@ -217,8 +201,9 @@ def locate(
     Raises
     ------
     LocalizeError
-        A reading with states that are unknown or missing, of another length or with a δ that is not between −1 and 1,
-        noise that is not positive, confidence or alarm outside 0 to 1, a model with fewer states than unknowns.
+        A reading with states that are unknown or missing, of another length or with a δ that is not
+        between −1 and 1, noise that is not positive, confidence or alarm outside 0 to 1, a model
+        with fewer states than unknowns.
 
     Examples
     --------
@@ -247,9 +232,8 @@ def locate_all(
 ) -> list[Location]:
     """Find the indentations of many readings, as `locate` does.
 
-    The locations come in the order of the readings, which may be an array (n, states). An invalid reading does not
-    affect the others. If `locate` would raise because of the reading, the verdict is ``"refused"`` and the reason gives
-    the cause.
+    If `locate` would raise because of a reading, its verdict is ``"refused"`` with the cause as the
+    reason.
     """
     results: list[Location | None] = []
     good = []
@@ -273,9 +257,9 @@ def deviance(
 ) -> FloatArray:
     """Rise of χ² at points above the best mode.
 
-    It is χ²(θ) − χ² of the best mode, and a larger value is less likely. The points with a deviance up to the quantile
-    of χ² are the likelihood region. It follows curved valleys and holds all modes, so it keeps its confidence even if
-    the ellipsoids of `Mode.contains` do not.
+    The points with a deviance up to the quantile of χ² are the likelihood region. It follows curved
+    valleys and holds all modes, so it keeps its confidence even if the ellipsoids of
+    `Mode.contains` do not.
 
     Parameters
     ----------
@@ -293,8 +277,8 @@ def deviance(
     Returns
     -------
     ndarray, shape (…,)
-        Dimensionless deviance. Compare it with the quantile of χ² for as many degrees of freedom as unknowns, 7.81 for
-        three.
+        Dimensionless deviance. Compare it with the quantile of χ² for as many degrees of freedom as
+        unknowns, 7.81 for three.
 
     Raises
     ------
@@ -349,9 +333,10 @@ def _solve_block(
 def _modes(
     model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float
 ) -> Iterator[tuple[tuple[Mode, ...], float]]:
-    """Find the minima of χ² in the likelihood region of every reading, best first.
+    """Find the minima of χ² of every reading, best first.
 
-    The number beside the modes is the fall of χ² beyond the border of the table, if the model were linear there.
+    They are in the likelihood region. The number beside the modes is the fall of χ² beyond the
+    border of the table, if the model were linear there.
     """
     quantile = float(chdtri(model.unknowns, 1 - confidence))
     of_readings = whitening_of(model, noise, readings)
@@ -400,7 +385,7 @@ def _is_gaussian(
     weights: Whitening,
     quantile: float,
 ) -> BoolArray:
-    """Test whether χ² rises as expected at the ends of every ellipsoid's axes, all in the table."""
+    """Test whether χ² rises as expected along every ellipsoid's axes."""
     scale = np.sqrt(np.maximum(np.diagonal(fisher, axis1=1, axis2=2), _LEAST))
     values, vectors = np.linalg.eigh(fisher / (scale[:, :, None] * scale[:, None, :]))
     axes = vectors / scale[:, :, None] * np.sqrt(quantile / np.maximum(values, _LEAST))[:, None, :]
@@ -439,7 +424,7 @@ def _judged(modes: tuple[Mode, ...], pressure: float, states: int, alarm: float)
 
 
 def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
-    """Return δ of a reading in the states' order. Shape (states,). Raises LocalizeError as `locate`."""
+    """Return δ (states,) of a reading in the states' order."""
     if isinstance(reading, Mapping):
         for name in reading:
             if name not in states:

@@ -1,7 +1,8 @@
-"""Detection of press events in a stream of δ, despite noise and slow drift.
+"""Detection of presses in δ, despite noise and slow drift.
 
-At rest δ follows a straight line in time, fitted to the latest seconds, so that drift is not detected as a press. A
-deviation from the line beyond the noise is a press. It ends when little of the deviation remains.
+At rest δ follows a straight line in time, fitted to the latest seconds, so that drift is not
+detected as a press. A deviation from the line beyond the noise is a press. It ends when little of
+the deviation remains.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ if TYPE_CHECKING:  # takes a second to load and is not needed without a model
     from coilarray.localize.inverse import Location
 
 FALSE_ALARM = 1e-9
-"""Probability that noise alone makes a scan the begin of a press, once in four months at 100 scans/s."""
+"""Probability that noise alone begins a press in a scan, once in four months at 100 scans/s."""
 
 REMAINS = 0.25
-"""Part of the largest deviation of a press below which it has ended, so that an unsteady finger does not end it."""
+"""Part of the largest deviation of a press below which it has ended, so that an unsteady finger
+does not end it."""
 
 _MEMORY = 5.0  # s over which the line at rest is fitted, or the number of scans in the baseline if they take longer
 _AVERAGED = 200  # scans over which the noise is averaged
@@ -48,8 +50,6 @@ class Press:
 def baseline_text(scans: int) -> str:
     """Return the text that the baseline needs more scans.
 
-    δ is not known until then.
-
     >>> baseline_text(2)
     'baseline: scans without an indentation still wanted: 2'
     """
@@ -59,23 +59,18 @@ def baseline_text(scans: int) -> str:
 class PressDetector:
     """Detector of presses in the δ of successive scans.
 
-    Parameters
-    ----------
-    baseline : sequence of (float, mapping of str to float)
-        Times in s and δ of scans at rest, at least two. Their states are followed.
-    number : int
-        Number of the last press before.
+    `baseline` has times in s and δ of at least two scans at rest. `number` is the last press
+    before.
 
-    Notes
-    -----
-    With n values in a scan, the mean of the n squared deviations from the line over their variance has Fisher's F
-    distribution of n and ν degrees of freedom at rest, if σ² is estimated with ν. The threshold is its quantile at
-    `FALSE_ALARM`. The variance is σ² (1 + h), where h is the variance of the line itself, which grows while the line is
-    continued through a press. σ² is estimated from differences of successive scans at rest, in which a drift cancels
-    (J. von Neumann, Ann. Math. Statist. 12, 1941, 367). The line is fitted by least squares with weights exp(−age/5 s)
-    (R. G. Brown, Smoothing, Forecasting and Prediction, 1963). If a press ends off the line, the line restarts from as
-    many successive scans on a common line as the baseline has. Until then the next press must be four times as large as
-    the remaining deviation.
+    With n values in a scan, the mean of the n squared deviations from the line over their variance
+    has Fisher's F distribution of n and ν degrees of freedom at rest, if σ² is estimated with ν.
+    The threshold is its quantile at `FALSE_ALARM`. The variance is σ² (1 + h), where h is the
+    variance of the line itself, which grows while the line is continued through a press. σ² is
+    estimated from differences of successive scans at rest, in which a drift cancels (J. von
+    Neumann, Ann. Math. Statist. 12, 1941, 367). The line is fitted by least squares with weights
+    exp(−age/5 s) (R. G. Brown, Smoothing, Forecasting and Prediction, 1963). If a press ends off
+    the line, the line restarts from as many successive scans on a common line as the baseline has.
+    Until then the next press must be four times as large as the remaining deviation.
     """
 
     def __init__(self, baseline: Sequence[tuple[float, Mapping[str, float]]], number: int = 0) -> None:
@@ -95,8 +90,7 @@ class PressDetector:
     def take(self, time: float, delta: Mapping[str, float], location: Location | None = None) -> Press | None:
         """Return the press during a scan or ending with it.
 
-        None at rest. `time` is in s. `delta` has the δ of all states with a value, and `location` is the position that
-        they give.
+        `time` is in s. `location` is the position that `delta` gives.
         """
         values = self._row(delta)
         self._line.advance(time)
@@ -130,7 +124,7 @@ class PressDetector:
         return np.array([delta.get(name, math.nan) for name in self._names])
 
     def _deviation(self, line: _Line, values: FloatArray) -> tuple[FloatArray, float, float]:
-        """Return deviations from a line, their rms and its limit. Noise does not reach the limit."""
+        """Return deviations from a line, their rms and its limit."""
         expected, uncertainty = line.now()
         known = np.isfinite(values) & np.isfinite(expected)
         off = (values - expected)[known]
@@ -152,7 +146,10 @@ class PressDetector:
             self._freedom = before + more
 
     def _begin_anew(self, time: float, values: FloatArray) -> None:
-        """Add a scan off the line to a new line. The new line replaces the old line when it has enough scans."""
+        """Add a scan off the line to a new line.
+
+        The new line replaces the old line when it has enough scans.
+        """
         self._fresh.advance(time)
         _, deviation, limit = self._deviation(self._fresh, values)
         if deviation > limit:
@@ -164,7 +161,7 @@ class PressDetector:
 
 
 class _Line:
-    """Weighted straight lines in time through δ of some states. They are stored as sums about the present."""
+    """Weighted lines in time, as sums about the present."""
 
     def __init__(self, states: int) -> None:
         self.count = 0
@@ -173,7 +170,7 @@ class _Line:
         self._sums = np.zeros((5, states))  # of w, w u, w u², w δ and w u δ with u = time − present
 
     def advance(self, time: float) -> None:
-        """Advance to a time in s; one that is not later, after a restart of the board, counts as the same."""
+        """Advance to a time in s, never backwards."""
         self.step = step = max(time - self._time, 0.0) if math.isfinite(self._time) else 0.0
         self._time = time
         weight, first, second, one, moment = self._sums
@@ -182,7 +179,7 @@ class _Line:
         moment -= step * one
 
     def add(self, values: FloatArray, kept: float) -> None:
-        """Add the present δ of all states, NaN without a value; earlier weights are multiplied by `kept`."""
+        """Add the present δ, after multiplying earlier weights by `kept`."""
         self.count += 1
         known = np.isfinite(values)
         self._sums *= kept
@@ -190,7 +187,7 @@ class _Line:
         self._sums[3] += np.where(known, values, 0.0)
 
     def now(self) -> tuple[FloatArray, FloatArray]:
-        """Return the present values and their variances, in variances of a δ; NaN for fewer than two times."""
+        """Return the present values and variances, NaN before two times."""
         weight, first, second, one, moment = self._sums
         spread = weight * second - first**2
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,16 +1,18 @@
-"""Search for the most likely positions: a scan of the table and a refinement.
+"""Search for likely positions: table scan and refinement.
 
-Both minimise χ²(θ) = |W (δ − model(θ))|², which is −2 ln of the likelihood up to a constant, for many readings at once.
-W is the whitening of `coilarray.localize.forward`. The refinement is by least squares.
+Both minimise χ²(θ) = |W (δ − model(θ))|², which is −2 ln of the likelihood up to a constant, for
+many readings at once. W is the whitening of `coilarray.localize.forward`.
 
-The scan examines the cells of the table. Around the centre θ_c of a cell the model is taken as linear, and a step u
-away from the centre, in sizes of the cell, costs |u|². The minimum over u has a closed form,
+The scan examines the cells of the table. Around the centre θ_c of a cell the model is taken as
+linear, and a step u away from the centre, in sizes of the cell, costs |u|². The minimum over u has
+a closed form,
 
-    min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,      e = W (δ − model(θ_c)),      Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
+    min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,   e = W (δ − model(θ_c)),   Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
 
-so that the scan also finds narrow valleys that pass between the centres. The refinement is the method of Levenberg and
-Marquardt with Nielsen's rule for the damping (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least
-Squares Problems, 2004, sect. 3.2) inside the bounds of the table.
+so that the scan also finds narrow valleys that pass between the centres. The refinement is the
+method of Levenberg and Marquardt with Nielsen's rule for the damping (K. Madsen, H. B. Nielsen, O.
+Tingleff, Methods for Non-Linear Least Squares Problems, 2004, sect. 3.2) inside the bounds of the
+table.
 """
 
 from __future__ import annotations
@@ -40,10 +42,10 @@ _LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state witho
 class Scan:
     """Cells of the table, with a linear model around each.
 
-    `shape` has the numbers of cells along x, y and depth, and `free` their unknowns. `size`, shape (unknowns,), is the
-    size of a cell in m, and `centres`, shape (cells, 3), are in m. `scaled` (cells, states) is W times the model at the
-    centre. `slopes` (cells, states, unknowns) is W times its change over a cell, J. `forms` (1 + unknowns, states,
-    cells) has `scaled` and the columns of Q.
+    `shape` has the numbers of cells along x, y and depth. `size` (unknowns,) of a cell and
+    `centres` (cells, 3) are in m. `scaled` (cells, states) is W times the model at the centre, and
+    `slopes` (cells, states, unknowns) W times its change over a cell, J. `forms` (1 + unknowns,
+    states, cells) has `scaled` and the columns of Q.
     """
 
     shape: tuple[int, int, int]
@@ -55,7 +57,7 @@ class Scan:
     forms: FloatArray
 
     def badness(self, readings: FloatArray) -> FloatArray:
-        """Compute |e|² − |Qᵀe|² of every cell, shape (n, *shape), for whitened readings (n, states)."""
+        """Compute |e|² − |Qᵀe|² (n, *shape) for whitened readings."""
         offsets = np.einsum("fsc,cs->fc", self.forms, self.scaled)
         along = np.tensordot(readings, self.forms, axes=(1, 1))
         total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
@@ -91,9 +93,8 @@ def starts(
 ) -> tuple[IntArray, FloatArray]:
     """Find positions to refine, the best local minima of cells.
 
-    A cell counts if it is better than its neighbours in x and y. Readings (n, states) come with a noise and their
-    weights. Returns points (m, 3) in m, not yet inside the bounds, and their owner (m,). The owner is the index of the
-    reading of a start, rising. Every reading has at least one start.
+    A cell counts if it is better than its neighbours in x and y. Returns points (m, 3) in m, not
+    yet inside the bounds, and the rising index (m,) of their reading, which has at least one start.
     """
     alike = weights.deviations.ndim == 1  # else every reading has its own weights and its own scan
     scaled, size = weights.residuals(readings), _BLOCK if alike else 1
@@ -131,9 +132,8 @@ def refine(
 ) -> tuple[FloatArray, FloatArray]:
     """Minimise χ² from every start.
 
-    There is one row of points (m, 3) in m and of readings (m, states) for each start. `weights` is one for all, or has
-    a row for each as well. Starts outside the table begin on its border. Returns the points, inside the table or on its
-    border, and their χ².
+    Each start has a row of points (m, 3) in m and of readings (m, states). Starts outside the table
+    begin on its border. Returns the points and their χ².
     """
     free = model.free
     unit, low, high = _units(model), model.lower[free], model.upper[free]
@@ -167,7 +167,7 @@ def refine(
 def _step(
     A: FloatArray, e: FloatArray, damping: FloatArray, at_low: BoolArray, at_high: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Damped step in units within the bounds, and the fall of χ² that the linear model predicts."""
+    """Damped step in units within bounds, and its predicted fall."""
     g, H = np.einsum("nsi,ns->ni", A, e), A.swapaxes(1, 2) @ A
     held = (at_low & (g < 0)) | (at_high & (g > 0))
     g[held] = 0
@@ -179,7 +179,7 @@ def _step(
 
 
 def _units(model: ForwardModel) -> FloatArray:
-    """Lengths in m in which the parameters are comparable. x and y have the same length."""
+    """Lengths in m in which the parameters are comparable."""
     span = model.upper - model.lower
     side = min((length for length in span[:2].tolist() if length), default=0.0)
     return _UNIT * np.array([side, side, span[2]])[model.free]
@@ -188,7 +188,7 @@ def _units(model: ForwardModel) -> FloatArray:
 def _residuals(
     model: ForwardModel, readings: FloatArray, points: FloatArray, weights: Whitening, unit: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Whitened residuals, and whitened slopes per unit. They are multiplied by W. The slopes are the model's."""
+    """Whitened residuals, and whitened slopes of the model per unit."""
     delta, jacobian = model.linear(points)
     return weights.residuals(readings - delta), weights.slopes(jacobian) * unit
 

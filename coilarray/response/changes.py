@@ -1,4 +1,4 @@
-"""Changes of all coils by dents, by the metal of an indenter and by a target, and their way through the circuit.
+"""Changes of all coils by dents, metal and targets.
 
 Every change is ΔL − jΔR/ω in H over frequency, for all depths or distances and places in a row.
 """
@@ -40,12 +40,12 @@ _POSITIONS = 1000  # in a part of a map, which is kept and holds a single depth
 
 
 def constant_change(values: FloatArray | ComplexArray) -> ChangeOverFrequency:
-    """Return changes (cases, n, n) in H that are the same at all frequencies."""
+    """Return changes (cases, n, n) in H at all frequencies."""
     return ChangeOverFrequency(FrequencyBand(1.0, 1.0), values[:, None])
 
 
 def plus(change: ChangeOverFrequency, by: FloatArray | ComplexArray) -> ChangeOverFrequency:
-    """Add the same changes (cases, n, n) in H at all frequencies."""
+    """Add changes (cases, n, n) in H at all frequencies."""
     return replace(change, values=change.values + by[:, None])
 
 
@@ -56,10 +56,10 @@ def through_circuit(
     *,
     at_own_frequency: bool = False,
 ) -> dict[str, FloatArray]:
-    """Solve every state with every change, from its resonance in the network alone.
+    """Solve every state with every change, from its resonance.
 
-    The change is taken at the frequency of the network alone, or of each case. The quantities have shape (cases,
-    states): ``delta``, and the quantities of a `Resonance` by name.
+    The change is taken at the frequency of the network alone, or of each case. ``delta`` and the
+    quantities of a `Resonance` have shape (cases, states).
     """
     L = network.inductance
     cases = len(change.values)
@@ -101,9 +101,9 @@ def dent_changes(
     keep: Keep,
     progress: Progress | None,
 ) -> ChangeOverFrequency:
-    """Compute the changes of all paths by dents, at all depths and places in a row.
+    """Compute the changes by dents at all depths and places.
 
-    Without plates below the paths the change is real and the same at all frequencies. `keep` keeps finished parts.
+    Without plates below the paths the change is real and the same at all frequencies.
     """
     backings = backings_of(source, plates, band.nodes.tolist(), pressed.sheets)
     if not backings:
@@ -123,7 +123,7 @@ def _over_backing(
     keep: Keep,
     progress: Progress | None,
 ) -> FloatArray | ComplexArray:
-    """Compute the changes (cases, n, n) in H over one backing, one depth and 1000 places at a time."""
+    """Compute the changes (cases, n, n) in H over backing."""
     blocks = [slice(*block) for block in ranges(len(pressed.points), _POSITIONS)]
     parts = [(k, block) for k in range(len(pressed.axes.depth)) for block in blocks]
     paths = [conductor.vertices for conductor in as_conductors(source)]
@@ -155,7 +155,7 @@ def _compute_part(
     backing: Backing | None,
     progress: Progress | None,
 ) -> xr.Dataset:
-    """Inductance changes of one depth at some places, and beside plates ΔR/ω in H as ``loss``."""
+    """Inductance changes at one depth, with ΔR/ω beside plates."""
     groups = together(levels)
     by_group = [
         changes_by_levels(source, group, points, mesh, backing, part_of(progress, k, len(groups)))[0]
@@ -172,7 +172,7 @@ def _compute_part(
 def changes_by_bounds(
     pressed: Experiment, source: Source, mesh: LayerMesh, backing: Backing | None
 ) -> ComplexArray | complex:
-    """Inductance changes ΔL − jΔR/ω in H by a sample's sides and seat, 0 for a wide sample."""
+    """Compute ΔL − jΔR/ω in H by a sample's bounds."""
     if pressed.correction is None:
         return 0j
     places = pressed.points - pressed.origin
@@ -187,9 +187,10 @@ def changes_by_levels(
     backing: Backing | None,
     progress: Progress | None,
 ) -> FloatArray | ComplexArray:
-    """Compute the changes (depths, places, coils, coils) in H by level samples of the same sheets.
+    """Compute the changes in H by level samples.
 
-    The change is ΔL, or ΔL − jΔR/ω with a backing.
+    All samples have the same sheets. The change (depths, places, coils, coils) is ΔL, or ΔL − jΔR/ω
+    with a backing.
     """
     dents = [dent for level in levels for dent in level.dents]
     accuracy = mesh.coarser() if levels[0].coarse else mesh
@@ -216,10 +217,10 @@ def metal_share(
     rest: float,
     mesh: LayerMesh,
 ) -> ComplexArray:
-    """Share (cases, coils, coils) of the indenter's material in the changes in H, relative to the indenter at rest.
+    """Share of the indenter's material in the changes in H.
 
-    The dents are for wide sheets. The contribution of a finite sample to them is left out, and its effect on the share
-    is not known.
+    The shape is (cases, coils, coils), relative to the indenter at rest. The dents are for wide
+    sheets. The effect of a finite sample on the share is not known.
     """
     total: ComplexArray | float = 0.0
     outlined = outlined_below(source, plates, [frequency], pressed.sheets)
@@ -247,14 +248,15 @@ def target_changes(
     keep: Keep,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """ΔL − jΔR/ω in H of a target at all distances and places.
+    """Compute ΔL − jΔR/ω in H of a target.
 
-    The shape is (3, distances, places, frequencies, coils, coils). Along the first axis are the change, its error, and
-    the part of the mesh in this error. The errors are 0 for bodies other than plates.
+    The shape is (3, distances, places, frequencies, coils, coils). Along the first axis are the
+    change, its error, and the part of the mesh in this error. The errors are 0 for bodies other
+    than plates.
     """
     places = axes.places + target.origin_point
-    # A plate with an outline between layers is solved again at every distance. Otherwise the most costly part serves
-    # all distances.
+    # A plate with an outline between layers is solved again at every distance. Otherwise the most
+    # costly part serves all distances.
     apart = isinstance(target.body, FinitePlate) and (bool(plates) or any(sheet.magnetic for sheet in sheets))
     distances = axes.depth.tolist()
     blocks = [[one] for one in distances] if apart else [distances]

@@ -1,6 +1,7 @@
-"""Dataset of a response: its schema, its positions on the board, and the states to show first.
+"""Dataset of a response: schema, positions and main states.
 
-The response may be computed, measured, of a target, or of another program. A map counts positions from its origin.
+The response may be computed, measured, of a target, or of another program. A map counts positions
+from its origin.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from coilarray.geometry import Target
 
 ELLIPSE_WINDOW = "ellipse_window"
-"""Attribute of a map for the window (x_min, y_min, x_max, y_max) in m to which ellipses are fitted."""
+"""Attribute of a map for the window (x_min, y_min, x_max, y_max) in m to which ellipses are
+fitted."""
 
 _BOARD = "board"
 _NEAR = 1e-9  # m
@@ -30,7 +32,7 @@ _PICOMETRE = 12  # digits of m, for the sum of a shift and a number of few digit
 
 
 def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
-    """Return the attributes for the origin of a response: its name, and x and y in m."""
+    """Return the origin's name, x and y as attributes."""
     x, y = setup.origin_point
     return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
 
@@ -45,7 +47,7 @@ def map_coordinates(
 ) -> dict[str, Any]:
     """Return the coordinates of places, states and coils.
 
-    Places `x` and `y` in m count from the map's origin, the coils' `centres` (coils, 2) from the board's origin.
+    Places count from the map's origin, and `centres` (coils, 2) from the board's, in m.
     """
     return {
         "y": ("y", y, {"units": "m"}),
@@ -57,7 +59,7 @@ def map_coordinates(
 
 
 def coil_coordinates(setup: Indentation | Target | None, coils: Sequence[str], centres: FloatArray) -> dict[str, Any]:
-    """Return the coordinates of the coils in a map, with `centres` from the board's origin."""
+    """Return the map's coordinates of coils, centred on the board."""
     from_origin = centres - map_origin(setup)
     return {
         "coil": list(coils),
@@ -67,25 +69,24 @@ def coil_coordinates(setup: Indentation | Target | None, coils: Sequence[str], c
 
 
 def map_origin(setup: Indentation | Target | None) -> tuple[float, float]:
-    """Return the origin x, y in m of a map on the board, the board's own without a setup."""
+    """Return the origin of a map on the board."""
     return (0.0, 0.0) if setup is None else setup.origin_point
 
 
 def from_board(positions: Iterable[float], origin: float) -> tuple[float, ...]:
-    """Return positions on the board in m along one axis, counted from a map's `origin` in m."""
+    """Return positions on the board from a map's origin."""
     return tuple(round(float(position) - origin, _PICOMETRE) for position in positions)
 
 
 def origin_of(response: xr.Dataset) -> tuple[float, float]:
-    """Return the origin x, y of a response on the board in m, zero if it does not state them."""
+    """Return a response's origin on the board, by default zero."""
     return float(response.attrs.get("origin_x", 0.0)), float(response.attrs.get("origin_y", 0.0))
 
 
 def on_board(response: xr.Dataset) -> xr.Dataset:
-    """Return a response with positions and centres of coils from the board's origin.
+    """Return a response that counts from the board's origin.
 
-    A response that already counts from there is returned itself. A response of an earlier version that counts from a
-    coil and does not state the coil's place raises a LocalizeError.
+    A response of an earlier version, whose origin coil has no place, raises a LocalizeError.
 
     >>> from coilarray import load_design
     >>> from coilarray.response.map import response_map
@@ -118,7 +119,7 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
 
 
 def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:
-    """Return the part of a map for fitting ellipses, the whole map without a window."""
+    """Return the part of a map for fitting ellipses."""
     window = response.attrs.get(ELLIPSE_WINDOW)
     if window is None:
         return response
@@ -129,29 +130,29 @@ def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:
 
 
 def is_of_target(response: xr.Dataset) -> bool:
-    """Return whether a response is over a target's distance, not over the depth of an indentation."""
+    """Return whether a response is over a target's distance."""
     return "distance" in response.dims
 
 
 def as_depths(response: xr.Dataset) -> xr.Dataset:
-    """Return a target's map in the form of an indentation's, its distances as depths, the nearest last."""
+    """Return a target's map with distances as depths, nearest last."""
     if not is_of_target(response):
         return response
     return over_depth(response.isel(distance=slice(None, None, -1)))
 
 
 def over_depth(response: xr.Dataset) -> xr.Dataset:
-    """Return a target's map with its distances called depths, in their order."""
+    """Return a target's map with distances named depths, unsorted."""
     return response.rename(distance="depth").assign_attrs(over="distance") if is_of_target(response) else response
 
 
 def depth_words(response: xr.Dataset, depth: int) -> str:
-    """Return a depth of a response in words, for example "1 mm deep", or "1 mm away" for a target."""
+    """Return a depth in words, such as "1 mm deep"."""
     return f"{MM.text(response.depth[depth])} {'away' if response.attrs.get('over') == 'distance' else 'deep'}"
 
 
 def axis_label(response: xr.Dataset, axis: str) -> str:
-    """Return the label of an axis of positions in mm, with the coil from which they count, if any."""
+    """Return the label of an axis of positions in mm."""
     name = response.attrs.get("origin", _BOARD)
     if name != _BOARD:
         return f"{axis} from {name} (mm)"
@@ -231,32 +232,33 @@ def middle_state(response: xr.Dataset) -> str:
 
 
 def answering_states(response: xr.Dataset, most: int) -> list[int]:
-    """Return the rising numbers of responding states nearest to the map's middle, at most `most`.
+    """Return at most `most` responding states nearest to the middle.
 
-    The place of a state is the position of its largest |δ| for the deepest dent. A state responds if it reaches a
-    quarter of the strongest state.
+    The place of a state is the position of its largest |δ| for the deepest dent. A state responds
+    if it reaches a quarter of the strongest state.
     """
     return sorted(_middle_first(response)[:most])
 
 
 def _middle_first(response: xr.Dataset) -> list[int]:
-    """Numbers of all states from the middle outwards, the responding states first."""
+    """All states from the middle outwards, the responding states first."""
     size = np.abs(response.delta.isel(depth=-1).transpose("y", "x", "state").values)
     size = np.nan_to_num(size).reshape(-1, response.sizes["state"])
     y, x = np.meshgrid(response.y.values, response.x.values, indexing="ij")
     peak, at = size.max(axis=0), size.argmax(axis=0)
     middle = [(axis.min() + axis.max()) / 2 for axis in (x, y)]
     distance = np.hypot(x.ravel()[at] - middle[0], y.ravel()[at] - middle[1])
-    # Of equally near states, the state with the larger peak or the first is taken. A symmetric board is symmetric only
-    # to the mesh's error.
+    # Of equally near states, the state with the larger peak or the first is taken. A symmetric
+    # board is symmetric only to the mesh's error.
     order = np.lexsort((-(peak / (peak.max() or 1.0)).round(2), distance.round(9), peak < _ANSWERS * peak.max()))
     return [int(k) for k in order]
 
 
 def main_line(response: xr.Dataset, along: Literal["x", "y"], state: str | None = None) -> int:
-    """Return the number of the line along an axis with the largest |δ| of the deepest dent.
+    """Return the line along an axis with the largest |δ|.
 
-    The state is the middle state by default. Of equal lines the nearest to the middle of the map is taken.
+    It is the |δ| of the deepest dent in the middle state by default. Of equal lines the nearest to
+    the middle of the map is taken.
     """
     across = "y" if along == "x" else "x"
     of = response.delta.isel(depth=-1).sel(state=middle_state(response) if state is None else state)
@@ -267,7 +269,7 @@ def main_line(response: xr.Dataset, along: Literal["x", "y"], state: str | None 
 
 
 def coils_outside(response: xr.Dataset) -> list[str]:
-    """Return the names of coils whose centres are outside a map's positions."""
+    """Return the coils whose centres are outside a map."""
     outside = np.zeros(response.sizes["coil"], dtype=np.bool_)
     for axis in ("x", "y"):
         at, centres = response[axis].values, response[f"coil_{axis}"].values

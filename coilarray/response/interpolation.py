@@ -1,12 +1,12 @@
 """Interpolation of responses over position and depth.
 
-The interpolant is a tensor product of cubic splines. Its values and derivatives cost the same everywhere, and the
-derivatives are exact for the interpolated function:
+The interpolant is a tensor product of cubic splines, whose derivatives are exact:
 
     v(x, y, h) = Σ_ijk c_ijk B_i(x) B_j(y) B_k(h).
 
-The depth may enter by its root, with zero slope at 0. Every blunt or sharp body presses with a power of the depth of at
-least 1, so that a change begins with the second power of the root or a higher power.
+The depth may enter by its root, with zero slope at 0. Every blunt or sharp body presses with a
+power of the depth of at least 1, so that a change begins with the second power of the root or a
+higher power.
 """
 
 from __future__ import annotations
@@ -35,9 +35,8 @@ _ROUNDING = 1e-12  # m
 class ResponseSpline:
     """Values over position and depth, with derivatives.
 
-    `x`, `y` and `depth` (n,) in m are the coordinates at which the response is known. A coordinate with a single value
-    is taken as known, and has no effect at a point. `spline` is over the coordinates with more values, and over the
-    root of the depth if `in_root` is set.
+    A coordinate (n,) in m with a single value has no effect at a point. `spline` is over the other
+    coordinates, and over the root of the depth if `in_root` is set.
     """
 
     x: FloatArray
@@ -58,18 +57,19 @@ class ResponseSpline:
 
     @property
     def free(self) -> list[int]:
-        """Numbers of the coordinates among x, y and depth with more than one value."""
+        """Numbers of the coordinates with more than one value."""
         return [k for k, axis in enumerate((self.x, self.y, self.depth)) if len(axis) > 1]
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns: 3 for x, y and depth, or 2 if the table has one depth."""
+        """Number of unknowns, 2 if the table has one depth."""
         return len(self.free)
 
     def outside(self, points: FloatArray) -> tuple[int, float] | None:
-        """Return number and value in m of the first coordinate of points (…, 3) outside the table, or None.
+        """Return the first coordinate outside the table, and its value.
 
-        A picometre beyond the edge counts as rounding, as for places counted from another origin.
+        Points (…, 3) are in m. A picometre beyond the edge counts as rounding, as for places
+        counted from another origin.
         """
         free = self.free
         low, high = self.lower[free] - _ROUNDING, self.upper[free] + _ROUNDING
@@ -79,7 +79,7 @@ class ResponseSpline:
         return free[int(np.argwhere(~inside)[0][-1])], float(points[..., free][~inside][0])
 
     def values_at(self, points: FloatArray, axis: int | None = None) -> FloatArray:
-        """Interpolate at points (…, 3) in m, or differentiate by the unknown `axis`, as `free` counts them."""
+        """Interpolate at points (…, 3), or differentiate by an unknown."""
         orders = np.zeros(self.unknowns, dtype=int)
         if axis is not None:
             orders[axis] = 1
@@ -92,12 +92,13 @@ class ResponseSpline:
 def response_spline(
     x: FloatArray, y: FloatArray, depth: FloatArray, values: FloatArray, *, zero_plane: bool, in_root: bool = False
 ) -> ResponseSpline:
-    """Interpolate values (x, y, depth, …) by cubic splines over rising coordinates (n,) in m.
+    """Interpolate values (x, y, depth, …) by cubic splines.
 
-    In x and y, with one or at least 4 positions each, the spline is cubic with C. de Boor's not-a-knot ends (A
-    Practical Guide to Splines, ch. IV). In depth it is cubic from four planes on, else the polynomial through them.
-    `zero_plane` adds values of 0 at the depth 0 to a table of more than one depth that has none. `in_root` interpolates
-    over the root of the depth, with zero slope at the first root, which must be 0.
+    In x and y, with one or at least 4 positions each, the spline has C. de Boor's not-a-knot ends
+    (A Practical Guide to Splines, ch. IV). In depth it is cubic from four planes on, else the
+    polynomial through them. `zero_plane` adds values of 0 at the depth 0 to a table of more than
+    one depth that has none. `in_root` interpolates over the root of the depth, whose first value
+    must be 0.
     """
     if zero_plane and len(depth) > 1 and depth[0] > 0:
         depth = np.concatenate(([0.0], depth))
@@ -122,10 +123,10 @@ def response_spline(
 
 
 def coil_extent(design: Design) -> FloatArray:
-    """Least and greatest x and y of all coils' outlines in m from the map's origin, shape (2, 2)."""
+    """Extent (2, 2) of all coils from the map's origin."""
     return np.reshape(design.array.outline_bounds, (2, 2)) - indentation_of(design).origin_point
 
 
 def even_row(start: float, stop: float, step: float) -> FloatArray:
-    """Return at least 4 positions in equal steps of at most `step` between two ends."""
+    """Return at least 4 even positions, at most `step` apart."""
     return np.linspace(start, stop, max(LEAST_POSITIONS, math.ceil((stop - start) / step - 1e-9) + 1))

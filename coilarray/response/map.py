@@ -71,7 +71,7 @@ Reach = float | Literal["auto"] | None
 
 @dataclass(frozen=True)
 class MapAccuracy:
-    """Accuracy of a map: the coils that count at a position, and the mesh of the magnetic problem."""
+    """Accuracy of a map: coils that count, and the mesh."""
 
     reach: Reach = None
     mesh: LayerMesh | None = None
@@ -105,21 +105,24 @@ def response_map(
     Parameters
     ----------
     design : Design or DesignFile
-        Design with an indentation. The material of its indenter and its plates count, see the notes.
+        Design with an indentation. The material of its indenter and its plates count, see the
+        notes.
     depths, x, y : array_like, shape (n,), optional
-        Depths and positions of the indenter in m, positions from the map's origin. By default those in the design. A
-        depth below 0 is a height above the sheets, where only the material of an indenter counts.
+        Depths and positions of the indenter in m, positions from the map's origin. By default those
+        in the design. A depth below 0 is a height above the sheets, where only the material of an
+        indenter counts.
     imperfections : Imperfections, optional
         Deviations of the experiment from the design, its circuit included. None by default.
     accuracy : float, "auto", MapAccuracy or None
-        Coils that count at a position. None: every coil, and the resonance of the whole circuit with all inductance
-        changes. A number from 1e-4 to 0.1: only the coils near the indenter, out to a distance that keeps the error of
-        δ below this part of its peak. The cost of a position then does not grow with the array. "auto": None up to 5
-        million inductance changes (depths × positions × coils²), above that 1e-3, unless the indenter has a material
-        or there are plates. A `MapAccuracy` holds such a value and the mesh of the magnetic problem.
+        Coils that count at a position. None: every coil, and the resonance of the whole circuit
+        with all inductance changes. A number from 1e-4 to 0.1: only the coils near the indenter,
+        out to a distance that keeps the error of δ below this part of its peak. The cost of a
+        position then does not grow with the array. "auto": None up to 5 million inductance changes
+        (depths × positions × coils²), above that 1e-3, unless the indenter has a material or there
+        are plates. A `MapAccuracy` holds such a value and the mesh of the magnetic problem.
     keep : callable
-        Keeps the finished parts of a map of all coils, so that an interrupted run goes on from there, for example
-        ``coilarray.compute.store.Store(folder).dataset``.
+        Keeps the finished parts of a map of all coils, so that an interrupted run goes on from
+        there, for example ``coilarray.compute.store.Store(folder).dataset``.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -128,63 +131,73 @@ def response_map(
     xarray.Dataset
         Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil`` and ``other``. The variables are
 
-        - ``delta`` (depth, y, x, state): (L_peak − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C),
+        - ``delta`` (depth, y, x, state): (L_peak − L_0)/L_0 as the converter sees it, with L =
+          1/((2πf)² C),
         - ``base_inductance`` (state): L_0 in H,
         - ``inductance`` (coil, other): in H, with flat sheets,
         - ``force`` in N and ``contact_radius`` in m (depth),
-        - ``coil_x`` and ``coil_y`` (coil): centres in m from the map's origin, which the attributes ``origin_x`` and
-          ``origin_y`` place on the board (`coilarray.response.dataset.on_board`).
+        - ``coil_x`` and ``coil_y`` (coil): centres in m from the map's origin, which the attributes
+          ``origin_x`` and ``origin_y`` place on the board (`coilarray.response.dataset.on_board`).
 
         With every coil also
 
         - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat.
 
-        Unless the circuit is ideal, and for a design with a converter, ``frequency`` in Hz, ``parallel_resistance`` in
-        Ω and ``quality_factor`` (depth, y, x, state), and ``readable`` and the others of
-        `coilarray.circuit.readability.readability`. With only near coils they hold for the flat board, over state.
+        Unless the circuit is ideal, and for a design with a converter, ``frequency`` in Hz,
+        ``parallel_resistance`` in Ω and ``quality_factor`` (depth, y, x, state), and ``readable``
+        and the others of `coilarray.circuit.readability.readability`. With only near coils they
+        hold for the flat board, over state.
 
-        With an indenter whose material counts, ``delta`` and ``inductance_change`` include its effect, and
+        With an indenter whose material counts, ``delta`` and ``inductance_change`` include its
+        effect, and
 
-        - ``metal_delta``, ``metal_inductance_change`` in H and ``metal_resistance_change`` in Ω are the share of the
-          material, relative to the indenter at rest,
-        - the attributes ``indenter_material``, ``metal_frequency_Hz`` and ``rest_m`` give the material, the frequency
-          of these shares and the height at rest.
+        - ``metal_delta``, ``metal_inductance_change`` in H and ``metal_resistance_change`` in Ω are
+          the share of the material, relative to the indenter at rest,
+        - the attributes ``indenter_material``, ``metal_frequency_Hz`` and ``rest_m`` give the
+          material, the frequency of these shares and the height at rest.
 
         Beside plates
 
-        - ``resistance_change`` (depth, y, x, coil, other): in Ω, the change of the losses in the plates by the dent.
-          It and ``inductance_change`` hold at the mean frequency of the states, the attribute ``plate_frequency_Hz``.
-        - ``plate_inductance_change`` and ``plate_resistance_change``: the same over ``plate_frequency`` in Hz.
-          ``delta`` uses the values at the frequency of each state.
+        - ``resistance_change`` (depth, y, x, coil, other): in Ω, the change of the losses in the
+          plates by the dent. It and ``inductance_change`` hold at the mean frequency of the states,
+          the attribute ``plate_frequency_Hz``.
+        - ``plate_inductance_change`` and ``plate_resistance_change``: the same over
+          ``plate_frequency`` in Hz. ``delta`` uses the values at the frequency of each state.
 
-        Attributes: ``noise`` is the standard deviation of δ of a reading by the noise budget of the design, which is
-        not in ``delta``. ``error_of_peak`` is the error that `accuracy` allows, 0 with every coil. With only near coils
-        ``delta`` is 0 for states beyond ``state_cutoff_m``, and currents in coils beyond ``coil_cutoff_m`` are left
-        out. ``lifted_m`` is the largest height by which a sample rises off a seat that it can leave.
+        Attributes: ``noise`` is the standard deviation of δ of a reading by the noise budget of the
+        design, which is not in ``delta``. ``error_of_peak`` is the error that `accuracy` allows, 0
+        with every coil. With only near coils ``delta`` is 0 for states beyond ``state_cutoff_m``,
+        and currents in coils beyond ``coil_cutoff_m`` are left out. ``lifted_m`` is the largest
+        height by which a sample rises off a seat that it can leave.
 
     Raises
     ------
     ElastomerError
-        A design without an indentation, grids that are not finite and rising, a contact that is outside the sample or
-        lost on a tilted sample, an `accuracy` outside its limits or a number with plates or a material.
+        A design without an indentation, grids that are not finite and rising, a contact that is
+        outside the sample or lost on a tilted sample, an `accuracy` outside its limits or a number
+        with plates or a material.
     MetalError
         Plates above the sheets.
     NetworkError
-        A state without a resonance. With a number as `accuracy` also a network with stray capacitances, and states and
-        switches that `coilarray.circuit.state_sensitivity` does not treat.
+        A state without a resonance. With a number as `accuracy` also a network with stray
+        capacitances, and states and switches that `coilarray.circuit.state_sensitivity` does not
+        treat.
 
     Notes
     -----
-    Eq. 2 of Gast & Zimmermann (2020). With every coil each position is solved: contact, dented sheets, and the
-    resonance of the whole circuit with the changed inductance matrix. With near coils δ_a = Re(w_a i_aᵀ ΔL i_a) to
-    first order in ΔL, with the currents of the whole flat board, see `coilarray.response.near`.
+    Eq. 2 of Gast & Zimmermann (2020). With every coil each position is solved: contact, dented
+    sheets, and the resonance of the whole circuit with the changed inductance matrix. With near
+    coils δ_a = Re(w_a i_aᵀ ΔL i_a) to first order in ΔL, with the currents of the whole flat board,
+    see `coilarray.response.near`.
 
-    The eddy currents and the magnetisation of an indenter with a material count at the mean frequency of the states,
-    `coilarray.metal.indenter.indenter_inductance`. Beside plates below the coils, every position includes the field of
-    coils and dent that the plates send back. Their losses count in the resonance. For plates with an outline, only the
-    field of the coils is included. The field of the dent is left out. It would change ΔL by up to 2 % if a dent comes
-    within 1.4 mm of the plate. The change of the coils' capacitance by the elastomer that a dent moves is left out. The
-    converter takes it for a change of L of about 1e-7, for which `coilarray.scan_design` has a bound.
+    The eddy currents and the magnetisation of an indenter with a material count at the mean
+    frequency of the states, `coilarray.metal.indenter.indenter_inductance`. Beside plates below the
+    coils, every position includes the field of coils and dent that the plates send back. Their
+    losses count in the resonance. For plates with an outline, only the field of the coils is
+    included. The field of the dent is left out. It would change ΔL by up to 2 % if a dent comes
+    within 1.4 mm of the plate. The change of the coils' capacitance by the elastomer that a dent
+    moves is left out. The converter takes it for a change of L of about 1e-7, for which
+    `coilarray.scan_design` has a bound.
 
     Examples
     --------
@@ -240,7 +253,8 @@ def response_map(
 
 
 _Solved = tuple[FloatArray, FloatArray, NoiseBudget, dict[str, Variable], dict[str, object]]
-"""δ of all depths, places and states, L_0 (states,) in H, the noise budget, and more variables and attributes."""
+"""δ of all depths, places and states, L_0 (states,) in H, the noise budget, and more variables and
+attributes."""
 
 
 def _near_coils(
@@ -291,7 +305,7 @@ def _all_coils(
     ideal: bool,
     progress: Progress | None,
 ) -> _Solved:
-    """Compute a map with every coil, and the resonance of the whole circuit at every depth and place."""
+    """Compute a map with every coil and the whole circuit."""
     axes, ball = pressed.axes, indentation_of(design).ball
     flats = [resonate(network, state) for state in design.plan]
     band, mean = _band(flats), _mean_frequency(flats)
@@ -334,11 +348,10 @@ def respond(
     inductance_change: FloatArray | None = None,
     ideal: bool = False,
 ) -> xr.Dataset:
-    """Put a computed map of all coils through the circuit again, with another scan plan or other changes.
+    """Put a map of all coils through the circuit again.
 
-    `response` comes from `response_map` with all coils. `inductance_change` (depth, y, x, coil, other) is in H. The
-    result is without noise. A response without inductance changes raises an ElastomerError, a state without a resonance
-    or of an unknown coil a NetworkError.
+    `inductance_change` (depth, y, x, coil, other) is in H. The result is without noise. A response
+    without inductance changes raises an ElastomerError.
     """
     if "inductance_change" not in response:
         raise ElastomerError("a response of only the near coils has no inductance changes; compute it with every coil.")
@@ -382,11 +395,11 @@ def inductance_changes(
     frequency: float | None = None,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Compute the inductance changes (depth, y, x, paths, paths) of a map in H, dented minus flat.
+    """Compute the inductance changes of a map in H.
 
-    The paths are the design's coils by default, but may be any. With a `frequency` in Hz the material of the indenter
-    counts, against the indenter just touching the sheets. Plates count at the mean frequency of the states. Errors for
-    a design, axes or a contact are as in `response_map`.
+    They are dented minus flat, (depth, y, x, paths, paths), for the design's coils by default. With
+    a `frequency` in Hz the material of the indenter counts, against the indenter just touching the
+    sheets. Plates count at the mean frequency of the states.
     """
     ball = None if frequency is None else indentation_of(design).ball
     check_metal(axes, ball)
@@ -427,7 +440,7 @@ def response_dataset(
     more: dict[str, Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
-    """Assemble the dataset of a response δ (…, states) at the axes, for all coils and states or for the named.
+    """Assemble the dataset of a response δ (…, states).
 
     With `per_length` inductances are in H/m and forces in N/m. `more` are additional variables.
     """
@@ -464,7 +477,7 @@ def response_dataset(
 
 
 def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, metal: bool) -> float:
-    """Return the allowed error of δ from near coils, relative to its peak, 0 for every coil."""
+    """Return the allowed error of δ, 0 for all coils."""
     if reach == "auto":
         return 0.0 if metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
@@ -483,7 +496,7 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, metal: bool) -> f
 
 
 def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: float = 0.0) -> None:
-    """Refuse a map that is too large, with `more` bytes per value for metal."""
+    """Refuse a map that is too large."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
     if error:
@@ -510,7 +523,7 @@ def _mean_frequency(flats: Sequence[Resonance]) -> float:
 
 
 def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, Variable]:
-    """Return the loss by plates at the mean frequency, and both changes over frequency."""
+    """Return the loss by plates, and both changes over frequency."""
     matrix, f = (*_PLACES, "coil", "other"), over.band.nodes
     each = np.moveaxis(over.values, 1, 0)
     shape = (*axes.shape, *each.shape[2:])
@@ -527,19 +540,19 @@ def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> d
 
 
 def _sensors(answers: Mapping[str, FloatArray]) -> FloatArray:
-    """Frequencies in Hz and parallel resistances in Ω, shape (2, cases, states)."""
+    """Frequencies in Hz and R_p in Ω, (2, cases, states)."""
     return np.stack((answers["frequency"], answers["parallel_resistance"]))
 
 
 def _sensors_of(flats: Sequence[Resonance]) -> FloatArray:
-    """Frequencies in Hz and parallel resistances in Ω, shape (2, states)."""
+    """Frequencies in Hz and R_p in Ω, shape (2, states)."""
     return np.array([(one.frequency, one.parallel_resistance) for one in flats]).T
 
 
 def _readability(
     design: Design, network: Network, sensors: FloatArray, flat: FloatArray, shape: tuple[int, ...]
 ) -> dict[str, Variable]:
-    """Readability variables of a converter from `_sensors` at positions of a shape and of the flat board.
+    """Readability at positions and for the flat board, from `_sensors`.
 
     Here Q = R_p/(ω L_eff) = ω C R_p, as in `Resonance`.
     """

@@ -1,13 +1,13 @@
 """Response of large arrays from near coils and states only.
 
-At every position only the coils and states near the indenter are computed. A dent changes the inductances of few coils.
-ΔL_aa falls as the sixth power of the distance, so that the response of far states is negligible. In a state a with a
-response, the current of a far coil b meets the dent too, in 2 i_b ΔL_ab, which falls as the third power. So the coils
-whose field counts reach further than the states that respond. The cost of a position depends on the number of near
-coils, not on the size of the array.
+ΔL_aa falls as the sixth power of the distance from the dent, so that the response of far states is
+negligible. In a state a with a response, the current of a far coil b meets the dent too, in 2 i_b
+ΔL_ab, which falls as the third power. So the coils whose field counts reach further than the states
+that respond. The cost of a position depends on the number of near coils, not on the size of the
+array.
 
-The cutoff distances are measured on the design itself. They follow from the fall of ΔL_aa and ΔL_ab with the distance
-of a coil from the dent. The currents in all other coils of every state decide how much ΔL_ab counts.
+The cutoff distances are measured on the design itself, from the fall of ΔL_aa and ΔL_ab with the
+distance. The currents in all other coils of every state decide how much ΔL_ab counts.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ _DIPOLE = 3  # power of the distance with which a coil's field falls
 
 @dataclass(frozen=True)
 class Cutoff:
-    """Cutoff distances in m from the indenter's axis.
+    """Cutoff distances from the indenter's axis in m.
 
-    States whose measured coil's centre lies beyond `states` have no response. Currents in coils whose centre lies
-    beyond `coils` are left out.
+    States whose coil centre lies beyond `states` have no response. Currents beyond `coils` are left
+    out.
     """
 
     states: float
@@ -66,11 +66,11 @@ def near_response(
     *,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, Cutoff]:
-    """Compute δ (depths, positions, states) of the states near the indenter, 0 for all others.
+    """Compute δ (depths, positions, states) of near states.
 
     δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
-    `coilarray.circuit.state_sensitivity`. The linear model leaves out 4.5e-5 of the peak for 1 mm in gast2020. The
-    distances are chosen for an error of δ relative to its peak. Too many positions raise a MemoryLimitError.
+    `coilarray.circuit.state_sensitivity`. It leaves out 4.5e-5 of the peak for 1 mm in gast2020.
+    The cutoff distances follow from the `error` of δ relative to its peak.
     """
     delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
     cutoff = Cutoff(0.0, 0.0)
@@ -91,7 +91,7 @@ def _add_levels(
     mesh: LayerMesh,
     progress: Progress | None,
 ) -> Cutoff:
-    """Add δ of some level samples to `delta` (depths, positions, states)."""
+    """Add δ (depths, positions, states) of some level samples."""
     dents = [(k, level.shares[k], dent) for level in levels for k, dent in enumerate(level.dents)]
     moving = [one for one in dents if np.isfinite(one[2].clearance)]
     if not moving:
@@ -110,7 +110,7 @@ def _add_levels(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Solved dents, coil spectra for every slope of a motion, and cutoff distances."""
+    """Solved dents, coil spectra of a motion, and cutoff distances."""
 
     scatterings: tuple[Scattering, ...]
     spectra: Mapping[tuple[float, float], CoilSpectra]
@@ -159,10 +159,10 @@ def _solve(
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """Fall of inductance changes with distance from the indenter, relative to the largest.
+    """Relative fall of inductance changes with distance.
 
-    `radius` are distances in m of a coil from the indenter's axis, rising from 0. `own` and `mutual` (n,) are the
-    largest |ΔL_aa| of a coil there in any direction, and the largest |ΔL_ab| of such a coil with a coil anywhere.
+    `radius` are distances in m of a coil from the indenter's axis, rising from 0. `own` and
+    `mutual` (n,) are the largest |ΔL_aa| of a coil there, and |ΔL_ab| with a coil anywhere.
     """
 
     radius: FloatArray
@@ -171,9 +171,10 @@ class _Profile:
 
 
 def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
-    """Measure the fall of a dent's changes up to the distance `farthest` in m, which the wavenumbers must resolve.
+    """Measure the fall of a dent's changes over distance.
 
-    The profile has the largest values of all shapes of coils.
+    The wavenumbers must resolve the distance in m. The largest values of all shapes of coils are
+    taken.
     """
     steps = max(int(np.ceil(_STEPS_PER_RADIUS * farthest / spectra.radius)), 1)
     radius = np.linspace(0, farthest, steps + 1)
@@ -191,12 +192,12 @@ def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _
 
 
 def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, error: float) -> Cutoff:
-    """Choose the cutoff of states and coils from an error of δ relative to its largest value.
+    """Choose the cutoff from a relative error of δ.
 
-    A state that is left out would have responded by ΔL_aa + 2 i_b ΔL_ab or less, with the dent under a coil b. The
-    coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a state with the dent under its own coil. They may be
-    nearer to a dent beside it, so half of the error is reserved for them. The cutoff is infinite if the profile ends
-    before.
+    A state that is left out would have responded by ΔL_aa + 2 i_b ΔL_ab or less, with the dent
+    under a coil b. The coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a state with the
+    dent under its own coil. They may be nearer to a dent beside it, so half of the error is
+    reserved for them. The cutoff is infinite if the profile ends before.
     """
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
     end = profile.radius[-1]
@@ -219,7 +220,7 @@ def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, er
 
 
 def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray:
-    """Numbers (points, most) of the places near every point. The number of places stands for no place."""
+    """Numbers (points, most) of near places, padded with their count."""
     tree = KDTree(places)
     most = max(int(tree.query_ball_point(points, distance, return_length=True).max()), 1)
     require_memory(16.0 * len(points) * most, f"the response at {len(points)} positions", "compute it in pieces")
@@ -230,7 +231,7 @@ def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray
 def _fields(
     solved: _Solved, scattering: Scattering, motion: Motion, points: FloatArray, coils: IntArray
 ) -> tuple[FloatArray, Callable[[slice], FloatArray]]:
-    """Dent strengths (n,), and a function for the amplitudes (points, coils, n) of coils near points."""
+    """Dent strengths (n,), and near amplitudes (points, coils, n)."""
     spectra = solved.spectra[motion.slope]
     shapes = range(len(spectra.series))
     shape_of = np.append(spectra.shape_of, -1)[coils]
@@ -253,7 +254,7 @@ def _fields(
 
 
 def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
-    """Assign the amplitudes of every shape to its coils, (points, coils, n)."""
+    """Assign amplitudes (points, coils, n) of shapes to their coils."""
     spread = np.zeros((*shape_of.shape, amplitudes[0].shape[1]))
     for shape, values in enumerate(amplitudes):
         spread[shape_of == shape] = values
@@ -261,7 +262,7 @@ def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
 
 
 def _padded(states: StateSensitivity) -> StateSensitivity:
-    """Add a coil without current and a state without response, which stand for absent ones."""
+    """Add a coil without current and a state without response."""
     return replace(states, currents=np.pad(states.currents, ((0, 1), (0, 1))), weights=np.append(states.weights, 0))
 
 
@@ -275,7 +276,7 @@ def _add_delta(
     fields: Callable[[slice], FloatArray],
     rows: slice,
 ) -> None:
-    """Add δ of near states at some points to `delta` (points, states), from the squared fields of all near coils."""
+    """Add δ (points, states) from squared fields of near coils."""
     currents = states.currents[coils[rows, :, None], near[rows, None, :]]
     total = fields(rows).transpose(0, 2, 1) @ np.concatenate((currents.real, currents.imag), axis=2)
     real, imaginary = np.split(total, 2, axis=2)

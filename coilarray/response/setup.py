@@ -1,4 +1,4 @@
-"""Setup of a response map: axes, true sheets and positions, contacts and dents of every depth."""
+"""Setup of a map: axes, true sheets, contacts and dents."""
 
 from __future__ import annotations
 
@@ -32,11 +32,13 @@ from coilarray.metal.flat_plates import plate_inductance
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _LEVEL = 1e-9  # relative difference of heights that counts as zero
-# A finite sample's dent equals the dent of a wide sample at another depth, lifted and turned. These are the parts of
-# the depth solved for that (at 0 there is no dent), and the lift in m and the slope for the derivatives.
+# A finite sample's dent equals the dent of a wide sample at another depth, lifted and turned. These
+# are the parts of the depth solved for that (at 0 there is no dent), and the lift in m and the
+# slope for the derivatives.
 _DEPTH_PARTS = (1.0, 0.85)
 _LIFT, _SLOPE = 1e-5, 1e-3
-# Thicknesses at which a tilted sample is solved, with a cubic between them (tests/response/test_response.py).
+# Thicknesses at which a tilted sample is solved, with a cubic between them
+# (tests/response/test_response.py).
 _WEDGE_NODES = 4
 
 
@@ -47,8 +49,9 @@ class Imperfections:
     Parameters
     ----------
     tilt : tuple of float
-        Rise of the sample's top along x and y in m per m. The lowest sheet takes it up as a wedge. The indenter finds
-        the contact at the origin of the map and keeps its height, so the depth grows where the sample rises.
+        Rise of the sample's top along x and y in m per m. The lowest sheet takes it up as a wedge.
+        The indenter finds the contact at the origin of the map and keeps its height, so the depth
+        grows where the sample rises.
     offset : tuple of float
         True minus assumed position of the indenter along x and y in m.
     depth_error : float
@@ -56,21 +59,22 @@ class Imperfections:
     thickness_errors : mapping of str to float
         True minus designed thickness in m, by the name of the sheet.
     noise : float
-        Relative standard deviation of every reading of an inductance. L_peak and L_0 are one reading each.
+        Relative standard deviation of every reading of an inductance. L_peak and L_0 are one
+        reading each.
     seed : int
         Seed of the noise.
     drift : float
-        Change of δ from the first to the last position of the map, in proportion to their number in the order of a
-        campaign (row after row, x rising, all depths at one place). It represents a drift of the inductance since L_0
-        was read.
+        Change of δ from the first to the last position of the map, in proportion to their number in
+        the order of a campaign (row after row, x rising, all depths at one place). It represents a
+        drift of the inductance since L_0 was read.
     column_drift : float
         The same for a campaign that goes column after column, y rising.
     rest : float
-        Height in m of an indenter with a material over the sheets while L_0 is read at the same position. At 0 it just
-        touches them, as in a campaign. At inf it is far away.
+        Height in m of an indenter with a material over the sheets while L_0 is read at the same
+        position. At 0 it just touches them, as in a campaign. At inf it is far away.
     network : Network or "ideal", optional
-        Coils, switches and strays under the flat sheets, in place of those of the design with the true thicknesses.
-        "ideal" leaves AC resistance and all strays out.
+        Coils, switches and strays under the flat sheets, in place of those of the design with the
+        true thicknesses. "ideal" leaves AC resistance and all strays out.
 
     Raises
     ------
@@ -109,7 +113,7 @@ class Imperfections:
 
 @dataclass(frozen=True, eq=False)
 class MapAxes:
-    """Depths and positions of a map in m, rising, each (n,). Positions count from the map's origin."""
+    """Rising depths and positions of a map from its origin."""
 
     depth: FloatArray
     x: FloatArray
@@ -121,9 +125,10 @@ class MapAxes:
         return len(self.depth), len(self.y), len(self.x)
 
     def order(self, along: Literal["rows", "columns"]) -> FloatArray:
-        """Return the order of every indentation (depth, places) in a campaign, from 0 to 1.
+        """Order (depth, places) of a campaign, from 0 to 1.
 
-        It goes row after row, x rising, or column after column, y rising, with all depths at one place.
+        It goes row after row, x rising, or column after column, y rising, with all depths at one
+        place, and has the shape (depth, places).
         """
         depths, rows, columns = self.shape
         shape = (rows, columns, depths) if along == "rows" else (columns, rows, depths)
@@ -132,16 +137,16 @@ class MapAxes:
 
     @property
     def places(self) -> FloatArray:
-        """Positions of the map in m, shape (n, 2), x fastest."""
+        """Positions (n, 2) of the map in m, x fastest."""
         return np.stack(np.meshgrid(self.x, self.y), axis=-1).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Level sample with weights. The weighted sum of several level samples is a tilted or a finite sample.
+    """Level sample with weights.
 
-    `contact` and `dents` hold for the indenter at all depths. `shares` (depths, places) is the weight of this sample. A
-    `coarse` sample is part of a small difference, so a coarser mesh suffices.
+    The weighted sum of several is a tilted or a finite sample. `shares` (depths, places) is the
+    weight. A `coarse` sample is part of a small difference, so a coarser mesh suffices.
     """
 
     contact: xr.Dataset
@@ -154,11 +159,10 @@ class Level:
 class Experiment:
     """Everything that is pressed in a map.
 
-    The `design` has the true thicknesses of its sheets, and `axes` the assumed depths and positions. `points` (n, 2)
-    are the true positions of the indenter on the board in m, x fastest. `contact` is the contact at the map's origin,
-    at all depths. `levels` is the sample, with several level samples for a tilted or a finite sample. `correction` is
-    the contribution of a finite sample to its dents, or None. `above` (depths,) is the height in m of the indenter over
-    the sheets at depths below 0.
+    The `design` has the true thicknesses. `axes` are assumed, and `points` (n, 2) the true
+    positions on the board in m, x fastest. `contact` is at the map's origin. `levels` are several
+    for a tilted or finite sample, and `correction` is the contribution of a finite sample. `above`
+    (depths,) is the height in m over the sheets at depths below 0.
     """
 
     sheets: tuple[Sheet, ...]
@@ -181,14 +185,14 @@ def no_indentation(design: Design) -> str:
 
 
 def indentation_of(design: Design) -> Indentation:
-    """Return the indentation of a design. A design without one raises an ElastomerError."""
+    """Return the indentation of a design, else raise an ElastomerError."""
     if design.indentation is None:
         raise ElastomerError(no_indentation(design))
     return design.indentation
 
 
 def target_of(design: Design) -> Target:
-    """Return the target of a design. A design without one raises a MetalError."""
+    """Return the target of a design, else raise a MetalError."""
     if design.target is None:
         bundled = ", ".join(names_with("target"))
         raise MetalError(
@@ -202,11 +206,7 @@ def target_of(design: Design) -> Target:
 def map_axes(
     design: Design, depths: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
 ) -> MapAxes:
-    """Return the axes of a map, by default the design's own.
-
-    A design without an indentation, or values that are not finite and rising, or beyond 1 m, raise an ElastomerError.
-    Plates beside which no indentation is computed raise a MetalError.
-    """
+    """Return a map's axes, by default the design's own."""
     setup = indentation_of(design)
     require_below(design.plates)
     given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
@@ -214,7 +214,7 @@ def map_axes(
 
 
 def checked_axis(name: str, values: npt.ArrayLike, error: type[CoilarrayError] = ElastomerError) -> FloatArray:
-    """Return the axis (n,) of a map in m. Values not finite and rising, or beyond 1 m, raise `error`."""
+    """Return a finite, rising axis in m within 1 m."""
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
         raise error(f"{name} must be finite and rising, in m; got {array}.")
@@ -229,8 +229,8 @@ def experiment(
 ) -> Experiment:
     """Solve the contacts and dents of a map.
 
-    There are no dents at depths below 0 of an indenter with a material. An ElastomerError is raised for sheets with
-    more than one magnetic region, a contact that is outside the sample or lost on a tilted sample, and as in `indent`.
+    There are no dents at depths below 0. More than one magnetic region, and a contact that is
+    outside the sample or lost on a tilted sample, raise an ElastomerError.
     """
     true = imperfections or Imperfections()
     names = [sheet.name for sheet in sheets]
@@ -260,11 +260,12 @@ def _finite(
 ) -> Experiment:
     """Turn a wide sample's experiment into a finite sample's.
 
-    The wide sample is `pressed` at all parts of its depths. A finite sample's dent is the dent of the wide sample at a
-    depth that follows the rise of the top under the indenter. A rise and a slope of everything there move the dent with
-    them, which changes its effect on the field. Both are weighted sums of dents, whose weights add up to zero beside
-    the weights of the wide sample. A round tip presses equally on a slope, so that the dent turns about the tip's
-    centre. Other tips are taken for pivots themselves. The rest, `SampleCorrection.moved`, is to first order in
+    `pressed` has all parts of the depths. A finite sample's dent is the dent of the wide sample at
+    a depth that follows the rise of the top under the indenter. A rise and a slope of everything
+    there move the dent with them, which changes its effect on the field. Both are weighted sums of
+    dents, whose weights add up to zero beside the weights of the wide sample. A round tip presses
+    equally on a slope, so that the dent turns about the tip's centre. Other tips are taken for
+    pivots themselves. The rest, `SampleCorrection.moved`, is to first order in
     `coilarray.elastomer.face_shift`. A tilted sample has the correction of the level sample.
     """
     assert setup.sample_bounds is not None
@@ -307,10 +308,10 @@ def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
 
 
 def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLike) -> xr.Dataset:
-    """Return the contact of the indentation at depths in m, from `coilarray.elastomer.contact.indent`.
+    """Return the contact of the indentation at depths in m.
 
-    The last contacts are kept in memory, as often only coils vary. Contacts of finite strain are kept on disk too where
-    a program keeps results (`coilarray.compute.files.keep_results`).
+    The last contacts stay in memory, as often only coils vary. Contacts of finite strain are kept
+    on disk too (`coilarray.compute.files.keep_results`).
     """
     at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
     return _kept_contact(
@@ -342,7 +343,7 @@ def _kept_contact(
 def _kept_correction(
     sheets: tuple[Sheet, ...], base: Base, sample: Sample, places: bytes, r: bytes, pressure: bytes, slope: bytes
 ) -> SampleCorrection:
-    """Solve a finite sample, or return the last result. Arrays are given as their bytes."""
+    """Solve a finite sample once, with arrays given as bytes."""
     at, radii, values, slopes = (np.frombuffer(array) for array in (places, r, pressure, slope))
     return sample_correction(sheets, base, sample, at.reshape(-1, 2), radii, values.reshape(-1, len(radii)), slopes)
 
@@ -353,7 +354,7 @@ def _elastic(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
 
 
 def together(levels: Iterable[Level]) -> list[list[Level]]:
-    """Group level samples with the same sheets and accuracy, whose fields are computed at once."""
+    """Group level samples with the same sheets and accuracy."""
     groups: dict[object, list[Level]] = {}
     for level in levels:
         groups.setdefault((level.dents[0].thicknesses, level.coarse), []).append(level)
@@ -366,7 +367,10 @@ def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
 
 
 def _require_inside(setup: Indentation, places: FloatArray, contact_radius: float) -> None:
-    """Refuse places (n, 2) in m from the map's origin where the contact leaves the sample."""
+    """Refuse places where the contact leaves the sample.
+
+    Places (n, 2) in m count from the map's origin.
+    """
     if setup.sample_bounds is None:
         return
     x_min, y_min, x_max, y_max = setup.sample_bounds
@@ -381,7 +385,7 @@ def _require_inside(setup: Indentation, places: FloatArray, contact_radius: floa
 
 
 def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
-    """Sheets whose lowest sheet is thicker by a height in m."""
+    """Sheets whose lowest sheet is thicker by `height` in m."""
     return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
 
 
@@ -393,7 +397,7 @@ def _levels(
     places: FloatArray,
     tilt: tuple[float, float],
 ) -> tuple[Level, ...]:
-    """Level samples whose weighted sum is the sample at every place. A sample that is not tilted needs only one."""
+    """Level samples whose weighted sum is the sample everywhere."""
     rise = places @ np.array(tilt)
     if not rise.any():
         return (Level(contact, dents_of(contact, sheets), np.ones((len(depths), len(places)))),)
@@ -417,9 +421,10 @@ def _levels(
 
 
 def wedge_inductance(circuit: BoardCircuit, origin: tuple[float, float], tilt: tuple[float, float]) -> FloatArray:
-    """Change (coils, coils) of the inductance matrix in H by a flat tilted sample.
+    """Inductance change in H by a flat tilted sample.
 
-    Each pair of coils takes the thickness of the sample in the middle between them. The tilt is about `origin`.
+    Each pair of coils takes the thickness of the sample in the middle between them. The tilt is
+    about `origin`.
     """
     design = circuit.design
     centres = design.array.centres - origin

@@ -1,4 +1,4 @@
-"""Response of every scan state to a moving target, a body of metal or ferrite, and its range."""
+"""Response of all states to a moving target, and range."""
 
 from __future__ import annotations
 
@@ -53,10 +53,7 @@ _FINE = 4001  # distances between the first and the last
 
 
 def with_target_as_plate(design: Design, place: tuple[float, float], distance: float) -> Design:
-    """Return a design with its target as a plate over a place on the board at a distance, all in m.
-
-    A sphere is no plate and raises a MetalError.
-    """
+    """Return a design with its target as a plate."""
     target = target_of(design)
     height = target.height(design.top, distance)
     if isinstance(target.body, Plate):
@@ -82,78 +79,82 @@ def target_map(
 ) -> xr.Dataset:
     """Compute the response of the coils to a target.
 
-    It is computed at every distance and place.
-
     Parameters
     ----------
     design : Design or DesignFile
         Design with a target.
     distances, x, y : array_like, shape (n,), optional
-        Distances of the target's nearest point from the upper face of the sheets or the board, and places of its
-        centre, in m, places from the map's origin. By default those in the design.
+        Distances of the target's nearest point from the upper face of the sheets or the board, and
+        places of its centre, in m, places from the map's origin. By default those in the design.
     noise : float, optional
-        Standard deviation of δ in a reading, for range and resolution. By default from the noise budget of the design,
-        `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute ``sigma`` holds it. The attribute ``noise``
-        holds the part that is independent from state to state, and ``common_noise`` the rest.
+        Standard deviation of δ in a reading, for range and resolution. By default from the noise
+        budget of the design, `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute
+        ``sigma`` holds it. The attribute ``noise`` holds the part that is independent from state to
+        state, and ``common_noise`` the rest.
     network : Network or "ideal", optional
         Coils, switches and strays of this design without the target. By default
-        `coilarray.circuit.coupling.design_circuit`. "ideal" leaves AC resistance of the copper and all strays out.
+        `coilarray.circuit.coupling.design_circuit`. "ideal" leaves AC resistance of the copper and
+        all strays out.
     accuracy : {"full", "screen"} or float
-        Accuracy of the target's changes and of the network, see `coilarray.inductance_matrix`. A given network keeps
-        its own. A number is the fineness of the mesh of a plate with an outline: 2 halves the lengths of 1 and takes
-        eight times as long.
+        Accuracy of the target's changes and of the network, see `coilarray.inductance_matrix`. A
+        given network keeps its own. A number is the fineness of the mesh of a plate with an
+        outline: 2 halves the lengths of 1 and takes eight times as long.
     keep : callable
         Keeps finished distances, so that an interrupted map goes on from there, for example
-        ``coilarray.compute.store.Store(folder).dataset``. They are kept individually for a plate with an outline over
-        magnetic sheets or beside plates, else all at once.
+        ``coilarray.compute.store.Store(folder).dataset``. They are kept individually for a plate
+        with an outline over magnetic sheets or beside plates, else all at once.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions ``distance``, ``y``, ``x``, ``state``, ``coil`` and ``other``. Over (distance, y, x, state), each at
-        the resonance with the target:
+        Dimensions ``distance``, ``y``, ``x``, ``state``, ``coil`` and ``other``. Over (distance, y,
+        x, state), each at the resonance with the target:
 
         - ``delta``: (L − L_0)/L_0 as the converter sees it, with L = 1/((2πf)² C),
-        - ``frequency`` in Hz, ``effective_inductance`` in H, ``effective_resistance`` and ``parallel_resistance`` in Ω,
+        - ``frequency`` in Hz, ``effective_inductance`` in H, ``effective_resistance`` and
+          ``parallel_resistance`` in Ω,
         - ``quality_factor`` of the coils without the tank.
 
-        Over (state), ``base_inductance`` and the others whose names begin with ``base_``: the same without the target.
-        Over (distance, y, x, coil, other), at ``matrix_frequency`` (distance, y, x), the mean of the states' resonances
-        there:
+        Over (state), ``base_inductance`` and the others whose names begin with ``base_``: the same
+        without the target. Over (distance, y, x, coil, other), at ``matrix_frequency`` (distance,
+        y, x), the mean of the states' resonances there:
 
         - ``inductance_change`` in H and ``resistance_change`` in Ω of the matrix of the coils,
         - ``coupling``, the coupling coefficients with the target.
 
-        Unless `network` is "ideal", and for a design with a converter, ``readable`` and the others of
-        `coilarray.circuit.readability.readability` give the states that it can read, and the drive current.
+        Unless `network` is "ideal", and for a design with a converter, ``readable`` and the others
+        of `coilarray.circuit.readability.readability` give the states that it can read, and the
+        drive current.
 
-        ``inductance`` (coil, other) is the matrix in H without the target. The ranges and resolutions are from
-        `ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
-        origin, which the attributes ``origin_x`` and ``origin_y`` place on the board.
+        ``inductance`` (coil, other) is the matrix in H without the target. The ranges and
+        resolutions are from `ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the
+        map's origin, which the attributes ``origin_x`` and ``origin_y`` place on the board.
 
         With plates that have an outline
 
-        - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are the relative errors of ΔL and ΔR
-          by mesh and model, the largest of the target and of the fixed plates. ``plate_skin_depths`` is the thickness
-          of that plate in skin depths.
-        - for a target with an outline, ``delta_error`` (distance, y, x, state) is the error of δ due to the errors of
-          ΔL and ΔR, see `coilarray.metal.finite_plates.moving_plate`.
+        - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are the relative
+          errors of ΔL and ΔR by mesh and model, the largest of the target and of the fixed plates.
+          ``plate_skin_depths`` is the thickness of that plate in skin depths.
+        - for a target with an outline, ``delta_error`` (distance, y, x, state) is the error of δ
+          due to the errors of ΔL and ΔR, see `coilarray.metal.finite_plates.moving_plate`.
 
     Raises
     ------
     MetalError
-        A design without a target, axes that are not finite and rising, or a distance that is not positive or too small.
+        A design without a target, axes that are not finite and rising, or a distance that is not
+        positive or too small.
     NetworkError
         A state without a resonance, also with the target.
 
     Notes
     -----
-    ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances lie. This band follows
-    from the least distance. Every place and distance is solved in the whole circuit at its own resonance. The losses in
-    the copper of the coils are computed without the target, and the target has no capacitance to the coils. The
-    attribute ``left_out`` lists these effects and the effects that the network lacks.
+    ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances
+    lie. This band follows from the least distance. Every place and distance is solved in the whole
+    circuit at its own resonance. The losses in the copper of the coils are computed without the
+    target, and the target has no capacitance to the coils. The attribute ``left_out`` lists these
+    effects and the effects that the network lacks.
     """
     design = design_of(design)
     target = target_of(design)
@@ -231,12 +232,12 @@ def _around(frequencies: FloatArray) -> FrequencyBand:
 
 
 def _in_a_row(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
-    """Take distances and places (…, …, nodes, n, n) as cases."""
+    """Take distances and places as cases."""
     return ChangeOverFrequency(band, values.reshape(-1, *values.shape[2:]))
 
 
 def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> None:
-    """Refuse changes that no passive body makes: the inductance matrix must stay positive definite."""
+    """Refuse changes that leave no positive definite inductance matrix."""
     least = np.linalg.eigvalsh(network.inductance + change.real)[..., 0]
     for distance, values in zip(axes.depth, least, strict=True):
         if not values.min() > 0:  # also rejects NaN
@@ -301,19 +302,18 @@ def _dataset(
 
 
 def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
-    """Find range and resolution of every state at the place of the largest |δ| at the least distance.
+    """Find range and resolution of every state.
 
-    `response` has ``delta`` (distance, y, x, state) of `target_map`, and ``readable``, if present. `noise` is the
-    standard deviation σ of δ in a reading. ``best_x`` and ``best_y`` (state) are in m. ``distance_deviation``
-    (distance, state) is the standard deviation σ/|δ'| of a distance in m. ``range`` (state) is the distance in m at
-    which |δ| has fallen to `FACTOR` σ. ``resolved_distance`` (step, state) is the distance up to which a ``step`` of
-    distance in m is no less than the standard deviation. Both are NaN if this holds nowhere, and the last distance if
-    it holds everywhere, with ``range_is_least`` and ``resolved_is_least`` set. ``nearest_readable`` (state) is the
-    least distance in m that the converter reads, or NaN.
+    The place is where |δ| is the largest at the least distance. `noise` is the standard deviation σ
+    of δ in a reading. ``distance_deviation`` (distance, state) is σ/|δ'| in m. ``range`` (state) is
+    the distance in m at which |δ| has fallen to `FACTOR` σ, and ``resolved_distance`` (step, state)
+    the distance up to which a ``step`` in m is no less than the standard deviation. Both are NaN if
+    this holds nowhere, and the last distance if it holds everywhere, with ``range_is_least`` and
+    ``resolved_is_least`` set. ``nearest_readable`` (state) is in m, or NaN.
 
-    Distances and places that the converter cannot read do not count. This applies to all places, and to other distances
-    at the place where |δ| is the largest. Between the distances ln |δ| is a cubic spline, as δ falls about
-    exponentially. If δ changes its sign, δ itself is the spline.
+    Places, and distances at the place, that the converter cannot read do not count. Between the
+    distances ln |δ| is a cubic spline, as δ falls about exponentially. If δ changes its sign, δ
+    itself is the spline.
     """
     require_noise(noise)
     distance = response.distance.values
@@ -361,7 +361,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
 
 
 def require_noise(noise: float) -> None:
-    """Refuse noise of δ that is not positive and finite with a MetalError."""
+    """Refuse noise of δ that is not positive and finite."""
     require_positive("noise", noise, "", MetalError)
 
 
@@ -384,7 +384,10 @@ def _curve(distance: FloatArray, delta: FloatArray) -> tuple[Curve, Curve]:
 
 
 def _until(distance: FloatArray, margin: FloatArray) -> tuple[float, bool]:
-    """Distance up to which a margin is at least 1, NaN if it begins below 1, and whether it holds to the end."""
+    """Distance up to which a margin is 1 or more.
+
+    It is NaN if the margin begins below 1. The boolean tells whether it holds to the end.
+    """
     below = np.flatnonzero(margin < 1)
     if not len(below):
         return float(distance[-1]), True

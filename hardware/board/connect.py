@@ -1,7 +1,4 @@
-"""Open a board of any kind by its port.
-
-The board is put to rest on every exit from its block.
-"""
+"""Open a board of any kind, and close it safely."""
 
 from __future__ import annotations
 
@@ -40,10 +37,9 @@ if TYPE_CHECKING:
 class Board:
     """An open board, made by `open_board`.
 
-    Leaving its block grounds all coils and puts the converter to sleep. This holds for every exit: the end of the
-    block, an exception, Ctrl-C, SIGTERM, and a program that ends inside the block. A program that is killed (SIGKILL)
-    cannot clean up. A microcontroller then ends its stream by itself, and chips on the computer's own buses are put to
-    rest when the board is opened again.
+    Leaving its block, also by an exception, Ctrl-C or SIGTERM, grounds all coils and puts the
+    converter to sleep. After SIGKILL a microcontroller ends its stream by itself, and chips on the
+    computer's own buses are put to rest when the board is opened again.
 
     Parameters
     ----------
@@ -59,8 +55,8 @@ class Board:
     Attributes
     ----------
     thermometer : callable or None
-        Returns the temperature in °C, or None if it is not known at present. It is the emulator's thermometer, or a
-        thermometer that the user of the board sets.
+        Returns the temperature in °C, or None if it is not known at present. It is the emulator's
+        thermometer, or a thermometer that the user of the board sets.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
@@ -137,7 +133,8 @@ def open_board(
     Parameters
     ----------
     port : str
-        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it. The emulator by default.
+        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it. The emulator by
+        default.
     design : Design, optional
         Design of the emulated coils. The reference design by default.
     wiring : Wiring, optional
@@ -155,8 +152,7 @@ def open_board(
     Raises
     ------
     HardwareError
-        Not the name of a port, or a port that cannot be opened. The message has the port, the reason and the existing
-        ports.
+        Not the name of a port, or a port that cannot be opened. The message has the existing ports.
     MissingDependencyError
         The library that this kind of port needs is not installed.
 

@@ -1,8 +1,6 @@
 """Reader of a board with chips on the computer's buses.
 
-`ChipDriver` runs the steps sleep, switch, wake, wait, read and check. It stores the known state of the chips: whether
-the converter sleeps, and which words the switches hold. `DirectReader` scans with it like the firmware of a
-microcontroller. `hardware/firmware/PROTOCOL.md`, "What the board does", defines the order of the steps. Between two
+`hardware/firmware/PROTOCOL.md`, "What the board does", defines the order of the steps. Between two
 states, and after any failure, the converter is asleep and every coil is grounded.
 """
 
@@ -54,7 +52,7 @@ _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same s
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a scan as register values and times in s."""
+    """Settings of a scan as register values and times."""
 
     scan: ScanSettings
     drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; empty if coils are wired to channels
@@ -83,7 +81,7 @@ class ChipSettings:
 
 
 class ChipDriver:
-    """Driver of the converter on a bus and the switches, None without switches."""
+    """Driver of the converter and the switches, if any."""
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain | None, clock: Clock) -> None:
         self.bus, self.clock = bus, clock
@@ -124,10 +122,9 @@ class ChipDriver:
     def results(self, settings: ChipSettings, wait: float | None = None) -> tuple[RawSample, ...]:
         """Wait for the next results of all channels.
 
-        Each result is read once if states share a channel. The first look at STATUS comes after `wait` in s. Without
-        `wait`, the converter was just woken, and its first conversions are discarded according to the settings. If no
-        result is read, the samples have a fault. If the converter chose its own drive current, this current is read
-        too, before sleep can clear it.
+        The first look at STATUS comes after `wait` in s, or after the discarded conversions of a
+        converter that was just woken. Results that were not read have a fault. A drive current that
+        the converter chose is read before sleep can clear it.
         """
         channels = tuple(dict.fromkeys(state.channel for state in settings.scan.states))
         looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
@@ -172,8 +169,8 @@ class ChipDriver:
             for look in looks:
                 errors |= look & _ERRORS
             return RawSample(msb, lsb, looks[-1] | errors, drive=drive)
-        # The bits of unread results freeze with an error of any channel. DRDY shows that all channels have a new
-        # result.
+        # The bits of unread results freeze with an error of any channel. DRDY shows that all
+        # channels have a new result.
         status = ready_status(channel)
         for look in looks:
             if look & _ERROR_FLAGS and look >> 14 == channel:
@@ -181,7 +178,7 @@ class ChipDriver:
         return RawSample(msb, lsb, status, drive=drive)
 
     def switch(self, words: bytes) -> bool:
-        """Send the switches their words, and return whether those before came back."""
+        """Send words, and return whether the previous words came back."""
         if self._switches is None:
             return True
         expected, self._held = self._held, None  # unknown until all of them are through
@@ -246,12 +243,9 @@ class ChipDriver:
 class DirectReader:
     """A `Reader` that drives the chips itself, for one thread.
 
-    First of all the switches get `safe_words`, which ground both ends of every coil. `kind` and `emulated` are passed
-    on to `Identity`, which also shows a converter that does not answer.
-
-    Without switches, None, the coils are wired to the channels of the converter. In a stream it converts all the time.
-    If a slow computer does not fetch a result in time, the next result replaces it, which only the times of the scans
-    show.
+    `safe_words` ground both ends of every coil. Coils of a board without switches are wired to the
+    channels of the converter, which converts all the time in a stream. A result that a slow
+    computer does not fetch is replaced by the next. Only the times of the scans show this.
     """
 
     def __init__(
@@ -364,7 +358,10 @@ class DirectReader:
             raise
 
     def _scan(self, sequence: int, *, running: bool = False) -> RawScan:
-        """Measure all states. A `running` converter without switches is left awake."""
+        """Measure all states.
+
+        A `running` converter without switches stays awake.
+        """
         if self._failure is not None:
             raise self._failure
         chip_settings = self._chip_settings
@@ -382,7 +379,8 @@ class DirectReader:
     def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
         """Measure a state.
 
-        The converter is asleep and the coils are grounded before and, even if the converter fails, after.
+        The converter is asleep and the coils are grounded before and, even if the converter fails,
+        after.
         """
         chips, same, words = self._chips, True, chip_settings.scan.states[k].words
         try:
@@ -406,7 +404,8 @@ class DirectReader:
         chips, start = self._chips, self._clock.now()
         try:
             if running and not chips.asleep:
-                # A fast oscillator is early by less than a slow one is late. Looks are a millisecond apart.
+                # A fast oscillator is early by less than a slow one is late. Looks are a
+                # millisecond apart.
                 look = chips.ready_at + 2 * chip_settings.turn - chip_settings.again - 2 * _LOOK_AGAIN
                 samples = list(chips.results(chip_settings, max(look - start, 0.0)))
                 start = chips.ready_at - chip_settings.turn

@@ -1,7 +1,4 @@
-"""Drive current of every coil.
-
-The converter finds it, and its amplitude flags check it.
-"""
+"""Drive current of every coil, as the converter finds it."""
 
 from __future__ import annotations
 
@@ -29,12 +26,11 @@ class FoundDrive:
 def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDrive]:
     """Find the drive current of every state.
 
-    No object may be near the sensor that is absent during the measurement. Afterwards the board is not configured and
-    its coils are grounded.
-
-    The procedure is taken from the data sheet: wake with the automatic amplitude and, before the converter sleeps
-    again, read INIT_IDRIVE. Fixed currents are tried from there, one code up or down, until the converter warns of
-    neither a low nor a high amplitude. If every code gives a warning, the largest code that is not too high is taken.
+    No object may be near the sensor that is absent during the measurement. Afterwards the board is
+    not configured. The procedure of the data sheet starts at INIT_IDRIVE of the automatic
+    amplitude. Fixed currents are tried from there, one code up or down, until neither a low nor a
+    high amplitude is reported. If every code gives a warning, the largest code that is not too high
+    is taken.
     """
     found = {state.name: _find(reader, settings, state) for state in settings.states}
     reader.rest()
@@ -66,7 +62,10 @@ def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> Found
 
 
 def _measured(reader: Reader, settings: ScanSettings, state: StateSettings, code: int) -> RawSample:
-    """Measure one state with a drive current; without switches all channels are scanned with it."""
+    """Measure a state with a drive current.
+
+    Without switches all channels are scanned.
+    """
     changed = replace(state, drive=code)
     states = tuple(changed if one == state else one for one in settings.states) if settings.wired else (changed,)
     reader.configure(replace(settings, states=states, rcount=_RCOUNT))

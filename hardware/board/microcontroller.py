@@ -1,7 +1,4 @@
-"""Reader of a microcontroller board on a serial port.
-
-The microcontroller uses the protocol of `hardware/firmware/PROTOCOL.md`.
-"""
+"""Reader of a microcontroller board with the protocol of `hardware/firmware/PROTOCOL.md`."""
 
 from __future__ import annotations
 
@@ -74,10 +71,9 @@ def open_microcontroller(port: str, *, baud: int = BAUD, times: LinkTimes | None
 class MicrocontrollerReader:
     """Reader of a serial board for one session.
 
-    A board that restarts, or a port that comes back, is another session. `reconnect` opens it, and its scans are never
-    mixed with the scans of this session. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
-
-    The clock, the computer's by default, is used for all deadlines. `reopen` opens a new session with the same device.
+    A board that restarts, or a port that comes back, needs a new session by `reconnect`, so scans
+    are never mixed. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds. All
+    deadlines use the clock.
     """
 
     def __init__(
@@ -180,10 +176,9 @@ class MicrocontrollerReader:
         return self._session.ask(_chain, "CHAIN")
 
     def close(self) -> None:
-        """Put the board to rest and close the port.
+        """Put a board that still answers to rest, and close.
 
-        The board is put to rest only if it still answers. A board that did not answer STOP gets another STOP, whose
-        reply is not awaited.
+        A board that did not answer STOP gets another STOP, whose reply is not awaited.
         """
         try:
             with suppress(Exception):
@@ -198,8 +193,7 @@ class MicrocontrollerReader:
     def reconnect(self, patience: float = 0.0) -> MicrocontrollerReader:
         """Close this session and open another with the same device.
 
-        The device is found by its USB serial number, and it is not configured. The port may come back within `patience`
-        in s.
+        The device is found by its USB serial number within `patience` in s. It is not configured.
         """
         self.close()
         if self._reopen is None:
@@ -231,7 +225,7 @@ class MicrocontrollerReader:
         return self._settings
 
     def _passed(self, settings: ScanSettings, message: ScanMessage) -> RawScan | None:
-        """Return a scan of the settings that is later than the last one, else None."""
+        """Return a later scan of the same settings, else None."""
         self._session.check_boot(message.boot)
         microseconds = self._session.unwrap(message.time)
         if microseconds < self._after:
@@ -307,7 +301,10 @@ class MicrocontrollerReader:
                 raise self._end_unheard() or fault
 
     def _heed(self, message: Message) -> None:
-        """Raise the fault that a message in a stream reports, by itself or by a mode other than streaming."""
+        """Raise the fault that a message in a stream reports.
+
+        A mode other than streaming is also a fault.
+        """
         if isinstance(message, StreamEnd):
             raise self._ended(message.reason, message.text)
         mode = Mode.STREAMING

@@ -1,10 +1,9 @@
 """Self-test of a board's switches and coils.
 
-It tests whether the switches follow the wiring, and whether every coil is connected. It needs scans only: a board has
-no meter, and the state of its switches shows only in whether the converter oscillates, and by how much the frequency of
-one coil rises when another coil is shorted. Both are predicted from the wiring for every single fault. A fault whose
-prediction equals the measurement is a finding. Until the test has passed, the assignment of bits to switches is an
-assumption.
+It needs scans only. The switches show only in whether the converter oscillates, and by how much the
+frequency of a coil rises when another coil is shorted. Both are predicted from the wiring for every
+single fault. A fault whose prediction equals the measurement is a finding. Until the test has
+passed, the assignment of bits to switches is an assumption.
 """
 
 from __future__ import annotations
@@ -28,9 +27,10 @@ from coilarray.hardware.scan.wiring import Wiring
 from coilarray.hardware.wire.buses import BusFault, SwitchFault
 
 Delivery = Literal["as sent", "reversed", "a bit late", "not at all"]
-"""Arrival of words at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""
+"""Arrival of words: right, from the chain's other end, one clock late (wrong SPI mode), or
+never."""
 ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "ground other end"}
-"""Ends of a coil that a trial of its ground switches grounds, and the name of that state in a scan plan."""
+"""Ends of a coil that a trial grounds, and the name of that state in a scan plan."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Trial:
 def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
     """Return all trials of a board in groups.
 
-    The trials follow from the assumed wiring. Each group is best measured without a pause. The first group has no coil
-    at the converter, and then every coil both ways round. One group for each coil follows. It measures the coil alone,
-    and with every other coil grounded at both ends, at a and at b.
+    Each group is best measured without a pause. The first has no coil at the converter, and then
+    every coil both ways round. Each coil then has a group: alone, and with every other coil
+    grounded at both ends, at a and at b.
     """
     first = [Trial(wiring.safe_words, rest="ground"), Trial(bytes(len(wiring.devices)))]
     for coil, sense in itertools.product(wiring.coils, (1, -1)):
@@ -83,7 +83,8 @@ class Fault:
     text: str  # description of the fault; empty for a good board
     wiring: Wiring  # true wiring of the board
     delivery: Delivery = "as sent"
-    # Broken switches by the numbers of their device and bit in the words. True is closed and False is open.
+    # Broken switches by the numbers of their device and bit in the words. True is closed and False
+    # is open.
     stuck: Mapping[tuple[int, int], bool] = field(default_factory=dict)
     missing: str | None = None  # coil that is not connected
     shorted: str | None = None  # coil whose ends are joined
@@ -171,8 +172,9 @@ def _with_order(wiring: Wiring, order: Sequence[int]) -> Wiring:
 RCOUNT = 0x4000
 """RCOUNT of conversions of 12 ms, with an error of a frequency of less than a millionth."""
 NOTICEABLE = 2e-5
-"""Least relative rise of a frequency that counts as a shorted neighbour. On the reference board the nearest neighbours
-give 1.5e-3, the second neighbours 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""
+"""Least relative rise of a frequency that counts as a shorted neighbour. On the reference board the
+nearest neighbours give 1.5e-3, the second neighbours 1.2e-4, and a single grounded end, by its
+capacitance, less than 1e-6."""
 _MOST_STATES = 16  # at a time; every board takes this number
 _ATTEMPTS = 3
 _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
@@ -200,7 +202,8 @@ class SelfTest:
     symptoms : tuple of str
         Measurements that a good board would not give. Empty if the test has passed.
     findings : tuple of str
-        Faults that each explain all measurements alone. Empty if the test has passed or there are several faults.
+        Faults that each explain all measurements alone. Empty if the test has passed or there are
+        several faults.
     untested : tuple of str
         Faults that a board which has passed could still have.
     """
@@ -218,7 +221,10 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class _Seen:
-    """A trial with its frequency in Hz, and its relative change against the first trial of a group of pairs."""
+    """A trial with its frequency in Hz and relative change.
+
+    The change is against the first trial of a group of pairs.
+    """
 
     trial: Trial
     frequency: float | None
@@ -248,15 +254,17 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Raises
     ------
     BusFault, SwitchFault
-        The converter did not answer three times, or the chain of switches returns other words than it was sent.
+        The converter did not answer three times, or the chain of switches returns other words than
+        it was sent.
     HardwareError
         The board refuses the settings or cannot scan.
 
     Notes
     -----
-    Six coils take 110 states, about 2 s. A single fault is named. Several faults at once give only symptoms.
-    Neighbouring coils must be coupled strongly enough that a shorted coil raises the frequency of the other by
-    `NOTICEABLE`. Without switches the test shows only whether the coil at every channel oscillates.
+    Six coils take 110 states, about 2 s. A single fault is named. Several faults at once give only
+    symptoms. Neighbouring coils must be coupled strongly enough that a shorted coil raises the
+    frequency of the other by `NOTICEABLE`. Without switches the test shows only whether the coil at
+    every channel oscillates.
     """
     if wiring.channels:
         return _of_channels(reader, settings)

@@ -1,9 +1,9 @@
 """Codes, frequencies, inductances, times and limits of the LDC1614.
 
-The equations 1, 3, 6 and 7, the times of section 7 and the limits of table 43 are those of the data sheet, Texas
-Instruments SNOSCY9A, which also describes the LDC1612. Its register tables print the conversion time without the four
-clocks of equation 7, which are counted here. `coilarray.circuit.converter_limits` computes which coils the converter
-can read and drive. The LDC1612 has the first two channels and the same identity, so a program cannot distinguish them.
+Source: data sheet, Texas Instruments SNOSCY9A, equations 1, 3, 6 and 7, section 7 and table 43. Its
+register tables print the conversion time without the four clocks of equation 7, which are counted
+here. The LDC1612 has the first two channels and the same identity, so a program cannot distinguish
+them.
 """
 
 from __future__ import annotations
@@ -29,23 +29,25 @@ FULL_SCALE = 1 << CODE_BITS
 INTERNAL_CLOCK_RANGE = (35e6, 55e6)
 """Smallest and largest frequency of the internal oscillator over all units in Hz."""
 CLOCK_TOLERANCE = 5e-3
-"""Relative change that a measured internal oscillator is allowed. It is twice the change in the data sheet's curves of
-one unit between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
+"""Relative change that a measured internal oscillator is allowed. It is twice the change in the
+data sheet's curves of one unit between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Smallest and largest frequency at the pin CLKIN in Hz."""
 SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
-"""Slowest and fastest clock of the I²C bus in Hz. `coilarray.hardware.wire.ports.bus_rate` returns a board's clock."""
+"""Slowest and fastest clock of the I²C bus in Hz. `coilarray.hardware.wire.ports.bus_rate` returns
+a board's clock."""
 CHANNELS = 4
 """Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
 SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5
-"""Time from channel to channel in s, and additional cycles of the reference. The same is assumed for the slot before
-every conversion of a single channel, whose length the data sheet does not give."""
+"""Time from channel to channel in s, and additional cycles of the reference. The same is assumed
+for the slot before every conversion of a single channel, whose length the data sheet does not
+give."""
 MOST_DISCARDED = 15
 """Largest number of conversions that a state may discard after waking."""
 READ_BITS, WRITE_BITS = 48, 38
-"""Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
+"""Bits on the I²C bus of reading and writing a register, with start, stop and acknowledgements."""
 LEAST_SETTLE_COUNT = 2
 """Effective value of SETTLECOUNT 0 and 1."""
 SWITCH_BITS = 20
@@ -60,7 +62,8 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1) -> float
     Parameters
     ----------
     code : int
-        28-bit result. 0 and 0xFFFFFFF are the chip's marks for under- and over-range and are refused.
+        28-bit result. 0 and 0xFFFFFFF are the chip's marks for under- and over-range and are
+        refused.
     reference : float
         Reference frequency f_ref in Hz (clock by its divider).
     divider : int
@@ -101,7 +104,7 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     capacitance : float
         Total capacitance across the coil in F, the converter's input pins included.
     quality_factor : float
-        Quality factor of the tank, R_p √(C/L); by default no losses.
+        Quality factor of the tank, R_p √(C/L), above 1. By default no losses.
 
     Returns
     -------
@@ -111,14 +114,14 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     Raises
     ------
     ValueError
-        A frequency or capacitance that is not positive and finite, a quality factor that is not above 1, or a frequency
-        that no inductance has with these losses and the converter's delay.
+        A value outside its range, or a frequency that no inductance has with these losses and
+        delay.
 
     Notes
     -----
-    Equation 1 is f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it becomes the cubic Ω² u³ −
-    (1 − 1/Q²) u + 5 ns/Q = 0. Its largest root is the inductance of a real sensor. At the other roots the delay would
-    be a large part of the period.
+    Equation 1 is f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it
+    becomes the cubic Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0. Its largest root is the inductance of a
+    real sensor. At the other roots the delay would be a large part of the period.
 
     Examples
     --------
@@ -148,7 +151,7 @@ def next_conversion_time(rcount: int, reference: float) -> float:
 def settle_time(settle_count: int, reference: float) -> float:
     """Return the settling time of the sensor in s.
 
-    It is the wait from starting the sensor to converting: 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1.
+    It is 16·SETTLECOUNT/f_ref from starting the sensor to converting, and 32/f_ref for 0 and 1.
     """
     return 16 * max(settle_count, LEAST_SETTLE_COUNT) / reference
 
@@ -159,14 +162,15 @@ def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> floa
 
 
 DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
-"""Cut-off frequencies of the input filter in Hz by code. The application table prints 0b011 for the last."""
+"""Cut-off frequencies of the input filter in Hz by code. The application table prints 0b011 for 33
+MHz."""
 
 
 def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:
     """Return the least SETTLECOUNT of a sensor.
 
-    It is ⌈Q f_ref/(16 f)⌉ and at least 4. `frequency` f of the sensor and `reference` f_ref of the converter are in Hz.
-    `quality_factor` Q belongs to the sensor.
+    It is ⌈Q f_ref/(16 f)⌉ and at least 4. `frequency` f of the sensor and `reference` f_ref of the
+    converter are in Hz. `quality_factor` Q belongs to the sensor.
 
     Returns
     -------
@@ -188,7 +192,7 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
 
 
 def largest_reference(*, external: bool = False, channels: int = 1) -> float:
-    """Return the largest reference frequency in Hz for a number of scanned channels."""
+    """Return the largest reference frequency in Hz."""
     if channels == 1:
         return 35e6
     return 40e6 if external else 55e6
@@ -208,8 +212,8 @@ def reference_divider(clock: float, *, external: bool = False, channels: int = 1
 def input_divider(frequency: float, reference: float) -> int:
     """Return the least FIN_DIVIDER for a sensor's frequency in Hz.
 
-    `reference` is the reference frequency in Hz. The divided frequency must be below a quarter of it, and the divider
-    must be at least 2 from 8.75 MHz.
+    The divided frequency must be below a quarter of `reference` in Hz. From 8.75 MHz the divider is
+    at least 2.
 
     >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
     (1, 2)

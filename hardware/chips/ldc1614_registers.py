@@ -1,7 +1,7 @@
 """Registers of the LDC1614: fields, masks, resets and writable bits.
 
-The table is `ldc1614_registers.csv` beside this file, read from the data sheet, Texas Instruments SNOSCY9A. If the data
-sheet contradicts itself, the meaning of the field in the table describes this.
+The table `ldc1614_registers.csv` follows the data sheet, Texas Instruments SNOSCY9A. Contradictions
+in the data sheet are described in the meaning of the field.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ DEVICE = 0x3055
 ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
 
-# Values of a field that the data sheet allows, by the name of the field without the number of the channel.
+# Values of a field that the data sheet allows, by the name of the field without the number of the
+# channel.
 _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = {
     "RCOUNT": (range(SMALLEST_RCOUNT, LARGEST_RCOUNT + 1), f"{SMALLEST_RCOUNT} to {LARGEST_RCOUNT}"),
     "FIN_DIVIDER": (range(1, 0x10), "1 to 15"),
@@ -35,10 +36,9 @@ _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = {
 
 @dataclass(frozen=True)
 class Field:
-    """Bits of a register, `lsb` to `msb`.
+    """Bits of a register, from `lsb` to `msb`.
 
-    The name, the meaning and the value after a reset are taken from the data sheet. The name is ``"RESERVED"`` for bits
-    that must be written as they are after a reset.
+    The name is ``"RESERVED"`` for bits that must be written as they are after a reset.
     """
 
     name: str
@@ -124,7 +124,7 @@ def register(name: str) -> Register:
 def encode(name: str, fields: Mapping[str, int]) -> int:
     """Return the 16-bit value to write to a register.
 
-    Refused are a read-only register, a field that it does not have, and a value that the data sheet forbids.
+    Read-only registers, unknown fields and values that the data sheet forbids are refused.
     """
     target = register(name)
     if not target.writable_mask:
@@ -145,7 +145,7 @@ def encode(name: str, fields: Mapping[str, int]) -> int:
 def decode(name: str, value: int) -> dict[str, int]:
     """Split the value of a register into its fields.
 
-    Reserved fields are left out. Other reserved bits are refused: they come from another chip or a disturbed bus.
+    Wrong reserved bits are refused, because they come from another chip or a disturbed bus.
 
     >>> decode("CLOCK_DIVIDERS0", 0x1002)
     {'FIN_DIVIDER0': 1, 'FREF_DIVIDER0': 2}

@@ -1,4 +1,4 @@
-"""Circuit, noise budget and settings of a design's board, as it is wired and read."""
+"""Circuit, noise budget and settings of a design's board."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 
 def board_network(design: Design, *, wired: bool = False) -> Network:
-    """Return the circuit of a design, without switches if its coils are wired to the channels of a converter."""
+    """Return the circuit of a design.
+
+    A `wired` board has its coils at the channels of a converter, without switches.
+    """
     from coilarray.circuit.coupling import design_circuit
 
     network = design_circuit(design)
@@ -37,9 +40,8 @@ def board_network(design: Design, *, wired: bool = False) -> Network:
 def board_budget(design: Design, settings: ScanSettings, *, baseline_scans: int | None = None) -> NoiseBudget:
     """Return the noise budget of all states of a design.
 
-    The board is read with the given settings, which determine the clock and the length of a conversion. Coefficients
-    and changes are taken from the design's `Readout`. With `baseline_scans` for L_0 a reading is a single scan.
-    Otherwise both numbers are taken from the design too.
+    The settings determine the clock and the length of a conversion. With `baseline_scans` for L_0 a
+    reading is a single scan. All other values are taken from the design's `Readout`.
     """
     from coilarray.circuit.noise_budget import noise_budget  # not needed by the emulator
 
@@ -76,10 +78,11 @@ def design_settings(
     design : Design
         Design whose coils are among the coils of the wiring.
     wiring : Wiring
-        Wiring of the board's switches, or of coils to the channels of the converter. A coil of the design that it does
-        not have counts as open.
+        Wiring of the board's switches, or of coils to the channels of the converter. A coil of the
+        design that it does not have counts as open.
     states : sequence of str, optional
-        Names of states of the design's scan plan. All states by default, or without switches all states of wired coils.
+        Names of states of the design's scan plan. All states by default, or without switches all
+        states of wired coils.
     rate : float, optional
         Scans per second. Full resolution by default.
     bus_rate : float
@@ -87,20 +90,21 @@ def design_settings(
     clock : ConverterClock, optional
         Clock of the converter. Its own oscillator by default.
     drives : mapping of str to int, or int, optional
-        IDRIVE by coil, or of all coils. By default it follows from the parallel resistance of every state.
+        IDRIVE by coil, or of all coils. By default it follows from the parallel resistance of every
+        state.
     discard : int
         Number of conversions to discard after waking, 0 to 15.
 
     Returns
     -------
     ScanSettings
-        The settings, checked by the rules of the data sheet.
+        Settings that follow the rules of the data sheet.
 
     Raises
     ------
     HardwareError
-        A design whose coils the wiring does not have, a coil that the converter cannot drive, and all values that
-        `scan_settings` refuses.
+        A design whose coils the wiring does not have, a coil that the converter cannot drive, and
+        all values that `scan_settings` refuses.
     NetworkError
         A state without a resonance.
     """

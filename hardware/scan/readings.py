@@ -1,8 +1,8 @@
-"""Raw scans of a board and their readings in physical units.
+"""Raw scans of a board, and readings in physical units.
 
-A raw scan has the words of the converter; its reading has frequencies and inductances, or the reasons why they are
-missing. The four flags of a result come only if ERROR_CONFIG enables them. The codes 0 and 0xFFFFFFF mark a range error
-even if it does not. STATUS is read once for each result, before the data, because reading may clear it.
+The four flags of a result come only if ERROR_CONFIG enables them. The codes 0 and 0xFFFFFFF mark a
+range error even if it does not. STATUS is read once for each result, before the data, because
+reading may clear it.
 """
 
 from __future__ import annotations
@@ -35,9 +35,8 @@ class SampleFault(IntEnum):
 class RawSample:
     """Registers of one state of a scan.
 
-    They are DATA0_MSB with its four error flags, DATA0_LSB, and STATUS, which is read before them. With a fault the
-    words are 0 and no measurement. `drive` is register DRIVE_CURRENT0, read while the converter was awake, if it chose
-    its own drive current. Otherwise it is None.
+    DATA0_MSB has the four error flags. STATUS is read before the data. With a fault the words are
+    0. `drive` is register DRIVE_CURRENT0, if the converter chose its own drive current.
     """
 
     msb: int
@@ -51,10 +50,9 @@ class RawSample:
 class RawScan:
     """One pass over all states.
 
-    `sequence` is the number of the scan since the stream began, counted by the board; a gap means lost scans. `time` is
-    its start in s by the board's clock, unwrapped, and `received` its arrival in s since the epoch by the computer's
-    clock. `configuration` is the hash of the settings (`ScanSettings.hash`), `boot` the number of the board's session,
-    which changes when the board restarts. `samples` are in the order of the states.
+    `sequence` is counted by the board since the stream began. `time` is the start in s by the
+    board's unwrapped clock, and `received` the arrival in s since the epoch. `configuration` is
+    `ScanSettings.hash`. `boot` changes when the board restarts.
     """
 
     sequence: int
@@ -69,9 +67,8 @@ class RawScan:
 class Identity:
     """Identity of the board at a port.
 
-    `kind` describes it: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator". If it is `emulated`, every output for people
-    states it. `manufacturer` and `device` are the registers MANUFACTURER_ID and DEVICE_ID of the converter. `boot` is
-    the number of the board's session.
+    `kind` is a description such as "XMC 2Go, firmware 1.0". `manufacturer` and `device` are
+    registers of the converter. `boot` is the number of the board's session.
     """
 
     kind: str
@@ -108,7 +105,8 @@ class Reader(Protocol):
 
 
 Verdict = Literal["good", "doubtful", "bad"]
-"""Quality of a result: good, doubtful (outside the data sheet's specification), or bad (no measurement)."""
+"""Quality of a result: good, doubtful (outside the data sheet's specification), or no
+measurement."""
 
 LARGEST_CODE = (1 << CODE_BITS) - 1
 QUARTER = 1 << (CODE_BITS - 2)
@@ -159,8 +157,7 @@ _STATUS = {
 def judge(sample: RawSample, channel: int = 0) -> tuple[Verdict, tuple[Reason, ...]]:
     """Judge whether a sample of a channel is a measurement.
 
-    The reasons are empty if it is good. It is doubtful for an amplitude outside its range or an input above a quarter
-    of the reference, and bad for all else.
+    It is doubtful for an amplitude outside its range or an input above a quarter of the reference.
 
     >>> judge(RawSample(0x0179, 0x82F3, 0x0048))
     ('good', ())
@@ -218,8 +215,7 @@ def _of_status(status: int, channel: int) -> set[Reason]:
 class StateReading:
     """One state of a scan in physical units.
 
-    Frequency in Hz and inductance in H are None if the verdict is bad. With a doubtful verdict they are outside the
-    specification of the data sheet. The reasons are empty if the verdict is good.
+    Frequency in Hz and inductance in H are None if the verdict is bad.
     """
 
     name: str
@@ -233,8 +229,7 @@ class StateReading:
 class ScanReading:
     """One scan with the readings of its `states`.
 
-    They are in the order of the settings. `sequence`, `time`, `received` and `boot` are copied from its `RawScan`.
-    `temperature` is the board's temperature in °C, if known.
+    The other attributes are copied from its `RawScan`. `temperature` is the board's, in °C.
     """
 
     sequence: int
@@ -276,7 +271,8 @@ def read_scan(
     capacitances : mapping of str to float, or float
         Total capacitance across the coil in F, by the name of the state or for all states.
     qualities : mapping of str to float, or float
-        Quality factor of the tank likewise, at least 2. By default no losses, as in the simulated responses.
+        Quality factor of the tank likewise, at least 2. By default no losses, as in the simulated
+        responses.
     clock : float, optional
         Clock of the converter in Hz, if it is known better than when the settings were made.
     temperature : float, optional
@@ -285,13 +281,14 @@ def read_scan(
     Returns
     -------
     ScanReading
-        Frequency in Hz and inductance in H of every state, and the errors that the converter reported.
+        Frequency in Hz and inductance in H of every state, and the errors that the converter
+        reported.
 
     Raises
     ------
     HardwareError
-        A scan of other settings or with another number of states, a capacitance, quality factor or clock that is
-        missing or outside its range, or words beyond 16 bits.
+        A scan of other settings or states, a missing value or a value outside its range, or words
+        beyond 16 bits.
 
     Examples
     --------

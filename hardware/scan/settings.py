@@ -1,4 +1,4 @@
-"""Settings of a board for a scan, as values, registers and JSON.
+"""Settings of a scan as values, registers and JSON.
 
 The hash of the settings ties a reading to them.
 """
@@ -75,12 +75,12 @@ _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 class StateTime:
     """Times of the steps of one state, in s.
 
-    The boards measure a state in the order sleep, switch, wake, convert, read. `wake`, `settle` and `conversion` are
-    the converter's own times. `discarded` are the discarded conversions, with their transfers. `result` is the reading
-    of the two data registers. `control` are all other transfers: status, sleep and wake, drive current, switches.
+    `discarded` are the discarded conversions with their transfers, and `result` is the reading of
+    the two data registers. `control` are all other transfers.
 
-    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading the result take 293.6
-    ms. Gast & Zimmermann (2020) print 293.5 ms. This agreement supports these settings but does not prove them.
+    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading
+    take 293.6 ms. Gast & Zimmermann (2020) print 293.5 ms, which supports these settings but does
+    not prove them.
     """
 
     wake: float
@@ -103,12 +103,11 @@ class StateTime:
 
 @dataclass(frozen=True)
 class StateSettings:
-    """One state of the scan.
+    """One state of the scan, named after its coil.
 
-    By default it has the name of the measured coil. Its IDRIVE code is 0 to 31. `words` has the byte of each device
-    while the state is measured. The first byte goes to the far end of the chain. Without switches `words` is empty, and
-    the coil is at a `channel` of the converter, 0 to 3. Such a channel may have its own settling time and input
-    divider, which are None if the values of the scan apply.
+    The first byte of `words` goes to the far end of the chain. Without switches `words` is empty,
+    and the coil is at a `channel` of the converter, 0 to 3, which may have its own settling time
+    and input divider.
     """
 
     name: str
@@ -133,19 +132,23 @@ class ScanSettings:
     safe_words : bytes
         Words that ground every end of every coil. Empty for a board without switches.
     wiring : bytes
-        Encoded wiring of the switches, as `coilarray.hardware.scan.switching.switch_table` reads it.
+        Encoded wiring of the switches, as `coilarray.hardware.scan.switching.switch_table` reads
+        it.
     clock : float
         Clock of the converter in Hz, nominal or calibrated.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
     rcount, settle_count, fin_divider, fref_divider, deglitch : int
-        Fields of the registers RCOUNT, SETTLECOUNT and CLOCK_DIVIDERS of the channels in use, and of MUX_CONFIG.
+        Fields of the registers RCOUNT, SETTLECOUNT and CLOCK_DIVIDERS of the channels in use, and
+        of MUX_CONFIG.
     slowest_clock : float
-        Slowest frequency in Hz that the converter's internal oscillator may have. Every wait is long enough for it.
+        Slowest frequency in Hz that the converter's internal oscillator may have. Every wait is
+        long enough for it.
     discard : int
         Number of conversions of each state that are discarded after waking.
     automatic_drive : bool
-        Whether the converter finds the drive current of every state itself, which it shows in INIT_IDRIVE.
+        Whether the converter finds the drive current of every state itself, which it shows in
+        INIT_IDRIVE.
     """
 
     states: Annotated[tuple[StateSettings, ...], Field(min_length=1, max_length=MOST_STATES)]
@@ -188,8 +191,8 @@ class ScanSettings:
     def channels(self) -> tuple[int, ...]:
         """Channels that the converter converts.
 
-        A single channel is converted all the time. Several are scanned from channel 0 on, and a channel among them that
-        no state measures is converted as shortly as the converter allows.
+        Several are scanned from channel 0 on. A channel among them that no state measures is
+        converted as shortly as the converter allows.
         """
         used = {state.channel for state in self.states}
         return tuple(used) if len(used) == 1 else tuple(range(max(used) + 1))
@@ -254,7 +257,10 @@ class ScanSettings:
         return self.period_on(BUS_RATE)
 
     def period_on(self, bus_rate: float) -> float:
-        """Shortest time between scans in s on an I²C bus with the clock `bus_rate` in Hz."""
+        """Shortest time between scans in s.
+
+        The clock `bus_rate` of the I²C bus is in Hz.
+        """
         time = self._state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
             return max(self.again_us * 1e-6, time.result + time.control)
@@ -310,7 +316,7 @@ class ScanSettings:
         return b"".join(parts)
 
     def _state_time(self, bus_rate: float) -> StateTime:
-        """Compute the times of a state's steps, or of all channels that are scanned."""
+        """Compute the times of a state or of all channels."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
         settle = sum(settle_time(settle, reference) for _, settle in counts)
         if self.wired:
@@ -381,8 +387,9 @@ class ConverterClock:
     Parameters
     ----------
     frequency : float, optional
-        Frequency in Hz, measured (calibrated) or at the pin CLKIN. By default the typical internal 43.4 MHz. Any
-        converter may have 35 to 55 MHz, so every wait is then for 35 MHz, a quarter longer.
+        Frequency in Hz, measured (calibrated) or at the pin CLKIN. By default the typical internal
+        43.4 MHz. Any converter may have 35 to 55 MHz, so every wait is then for 35 MHz, a quarter
+        longer.
     external : bool
         Whether the clock comes from the pin CLKIN.
     """
@@ -403,7 +410,7 @@ class ConverterClock:
 
 @dataclass(frozen=True)
 class Sensor:
-    """Tank of a state, with the values of the reference board by default.
+    """Tank of a state, by default of the reference board.
 
     Parameters
     ----------
@@ -439,8 +446,7 @@ def scan_settings(
 ) -> ScanSettings:
     """Make the settings of a scan.
 
-    They are checked against the rules of the data sheet. Settling times, dividers and the input filter have the least
-    values that these rules allow.
+    Settling times, dividers and the input filter have the least values that the data sheet allows.
 
     Parameters
     ----------
@@ -449,30 +455,33 @@ def scan_settings(
     plan : sequence of ScanState, optional
         States in which one coil is measured. Each coil in turn with all others grounded by default.
     sensors : mapping of str to Sensor, or Sensor, optional
-        Frequency, quality factor and drive current by state, or of all states. Those of the reference board by default.
+        Frequency, quality factor and drive current by state, or of all states. By default of the
+        reference board.
     clock : ConverterClock, optional
         Clock of the converter. Its own oscillator by default.
     rate : float, optional
-        Scans per second to reach, all transfers on the buses included, with the largest RCOUNT that allows it. The work
-        of the computer or the microcontroller between two transfers is not included.
+        Scans per second to reach, all transfers on the buses included, with the largest RCOUNT that
+        allows it. The work of the computer or the microcontroller between two transfers is not
+        included.
     rcount : int, optional
         Register RCOUNT, 5 to 65535. Full resolution by default. Not together with `rate`.
     bus_rate : float
-        Clock of the I²C bus in Hz, on which `rate` depends. The fastest clock that the converter allows by default.
-        `coilarray.hardware.wire.ports.bus_rate` returns the clock of a port.
+        Clock of the I²C bus in Hz, on which `rate` depends. The fastest clock that the converter
+        allows by default. `coilarray.hardware.wire.ports.bus_rate` returns the clock of a port.
     discard : int
-        Number of conversions to discard after waking, 0 to 15. Users of the FDC2214, which has the same core, report
-        first conversions that are far off. This is not verified.
+        Number of conversions to discard after waking, 0 to 15. Users of the FDC2214, which has the
+        same core, report first conversions that are far off. This is not verified.
 
     Returns
     -------
     ScanSettings
-        The settings, checked against the rules of the data sheet.
+        Settings that follow the rules of the data sheet.
 
     Raises
     ------
     HardwareError
-        A state that the wiring cannot make, or a value that is outside its range or breaks a rule of the data sheet.
+        A state that the wiring cannot make, or a value that is outside its range or breaks a rule
+        of the data sheet.
     NetworkError
         A state that no switches could make.
 
@@ -521,7 +530,8 @@ def scan_settings(
                 wiring.words(state),
                 tank.drive,
                 channel,
-                # Only for a channel of its own: with switches all states share the registers of channel 0.
+                # Only for a channel of its own: with switches all states share the registers of
+                # channel 0.
                 settle if wiring.channels and settle != max(settle_counts) else None,
                 divider if wiring.channels and divider != max(dividers) else None,
             )
@@ -558,8 +568,8 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
             f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
             f"got {rate:g}."
         )
-    # At full resolution no transfers between two scans take longer than the conversions. A stream without switches
-    # discards conversions only at its start.
+    # At full resolution no transfers between two scans take longer than the conversions. A stream
+    # without switches discards conversions only at its start.
     conversions, reference = 1 if settings.wired else 1 + settings.discard, settings.slowest_reference
     overhead = settings.period_on(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
     # A duration that is a multiple of a clock must not lose a count by rounding.

@@ -1,8 +1,8 @@
 """Switches between coil ends and nets, without I/O.
 
-The module describes the switch from each end of each coil to each net, and the circuit of the coils that closed
-switches form. This is the only table of a board's switches. The check of the settings, the self-test and the emulated
-board all read it. The firmware has the rules of `check_switching` in C++ (`hardware/firmware/PROTOCOL.md`).
+This is the only table of a board's switches. The check of the settings, the self-test and the
+emulated board all read it. The firmware has the rules of `check_switching` in C++
+(`hardware/firmware/PROTOCOL.md`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import HardwareError
 
 Net = Literal["ground", "INA", "INB", "other"]
-"""Net that an end of a coil can be connected to: ground, the two pins of the converter, or anything else."""
+"""Net that an end of a coil can be connected to, with the two pins of the converter."""
 NETS: tuple[Net, ...] = get_args(Net)
 SWITCHES = 8
 """Number of switches of a device, one for each bit of its word."""
@@ -42,14 +42,14 @@ class WiredSwitch(NamedTuple):
 
 
 SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
-"""Switches of every device in the order of the words, by bit. None for a switch that is not wired."""
+"""Switches of every device in the order of the words, by bit, None for a switch that is not
+wired."""
 
 
 def switch_table(wiring: bytes) -> SwitchTable:
-    """Decode a wiring.
+    """Decode eight bytes for each device, bit 0 first.
 
-    It has eight bytes for each device in the order of the words, bit 0 first, as `WiredSwitch.code` encodes them. A
-    byte is 4·terminal + net, or 0xFF for a switch that is not wired.
+    A byte is 4·terminal + net, or 0xFF for a switch that is not wired.
 
     >>> switch_table(bytes([0x05, *[0xFF] * 7]))[0][0]
     WiredSwitch(terminal=(0, 1), net='INA')
@@ -69,8 +69,8 @@ def closed_switches(
 ) -> tuple[WiredSwitch, ...]:
     """Return the wired switches that conduct under these words.
 
-    The words have one byte for each device of the table. `stuck` has the broken switches by the numbers of their device
-    and bit, True for closed. `bit_order` has the bit of the word that moves each switch of the table.
+    `stuck` has the broken switches by device and bit, True for closed. `bit_order` has the bit of
+    the word that moves each switch of the table.
     """
     return tuple(
         switch
@@ -83,8 +83,7 @@ def closed_switches(
 class Closure:
     """Nets and ends of coils, connected by closed switches.
 
-    `coils` are the numbers of the coils that conduct between their two ends. `shorted` are the numbers of the coils
-    whose ends are connected to each other.
+    The ends of `shorted` coils are connected to each other. `coils` conduct between their ends.
     """
 
     def __init__(self, coils: Collection[int], closed: Iterable[WiredSwitch], shorted: Collection[int] = ()) -> None:
@@ -124,11 +123,10 @@ class Branch(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Coils that the converter sees.
+    """Coils that the converter sees, or why it measures none.
 
-    They are the measured coils with the terminations of the others, or the reason why no coil is measured. Between the
-    pins are coils, nothing ("open"), a connection of both ("short"), or coils connected in another way than in series
-    or in parallel ("tangled"). "grounded" is a pin with a direct current path to ground.
+    Without a state the pins are open, shorted, or grounded by a direct current path, or the coils
+    between them are tangled, neither in series nor in parallel.
     """
 
     kind: Literal["coils", "open", "short", "grounded", "tangled"]
@@ -136,11 +134,10 @@ class Seen(NamedTuple):
 
 
 def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:
-    """Return the coils that the converter sees.
+    """Return the coils that the converter sees through switches.
 
-    It sees them through the closed switches. `names` are the names of the coils by number. A coil connects its two ends
-    for direct current. Coils with only one end on the converter count as open, and so do idle coils that are connected
-    to each other.
+    A coil conducts direct current itself. Coils with only one end on the converter count as open, and so
+    do idle coils that are connected to each other.
 
     >>> what_is_seen([WiredSwitch((0, 0), "INA"), WiredSwitch((0, 1), "INB")], ["coil1"]).state.measured
     (('coil1', 1),)
@@ -222,9 +219,9 @@ def _passive(branch: Branch, ground: Node) -> Passive:
 def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str, bytes]]) -> None:
     """Refuse words that make a forbidden connection.
 
-    The safe words, used between two states, must ground every end of every coil and close nothing else. A state, given
-    by name and words, must not close a switch that is not wired. It must not connect an end to two nets at once, or a
-    pin of the converter to two ends, to a single end alone, or to another coil than the other pin.
+    The safe words must ground every end of every coil and close nothing else. A state must not
+    close a switch that is not wired, and not connect an end to two nets, or a pin of the converter
+    to two ends, to a single end alone, or to another coil than the other pin.
     """
     if not states:
         raise HardwareError("a scan must have at least one state; got none.")

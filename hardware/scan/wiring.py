@@ -1,4 +1,4 @@
-"""Wiring of a board: what each switch connects, and the words that make a state."""
+"""Wiring of a board's switches, and words of states."""
 
 from __future__ import annotations
 
@@ -48,10 +48,7 @@ class Terminal(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """One switch of a device.
-
-    It has a name in its device, such as ``"S1A"``, the end of a coil on one side, and the net on the other side.
-    """
+    """Switch, such as ``"S1A"``, between a coil's end and a net."""
 
     name: str
     terminal: Terminal
@@ -62,8 +59,8 @@ class Switch(NamedTuple):
 class Device:
     """One package of eight switches.
 
-    It has a name on the board, a part, and the switches that are wired. `part` is an entry of
-    `coilarray.design.switch_parts.PARTS`. `bits` are the names of the eight switches from bit 0 to bit 7 of its word.
+    `part` is an entry of `coilarray.design.switch_parts.PARTS`. `bits` are the names of the
+    switches from bit 0 to bit 7 of its word.
     """
 
     name: str
@@ -76,8 +73,8 @@ class Device:
 class Wiring:
     """Wiring of a board with or without switches.
 
-    Without switches, its coils are wired to the channels of the converter. Words belong to the whole chain of switches,
-    in the order in which they are sent. They are empty without switches.
+    Without switches, its coils are wired to the channels of the converter. Words belong to the
+    whole chain of switches, in the order in which they are sent. They are empty without switches.
 
     Parameters
     ----------
@@ -88,20 +85,22 @@ class Wiring:
     coils : tuple of str
         Names of the coils.
     devices : tuple of Device
-        Devices in the order in which data pass them. The first is next to the computer. The first byte that is sent
-        goes to the last device. Empty if coils are wired to channels.
+        Devices in the order in which data pass them. The first is next to the computer. The first
+        byte that is sent goes to the last device. Empty if coils are wired to channels.
     assumed : tuple of (str, str)
         Keys of the wiring that are not verified, each with the reason.
     channels : tuple of int
-        Channel of the converter of each coil, 0 to 3, if the coils are wired to channels. Otherwise empty. While
-        another coil is measured, both ends of a coil are grounded inside the converter.
+        Channel of the converter of each coil, 0 to 3, if the coils are wired to channels. Otherwise
+        empty. While another coil is measured, both ends of a coil are grounded inside the
+        converter.
 
     Raises
     ------
     HardwareError
-        A channel that does not exist or has two coils. A wiring of switches that cannot ground every end of every coil
-        or not measure every coil, an end with two switches to the same net, an unknown part or coil, switches that
-        cannot share their common pin, or names that are used twice.
+        A channel that does not exist or has two coils. A wiring of switches that cannot ground
+        every end of every coil or not measure every coil, an end with two switches to the same net,
+        an unknown part or coil, switches that cannot share their common pin, or names that are used
+        twice.
     """
 
     name: str
@@ -200,7 +199,10 @@ class Wiring:
         return bytes(codes)
 
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
-        """Return the words that close the given connections, for the far end of the chain first."""
+        """Return the words that close the given connections.
+
+        The first word is for the far end of the chain.
+        """
         words, left = bytearray(), set(joins)
         for device in reversed(self.devices):
             closed = [switch for switch in device.switches if (switch.terminal, switch.net) in joins]
@@ -231,8 +233,8 @@ class Wiring:
     def _check_common_pins(self, device: Device) -> None:
         """Refuse switches that cannot share their common pin.
 
-        All switches on a common pin must connect the same end of a coil, or the same net, because the pin is one side
-        of the switches.
+        It is one side of its switches, so they must connect the same end of a coil, or the same
+        net.
         """
         for names in switch_part(device.part).drains.values():
             wired = [switch for switch in device.switches if switch.name in names]
@@ -251,7 +253,8 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     Parameters
     ----------
     name_or_path : str or Path, optional
-        Name of a bundled wiring, or a TOML file. The default ``"six_coils"`` has one device per coil.
+        Name of a bundled wiring, or a TOML file. The default ``"six_coils"`` has one device per
+        coil.
 
     Returns
     -------
@@ -261,8 +264,7 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     Raises
     ------
     HardwareError
-        An unknown name, an unreadable file, invalid TOML, an unknown key or an impossible wiring. The message is one
-        line with the file, the key, the given value and the allowed values.
+        An unknown name, an unreadable file, invalid TOML, an unknown key or an impossible wiring.
 
     Examples
     --------
@@ -291,10 +293,7 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
 
 
 def wired_to_channels(coils: Sequence[str], channels: Sequence[int]) -> Wiring:
-    """Return the wiring of a board without switches.
-
-    The coils are, in order, at the given channels of the converter. Channels beyond the number of coils stay free.
-    """
+    """Return the wiring of coils at channels, without switches."""
     if len(coils) > len(channels):
         raise HardwareError(
             f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; none is "
@@ -326,7 +325,7 @@ class _SwitchTable(Table):
 
 
 class _PartTable(Table):
-    """``[wiring.part.NAME]``: another order of the bits of a part than `coilarray.design.switch_parts` has."""
+    """``[wiring.part.NAME]``: another order of the bits of a part."""
 
     bits: Annotated[list[str], Field(min_length=8, max_length=8)]
     """Names of the switches from the least significant bit up."""

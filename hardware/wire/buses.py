@@ -1,4 +1,4 @@
-"""Buses and clock of a driver on this computer, their errors, and signals that end the program."""
+"""Buses of a driver, their errors, and ending signals."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ Handler = Callable[[int, FrameType | None], Any]
 
 @contextlib.contextmanager
 def held_signals() -> Iterator[None]:
-    """Delay signals that end the program within a block.
+    """Delay signals that end the program within a short block.
 
-    The block must be short. The delay works only in the main thread.
+    The delay works only in the main thread.
     """
     came: list[int] = []
     try:
@@ -71,10 +71,7 @@ def held_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def orderly_termination() -> Iterator[None]:
-    """Raise SystemExit instead of ending at once.
-
-    The system would end the program on SIGTERM, or when the terminal is closed.
-    """
+    """Raise SystemExit on SIGTERM, or when the terminal is closed."""
 
     def leave(number: int, _: FrameType | None) -> None:
         raise SystemExit(_EXIT_CODE + number)
@@ -87,14 +84,15 @@ def orderly_termination() -> Iterator[None]:
 def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
     """Handle signals within the block.
 
-    With `instead_of_any` these are all signals that are not ignored. Otherwise they are only signals without a handler.
+    Without `instead_of_any` these are only signals that have no handler.
     """
     before: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():
             for number in _ENDING:
                 present = signal.getsignal(number)
-                # None is a handler that Python cannot put back. Ignored signals stay ignored, as nohup requires.
+                # None is a handler that Python cannot put back. Ignored signals stay ignored, as
+                # nohup requires.
                 if present == signal.SIG_DFL or (instead_of_any and present not in (None, signal.SIG_IGN)):
                     before[number] = present
                     signal.signal(number, handler)
@@ -126,8 +124,8 @@ class SwitchChain(Protocol):
     def shift(self, words: bytes) -> bytes | None:
         """Send one byte per device and latch all together.
 
-        The first byte goes to the far end of the chain. The words that the chain held before are returned if its end is
-        wired back, else None.
+        The first byte goes to the far end of the chain. If its end is wired back, the previous
+        words are returned.
         """
 
     def close(self) -> None:

@@ -1,9 +1,9 @@
-"""Converter and switches on the buses of a Linux computer, or on an FT232H at USB.
+"""Converter and switches on the buses of this computer.
 
-Both are a `RegisterBus` and a `SwitchChain` of `coilarray.hardware.wire.buses`. A Linux computer, such as a Raspberry
-Pi, has /dev/i2c-N and /dev/spidevN.M. An FT232H (or FT2232H) has a single engine for serial buses, which I²C uses.
-Therefore its switches get clock and data from the pins C0 to C2 of the second port, level by level, and C3 reads the
-end of their chain. All levels of a transfer go over USB at once.
+A Linux computer, such as a Raspberry Pi, has /dev/i2c-N and /dev/spidevN.M. An FT232H (or FT2232H)
+has a single engine for serial buses, which I²C uses. Therefore its switches get clock and data from
+the pins C0 to C2 of the second port, level by level, and C3 reads the end of their chain. All
+levels of a transfer go over USB at once.
 """
 
 from __future__ import annotations
@@ -43,8 +43,7 @@ def linux_buses() -> tuple[str, ...]:
 def i2c_clock(bus: int) -> float | None:
     """Return the clock of a computer's I²C bus in Hz.
 
-    It is read from the device tree, and None if it is not set there. The property is a 32-bit number, most significant
-    byte first, as every number in a device tree.
+    It is None if the device tree does not set it. The property is a big-endian 32-bit number.
     """
     for node in ("of_node", "device/of_node"):
         with contextlib.suppress(OSError):
@@ -177,10 +176,10 @@ _NO_LIBUSB = "No backend available"  # pyftdi's message without it
 def open_ft232h(
     url: str, address: int, *, switches: bool = True, mode: int = SPI_MODE, readback: bool = False
 ) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain | None]:
-    """Open an FT232H adapter with converter and, if there are any, switches.
+    """Open an FT232H adapter with converter and switches, if any.
 
-    The adapter has a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, and the converter an I²C address. The switches
-    have an SPI `mode`, 0 to 3. With `readback` the end of their chain is wired back.
+    The pyftdi URL is ``ftdi://ftdi:232h:SERIALNUMBER/1``. The SPI `mode` of the switches is 0 to 3.
+    With `readback` the end of their chain is wired back.
     """
     controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
     idle = _SYNC | (_CLOCK if mode & 2 else 0)

@@ -1,6 +1,6 @@
 """Session with a microcontroller: commands, replies and messages.
 
-A session lasts from the greeting of the board until the port is lost or the board restarts.
+It lasts from the greeting of the board until the port is lost or the board restarts.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ class LinkTimes:
 class Session:
     """Session with a board on a serial port.
 
-    The constructor stops the board and greets it. All other messages than replies come in order from `receive`. The
-    clock, the computer's by default, is used for all deadlines.
+    The constructor stops the board and greets it. All messages except replies come in order from
+    `receive`.
     """
 
     def __init__(self, port: OpenSerialPort, *, times: LinkTimes, clock: Clock | None = None) -> None:
@@ -129,9 +129,10 @@ class Session:
         self._write(b"\n")
 
     def receive(self, until: float) -> Message | None:
-        """Return the next message, or None if none comes until a time in s.
+        """Return the next message before a time in s.
 
-        Bytes that came before that time are still read after it. Replies that no command waits for are skipped.
+        Bytes that came before that time are still read after it. Replies that no command waits for
+        are skipped.
         """
         while True:
             while self._kept:
@@ -154,9 +155,9 @@ class Session:
                 return None
 
     def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
-        """Send a command until its reply comes.
+        """Send a command until its reply comes, and read it.
 
-        The result is the value that `reading` makes from the reply's fields. The command itself takes `patience` in s.
+        The command itself takes `patience` in s.
         """
         self.post(verb, *arguments)
         number = self._number
@@ -180,7 +181,7 @@ class Session:
         raise self.silence_fault(f"the board at {self.name} did not answer {verb} in {self.times.attempts} attempts.")
 
     def recall_early(self) -> None:
-        """Return scans that came before a reply from `receive` once more."""
+        """Receive scans again that came before a reply."""
         self._kept.extendleft(reversed(self._early))
         self._early.clear()
 
@@ -194,7 +195,7 @@ class Session:
         self.present(pong.time)
 
     def present(self, microseconds: int) -> bool:
-        """Store the board's present time, and return whether it is later than any before."""
+        """Store the board's time, and return whether it is later."""
         unwrapped = self.unwrap(microseconds)
         later = unwrapped > self.newest
         self.newest = max(self.newest, unwrapped)

@@ -1,4 +1,4 @@
-"""Names of the ports of boards, and the ports of this computer."""
+"""Names of the ports of boards and of this computer."""
 
 from __future__ import annotations
 
@@ -86,13 +86,12 @@ Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
 def parse_port(text: str) -> Port:
     """Read the name of a port.
 
-    A name is ``emulator``, a serial port ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``, buses ``i2c:1`` or
-    ``i2c:1:0x2B,spi:0.1``, or an adapter ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``. The last two
-    may have options of the switches after a ``?``, joined by ``&``: ``mode=2`` (SPI) and ``readback=yes`` (the end of
-    their chain is wired back). ``ftdi`` also has ``address=0x2B``.
-
-    Without switches, with coils at the channels of the converter, these two and the emulator have instead the options
-    ``channels=0,1`` and ``clock=40MHz`` (at the pin CLKIN; the converter's own oscillator by default).
+    A name is ``emulator``, a serial port ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER`` with
+    ``?baud=9600``, buses ``i2c:1`` or ``i2c:1:0x2B,spi:0.1``, or an adapter ``ftdi://ftdi:232h/1``.
+    The last two have options of the switches, as in ``?mode=2&readback=yes`` (SPI mode, end of the
+    chain wired back). ``ftdi`` also has ``address=0x2B``. Without switches, these two and the
+    emulator have instead the channels of the coils and the clock at the pin CLKIN, as in the
+    example.
 
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
@@ -140,7 +139,7 @@ def _parse(text: str) -> Port:
 
 
 def _channel_board(options: dict[str, str]) -> ChannelBoard | None:
-    """Take the channels and the clock of a board without switches."""
+    """Take the options of a board without switches."""
     if "channels" not in options:
         if "clock" in options:
             raise ValueError("clock needs channels=")
@@ -199,8 +198,7 @@ def board_of(port: Port) -> ChannelBoard | None:
 def bus_rate(port: Port) -> float:
     """Return the clock of a board's I²C bus in Hz.
 
-    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, and 400 kHz with the emulator. A bus
-    of this computer has the clock that the system has set, or 100 kHz if it sets none.
+    A bus of this computer has the clock of the system, or 100 kHz if it sets none.
     """
     match port:
         case SerialPort():

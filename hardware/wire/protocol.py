@@ -1,7 +1,7 @@
-"""Protocol between computer and microcontroller: lines, messages and scans of a stream.
+"""Lines, messages and scans of the microcontroller's protocol.
 
-It is defined in `hardware/firmware/PROTOCOL.md`. The module converts bytes to messages and opens no port. Every field
-is checked against its exact form, because a port may send anything.
+`hardware/firmware/PROTOCOL.md` defines it. Every field is checked against its exact form, because a
+port may send anything.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class ScanMessage:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """Message of a board that has nothing else to send, or its reply to PING."""
+    """Message of an idle board, or its reply to PING."""
 
     boot: int
     time: int  # in µs, which wraps at 2³²
@@ -252,9 +252,9 @@ _CHECKSUM = 5  # characters: an asterisk and four digits
 
 
 def seal(text: str) -> bytes:
-    r"""Return a line with its checksum and line feed.
+    r"""Return a line with its checksum, CRC-16/CCITT-FALSE.
 
-    The line has 1 to 507 characters from 0x20 to 0x7E. The checksum is CRC-16/CCITT-FALSE.
+    It has 1 to 507 characters from 0x20 to 0x7E.
 
     >>> seal(">00,STOP")
     b'>00,STOP*3783\n'
@@ -328,11 +328,9 @@ _WRAP = 1 << 32  # µs of the board's clock, 71.6 minutes
 class BoardTime:
     """Unwrapped time of a board with a 32-bit clock.
 
-    The computer's clock is the guide. The two clocks may differ by half a wrap (35 minutes) between two readings, so
-    pauses of any length are bridged. A board whose clock is off by 1 % may be silent for 59 hours.
+    The computer's clock is the guide. The two clocks may differ by half a wrap (35 minutes) between
+    two readings, so a board whose clock is off by 1 % may be silent for 59 hours.
 
-    Examples
-    --------
     >>> time = BoardTime()
     >>> time.unwrap(0xFFFFFFFF, now=100.0), time.unwrap(9, now=100.1)
     (4294967295, 4294967305)
@@ -345,8 +343,8 @@ class BoardTime:
     def unwrap(self, microseconds: int, now: float) -> int:
         """Return the board's time without wraps in µs.
 
-        `microseconds` is the time from the board, 0 to 2³² − 1, perhaps older than a previous time. `now` is the time
-        of the computer in s, which never steps back.
+        `microseconds` may be older than a previous time. `now` is the computer's monotonic time in
+        s.
         """
         if self._newest is None:
             self._newest, self._then = microseconds, now

@@ -1,7 +1,4 @@
-"""Serial ports of this computer.
-
-The module lists them, chooses a port by name or USB serial number, and opens it for this program alone.
-"""
+"""Serial ports of this computer, listed, chosen and opened."""
 
 from __future__ import annotations
 
@@ -45,8 +42,7 @@ _CANNOT_OPEN = {
 class PortInfo:
     """Serial port of this computer.
 
-    The name, "/dev/ttyACM0" or "COM5", opens it. The USB serial number is empty if the device has none. `text` is for
-    people.
+    The name, "/dev/ttyACM0" or "COM5", opens it. The USB serial number may be empty.
     """
 
     name: str
@@ -70,7 +66,7 @@ def list_serial_ports() -> tuple[PortInfo, ...]:
 def choose_serial_port(name: str) -> PortInfo:
     """Return a port by name or serial number.
 
-    A name is "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER" with a USB serial number, whose leading zeros do not matter.
+    The leading zeros of "usb:SERIALNUMBER" do not matter.
     """
     ports = list_serial_ports()
     if not name.startswith(_SERIAL_PREFIX):
@@ -85,9 +81,9 @@ def choose_serial_port(name: str) -> PortInfo:
 
 
 class OpenSerialPort:
-    """An open port for this program alone, 8N1 without flow control.
+    """An open serial port, 8N1 without flow control.
 
-    Every error of pyserial that shows a lost device becomes DeviceLost.
+    This program alone uses it. Every error of pyserial that shows a lost device becomes DeviceLost.
     """
 
     def __init__(self, name: str, *, baud: int = BAUD) -> None:
@@ -113,7 +109,7 @@ class OpenSerialPort:
     def read(self, seconds: float) -> bytes:
         """Return at most 4096 received bytes.
 
-        Without bytes it waits for at most the given time in s.
+        It waits for them for at most the given time in s.
         """
         with self._lost():
             waiting = self._port.in_waiting
