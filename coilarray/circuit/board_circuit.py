@@ -1,7 +1,7 @@
-"""Circuit of a design, made once and handed down: L, R, C, plates, and the networks with and without losses.
+"""Circuit of a design, with all its parts, made once.
 
-The working frequency of the coils needs the plates, and the plates need the frequencies of the coils. Both are found
-together, see `BoardCircuit.plates`.
+The working frequency of the coils needs the plates, and the plates need the frequencies of the
+coils. Both are found together, see `BoardCircuit.plates`.
 """
 
 from __future__ import annotations
@@ -53,10 +53,7 @@ def board_circuit(
     accuracy: Accuracy = "full",
     progress: Progress | None = None,
 ) -> BoardCircuit:
-    """Return the circuit of a design, the same object for the same design.
-
-    `progress` counts the work on the inductances.
-    """
+    """Return the circuit of a design, always the same object."""
     design = design_of(design)
     above = design.circuit.elastomer_permittivity if design.sheets else 1.0
     key = (digest_of(design.array, design.sheets, above), accuracy)
@@ -82,7 +79,7 @@ def _windings(design: Design, above: float, accuracy: Accuracy, progress: Progre
 
 
 def _kept(array: Array, accuracy: Accuracy, parts: Sequence[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Compute a dataset, which is kept on disk for few coils at full accuracy only."""
+    """Compute a dataset, kept on disk for few coils only."""
     few = accuracy == "full" and len(array.names) <= _MOST_TOGETHER
     return kept_dataset(parts, compute) if few else compute()
 
@@ -117,10 +114,10 @@ class _Locked:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Windings(_Locked):
-    """Coils under flat sheets, which circuits of different switches share.
+    """Coils under flat sheets, which several circuits share.
 
-    `inductance` (n, n) in H is without plates. `by_sheets` is its part due to the magnetic sheets. `above` is the
-    relative permittivity above the board.
+    `inductance` (n, n) in H is without plates. `by_sheets` is its part due to the magnetic sheets.
+    `above` is the relative permittivity above the board.
     """
 
     array: Array
@@ -132,7 +129,7 @@ class Windings(_Locked):
 
     @_computed_once
     def capacitance(self) -> tuple[xr.Dataset | None, str]:
-        """Return the result of `coil_capacitance`, or None and the reason why a coil has no model."""
+        """Return `coil_capacitance`, or the reason why there is none."""
         try:
             return kept_dataset(
                 ("capacitance", digest_of(self.array, self.sheets, self.above)),
@@ -142,9 +139,10 @@ class Windings(_Locked):
             return None, f"capacitance of the windings: {error}"
 
     def resistance(self, frequencies: FloatArray, resistivity: float) -> xr.Dataset:
-        """Resistance matrix (f, n, n) in Ω of the copper, as `resistance_matrix` returns it.
+        """Resistance matrix (f, n, n) in Ω of the copper.
 
-        In an array of more than 24 coils each coil is computed alone, without losses in the copper of others.
+        In an array of more than 24 coils each coil is computed alone, without losses in the copper
+        of others.
         """
         if len(self.array.names) > _MOST_TOGETHER:
             return _own_resistance(self.array, frequencies, resistivity)
@@ -152,7 +150,7 @@ class Windings(_Locked):
         return _kept(self.array, self.accuracy, parts, lambda: resistance_matrix(self.array, frequencies, resistivity))
 
     def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> PlateEffect:
-        """Effect of plates from a frequency `low` to a frequency `high` in Hz."""
+        """Effect of plates between two frequencies in Hz."""
         band, paths = FrequencyBand(low, high), self.array.conductors()
         infinite = [plate for plate in plates if isinstance(plate, Plate)]
         change = plate_inductance(paths, infinite, band.nodes, self.sheets, accuracy=self.accuracy)
@@ -163,13 +161,16 @@ class Windings(_Locked):
 
 @dataclass(frozen=True, eq=False)
 class PlateEffect:
-    """Change of the impedance over jω by plates, (f, n, n) in H at the nodes of a band."""
+    """Change of the impedance over jω by plates in H.
+
+    It has the shape (f, n, n) at the nodes of a band.
+    """
 
     band: FrequencyBand
     samples: ComplexArray
 
     def at(self, frequencies: FloatArray) -> ComplexArray:
-        """Change (f, n, n) at frequencies (f,) in Hz. A frequency outside the band raises a MetalError."""
+        """Change (f, n, n) in H at frequencies in Hz."""
         return np.asarray(np.tensordot(self.band.shares(frequencies), self.samples, axes=1))
 
     def dispersion(self, frequencies: FloatArray, working: float) -> SampledMatrix:
@@ -178,25 +179,25 @@ class PlateEffect:
         return SampledMatrix(frequencies, self.at(frequencies).real - own)
 
     def resistance(self, frequencies: FloatArray) -> FloatArray:
-        """Resistance matrices (f, n, n) in Ω at frequencies (f,) in Hz."""
+        """Resistance matrices (f, n, n) in Ω at frequencies."""
         return -2 * np.pi * frequencies[:, None, None] * self.at(frequencies).imag
 
 
 @dataclass(frozen=True, eq=False)
 class Plates:
-    """Effect of a design's plates, and the frequency in Hz at which its coils work."""
+    """Effect of plates, and the working frequency in Hz."""
 
     effect: PlateEffect
     working: float
 
     @property
     def inductance(self) -> FloatArray:
-        """Change of the inductance matrix in H at the working frequency."""
+        """Change of the inductance in H at the working frequency."""
         return np.asarray(self.effect.at(np.array([self.working]))[0].real)
 
     @property
     def resistance(self) -> FloatArray:
-        """Resistance matrix in Ω of the plates at the working frequency."""
+        """Resistance matrix in Ω at the working frequency."""
         return np.asarray(self.effect.resistance(np.array([self.working]))[0])
 
     @property
@@ -207,10 +208,7 @@ class Plates:
 
 @dataclass(frozen=True, eq=False)
 class BoardCircuit(_Locked):
-    """Circuit of a design, its parts computed when they are first used.
-
-    A state of the scan plan without a resonance raises a NetworkError.
-    """
+    """Circuit of a design, its parts computed when needed."""
 
     design: Design
     windings: Windings
@@ -218,12 +216,12 @@ class BoardCircuit(_Locked):
 
     @property
     def sheet_inductance(self) -> FloatArray:
-        """Part of the inductance matrix (n, n) in H due to the magnetic sheets."""
+        """Inductance (n, n) in H due to the magnetic sheets."""
         return self.windings.by_sheets
 
     @property
     def inductance(self) -> FloatArray:
-        """Inductance matrix (n, n) in H under flat sheets, with plates at the working frequency."""
+        """Inductance matrix in H, with plates at the working frequency."""
         own = self.windings.inductance
         return own if self.plates is None else own + self.plates.inductance
 
@@ -234,9 +232,10 @@ class BoardCircuit(_Locked):
 
     @_computed_once
     def plates(self) -> Plates | None:
-        """Effect of the plates around the frequencies at which the coils oscillate, or None without plates.
+        """Effect of the plates around the resonances, if any.
 
-        The working frequency is the geometric mean of the resonances of the scan plan without strays.
+        The working frequency is the geometric mean of the resonances of the scan plan without
+        strays.
         """
         if not self.design.plates:
             return None
@@ -249,7 +248,7 @@ class BoardCircuit(_Locked):
 
     @_computed_once
     def ideal(self) -> Network:
-        """Network of direct-current copper without strays. The effect of plates remains."""
+        """Network of direct-current copper and plates without strays."""
         network = self._bare(self.inductance)
         if self.plates is None:
             return network
@@ -261,7 +260,7 @@ class BoardCircuit(_Locked):
 
     @_computed_once
     def _direct(self) -> tuple[Network, Plates | None]:
-        """Network with all strays and direct-current copper, and the plates around its resonances."""
+        """Network of direct-current copper with strays, and its plates."""
         names = self.design.array.names
         winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
         capacitance, problem = self.windings.capacitance
@@ -280,12 +279,12 @@ class BoardCircuit(_Locked):
 
     @property
     def direct(self) -> Network:
-        """Network with all strays and the direct-current resistance of the copper."""
+        """Network with all strays and direct-current copper."""
         return self._direct[0]
 
     @_computed_once
     def resistance(self) -> xr.Dataset:
-        """Return the result of `resistance_matrix` at the frequencies of the network."""
+        """Return `resistance_matrix` at the frequencies of the network."""
         design, direct = self.design, self.direct
         low, high = _band(direct, design.plan)
         apart = {_key_of(state): state for state in design.coils_in_turn}
@@ -302,19 +301,19 @@ class BoardCircuit(_Locked):
 
     @_computed_once
     def network(self) -> Network:
-        """Network with all losses and strays. Its resistance is sampled around the resonances of the scan plan."""
+        """Network with all losses, sampled around the resonances, and strays."""
         direct, plates = self._direct
         others = (_OTHERS_COPPER,) if len(direct.names) > _MOST_TOGETHER else ()
         network = replace(direct, left_out=(*others, *direct.left_out[1:]))
         return _sampled(network, self.resistance.frequency.values, self.resistance.resistance.values, plates)
 
     def swept(self, frequencies: FloatArray) -> Network:
-        """Network sampled at rising frequencies (f,) in Hz, linear between them and constant beyond."""
+        """Network sampled at rising frequencies (f,) in Hz."""
         R = self._resistance_at(frequencies).resistance.values
         return _sampled(self.network, frequencies, R, self._plates_at(frequencies))
 
     def widened(self, network: Network, low: float, high: float) -> Network:
-        """Add samples of resistance and plates to a network of this board, from `low` to `high` in Hz.
+        """Add samples of resistance and plates between frequencies in Hz.
 
         An ideal network without plates is the same at all frequencies.
         """
@@ -337,7 +336,7 @@ class BoardCircuit(_Locked):
         return replace(network, resistance=_joined(own, beyond.resistance), dispersion=dispersion)
 
     def _plates_at(self, frequencies: FloatArray) -> Plates | None:
-        """Plates over a band of rising frequencies (f,) in Hz and the working frequency."""
+        """Plates over a band of rising frequencies in Hz."""
         if self.plates is None:
             return None
         low, high = (extreme(*frequencies[[0, -1]].tolist(), self.plates.working) for extreme in (min, max))
@@ -346,10 +345,10 @@ class BoardCircuit(_Locked):
     def _followed(
         self, network: Network, effect: PlateEffect, working: float | None = None
     ) -> tuple[PlateEffect, Network]:
-        """Compute the plates around the resonances beside them, from a first guess of their effect.
+        """Compute the plates around the resonances beside them.
 
-        The network is returned with the inductance of the plates at the working frequency in Hz, if given, or in the
-        middle of the band. A NetworkError is raised if there are no such resonances.
+        `effect` is a first guess. The network gets the inductance of the plates at the working
+        frequency in Hz, by default in the middle of the band.
         """
         states = (*self.design.plan, *self.design.coils_in_turn)
         for _ in range(_ROUNDS):
@@ -369,7 +368,7 @@ class BoardCircuit(_Locked):
         )
 
     def plate_errors(self, frequency: float) -> dict[str, PlateError]:
-        """Errors of every plate with an outline by name, each alone, at a frequency in Hz."""
+        """Errors of every plate with an outline, each alone."""
         design = self.design
         with self.lock:
             if frequency not in self._errors:
@@ -382,14 +381,15 @@ class BoardCircuit(_Locked):
 
     @property
     def plate_error_attributes(self) -> dict[str, float]:
-        """Attributes for the errors of plates with an outline at the working frequency, see `worst_attributes`."""
+        """Attributes for the errors of plates with an outline."""
         return worst_attributes([] if self.plates is None else list(self.plate_errors(self.plates.working).values()))
 
 
 def bare_network(names: Sequence[str], inductance: FloatArray, resistance: FloatArray, switches: Switches) -> Network:
-    """Make a network of coils, closed switches and the tank only, which lies across the converter.
+    """Make a network of coils, closed switches and a tank.
 
-    The inductance matrix (n, n) is in H, the resistance of each coil (n,) in Ω. Both are the same at all frequencies.
+    The tank lies across the converter. The inductance matrix (n, n) in H and the resistance (n,) in
+    Ω are the same at all frequencies.
     """
     none = np.zeros_like(inductance)
     plain = Switches(on_resistance=switches.on_resistance, tank_capacitance=switches.tank_capacitance)
@@ -398,7 +398,7 @@ def bare_network(names: Sequence[str], inductance: FloatArray, resistance: Float
 
 
 def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: Plates | None) -> Network:
-    """Replace the resistance of a network by R (f, n, n) in Ω, and add the effect of plates."""
+    """Replace the resistance by R (f, n, n), with plates."""
     if plates is None:
         return replace(network, resistance=SampledMatrix(frequencies, R), dispersion=None)
     return replace(
@@ -409,7 +409,7 @@ def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: P
 
 
 def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN) -> tuple[float, float]:
-    """Lowest and highest frequency in Hz at which states oscillate, with a margin."""
+    """Frequencies in Hz at which states oscillate, with a margin."""
     found = [one.frequency for one in resonances(network, states)]
     return (1 - margin) * min(found), (1 + margin) * max(found)
 
@@ -430,7 +430,7 @@ def _joined(one: SampledMatrix, other: SampledMatrix) -> SampledMatrix:
 
 
 def _own_resistance(array: Array, grid: FloatArray, resistivity: float) -> xr.Dataset:
-    """Resistance matrix without losses in the copper of others. Equal coils are computed once."""
+    """Resistance matrix without losses in the copper of others."""
     known: dict[bytes, xr.Dataset] = {}
     own = []
     for conductor in array.conductors():

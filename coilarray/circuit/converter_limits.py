@@ -1,7 +1,8 @@
-"""Limits of converters of the LDC1614 family: frequency, losses and amplitude of the sensor, and its drive.
+"""Limits of converters of the LDC1614 family, and their drive.
 
-Sources are Texas Instruments SNOSCY9A: electrical characteristics (R_p), table 42 (drive current), table 43
-(frequencies), section 8.1.5 (amplitude, equation 12). The FDC2214 has the same core (SNOSCZ5B).
+Sources are Texas Instruments SNOSCY9A: electrical characteristics (R_p), table 42 (drive current),
+table 43 (frequencies), section 8.1.5 (amplitude, equation 12). The FDC2214 has the same core
+(SNOSCZ5B).
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from coilarray.compute.display_units import DisplayUnit, display_unit
 from coilarray.design.readout import INTERNAL_CLOCK
 
 REFERENCE = INTERNAL_CLOCK / 2
-"""Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
+"""Reference frequency in Hz, the internal oscillator's typical 43.4 MHz by the divider 2 that one
+channel needs."""
 AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
 """Allowed peak voltage in V: the sensor measures poorly below it, the input clamps act above it."""
 _KILOHM, _KILOHERTZ = DisplayUnit("kΩ", 1e-3), DisplayUnit("kHz", 1e-3)
@@ -55,7 +57,7 @@ DRIVE_CURRENTS = tuple(1e-6 * microamperes for microamperes, _, _ in _DRIVE)
 class Drive:
     """Setting of the sensor drive.
 
-    IDRIVE `code` 0 to 31, `current` in A, and peak voltage `amplitude` in V, which is 4 R_p I/π.
+    IDRIVE `code` 0 to 31, `current` I in A, and peak voltage `amplitude` in V, which is 4 R_p I/π.
     """
 
     code: int
@@ -65,10 +67,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit of the converter.
-
-    The `name` of the quantity, its `value`, and the `low` and `high` ends of the range that it must be in.
-    """
+    """Limit of the converter: a value between `low` and `high`."""
 
     name: str
     value: float
@@ -113,17 +112,17 @@ class Limit:
 
 
 def shown_unit(unit: str, value: float) -> DisplayUnit:
-    """Return the customary unit of a value: kHz below 1 MHz, kΩ for resistances."""
+    """Return the customary unit of a value."""
     if unit == "Ω":
         return _KILOHM
     return _KILOHERTZ if unit == "Hz" and value < 1e6 else display_unit(unit)
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
-    """Return the drive setting of a coil, or None if no row of table 42 holds it.
+    """Return the drive setting of a coil.
 
-    It is the largest current whose row holds R_p, the `parallel_resistance` in Ω at resonance, and whose amplitude
-    stays below the clamps. A resistance that is not positive raises a ValueError.
+    It is the largest current whose row of table 42 holds R_p in Ω at resonance, and whose amplitude
+    stays below the clamps. It is None if no row holds R_p.
 
     >>> drive_for(33e3).code
     6
@@ -134,7 +133,7 @@ def drive_for(parallel_resistance: float) -> Drive | None:
 
 
 def drive_codes(parallel_resistance: FloatArray) -> IntArray:
-    """Return the IDRIVE codes of `drive_for` for an array of R_p in Ω, −1 if no row holds it."""
+    """Return the IDRIVE codes of `drive_for`, −1 for none."""
     within, any_row = (np.full(parallel_resistance.shape, -1) for _ in range(2))
     for code, (current, low, high) in enumerate(_DRIVE):
         held = (parallel_resistance >= low * 1e3) & (parallel_resistance <= high * 1e3)
@@ -145,7 +144,7 @@ def drive_codes(parallel_resistance: FloatArray) -> IntArray:
 
 
 def drive_of(code: int, parallel_resistance: float) -> Drive:
-    """Return the drive of an IDRIVE code 0 to 31 at an R_p in Ω.
+    """Return the drive of an IDRIVE code at an R_p.
 
     >>> round(drive_of(6, 33e3).amplitude, 2)
     1.68
@@ -168,7 +167,7 @@ def decisive_limits(
     quality_factor: npt.ArrayLike,
     code: int | None = None,
 ) -> list[tuple[FloatArray, FloatArray | float, FloatArray | float]]:
-    """Return values and ends of the ranges of the limits in `BROKEN` from 1 on. See `broken_limit`."""
+    """Return values and ranges of the limits in `BROKEN`."""
     f, R_p, Q = (np.asarray(one, dtype=np.float64) for one in (frequency, parallel_resistance, quality_factor))
     codes = drive_codes(R_p) if code is None else np.asarray(code)
     amplitude = 4 * R_p * np.array(DRIVE_CURRENTS)[np.maximum(codes, 0)] / math.pi
@@ -186,10 +185,10 @@ def broken_limit(
     quality_factor: npt.ArrayLike,
     code: int | None = None,
 ) -> IntArray:
-    """Return the place in `BROKEN` of the first limit that sensors break, 0 for none, shape (…).
+    """Return the place in `BROKEN` of the first broken limit.
 
-    Frequencies in Hz, R_p at resonance in Ω and quality factors have shape (…). `code` is the IDRIVE of all sensors, 0
-    to 31, by default the code from `drive_for` for each, so that a limit is broken by any drive.
+    Frequencies in Hz, R_p at resonance in Ω and quality factors have shape (…). The IDRIVE `code`
+    of each sensor is by default the one of `drive_for`, so that a limit is broken by any drive.
 
     >>> [BROKEN[k] for k in broken_limit([2e6, 11.3e6, 2e6, 2e6], [8e3, 8e3, 512.0, 95e3], 30)]
     ['none', 'frequency', 'R_p', 'amplitude']
@@ -204,10 +203,11 @@ def broken_limit(
 
 
 def shared_drive(frequency: FloatArray, parallel_resistance: FloatArray, quality_factor: FloatArray) -> int:
-    """Return the IDRIVE code that reads most sensors (n,) of one channel in sequence, −1 if none reads any.
+    """Return the IDRIVE code that reads most sensors, or −1.
 
-    Of codes that read equally many, the code that exceeds 1.8 V at the fewest is taken, then the largest current. Above
-    1.8 V the clamps shift the frequency, below 0.6 V the oscillation may stop.
+    Of codes that read equally many, the code that exceeds 1.8 V at the fewest is taken, then the
+    largest current. Above 1.8 V the clamps shift the frequency, below 0.6 V the oscillation may
+    stop.
 
     >>> both = shared_drive(np.array([2e6, 2e6]), np.array([4e3, 5e3]), np.array([20.0, 20.0]))
     >>> [round(drive_of(both, R_p).amplitude, 2) for R_p in (4e3, 5e3)]
@@ -234,12 +234,11 @@ def check_channel(
 ) -> tuple[Limit, ...]:
     """Return every limit of one channel, kept or not.
 
-    Sensor `frequency`, `self_resonance` and `reference` are in Hz. The `parallel_resistance` R_p at resonance is in Ω,
-    the `quality_factor` a number. The FIN_DIVIDER, 1 to 15, is the
-    least allowed by default, and the IDRIVE `code`, 0 to 31, is from `drive_for`. An R_p that is allowed but too large
-    for every row of table 42 breaks the limit of the amplitude with the smallest drive current. Only channel 0 can be
-    driven harder than `DRIVE_WINDOW` allows, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may
-    be a fifth below `reference`. A value that is not positive raises a ValueError.
+    Frequencies are in Hz, R_p at resonance is in Ω. FIN_DIVIDER is the least allowed by default,
+    and the IDRIVE `code` is from `drive_for`. An R_p that is allowed but too large for every row of
+    table 42 breaks the limit of the amplitude with the smallest drive current. Only channel 0 can
+    be driven harder than `DRIVE_WINDOW` allows, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated
+    internal oscillator may be a fifth below `reference`.
 
     >>> all(limit.kept for limit in check_channel(1.9e6, 33e3, 48.0, 8e6))
     True
@@ -274,7 +273,7 @@ def check_channel(
 
 
 def least_divider(frequency: float, reference: float) -> int:
-    """Return the least FIN_DIVIDER of any size for a sensor and reference frequency in Hz."""
+    """Return the least FIN_DIVIDER of any size."""
     least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
     return max(least, 2 if frequency >= DIVIDED_FROM else 1)
 

@@ -1,4 +1,4 @@
-"""Coupling of the coils of a design, the network behind it, and the field of a coil in operation."""
+"""Coupling of a design's coils, its network, and fields."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ Termination = Literal["short", "open"]
 def design_circuit(
     design: Design | DesignFile, *, ideal: bool = False, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> Network:
-    """Make the network of a design: its coils, switches and tank.
+    """Make the network of a design's coils, switches and tank.
 
     Parameters
     ----------
     design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     ideal : bool
-        Leave out the alternating-current resistance of the copper, the capacitance of the windings and all strays of
-        the switches. The effect of plates remains, including their losses.
+        Leave out the alternating-current resistance of the copper, the capacitance of the windings
+        and all strays of the switches. The effect of plates remains, including their losses.
     accuracy : {"full", "screen"}
         Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
     progress : callable, optional
@@ -49,15 +49,15 @@ def design_circuit(
     Returns
     -------
     Network
-        Its ``left_out`` lists the effects that it lacks. The resistance matrix is interpolated around the resonances of
-        the design's scan plan, and a state of it without a resonance raises a NetworkError. A second call for the same
-        design costs nothing.
+        Its ``left_out`` lists the effects that it lacks. The resistance matrix is interpolated
+        around the resonances of the design's scan plan, and a state of it without a resonance
+        raises a NetworkError. A second call for the same design costs nothing.
 
     Notes
     -----
-    A coil without turns beside each other has no capacitance model. The network then has no winding capacitance at all.
-    In an array of more than 24 coils the losses of a coil's field in the copper of other coils (1 % of its resistance
-    in gast2020) are left out.
+    A coil without turns beside each other has no capacitance model. The network then has no winding
+    capacitance at all. In an array of more than 24 coils the losses of a coil's field in the copper
+    of other coils (1 % of its resistance in gast2020) are left out.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def design_circuit(
 def design_inductance(
     design: Design | DesignFile, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the inductance matrix of a design under flat sheets, and its part due to the sheets, in H.
+    """Return the inductance matrix and its sheets' part in H.
 
     With plates the matrix holds at the working frequency of the coils.
     """
@@ -91,7 +91,8 @@ def couple_design(
     Parameters
     ----------
     design : Design, DesignFile, Array, Coil or Spiral
-        Design of the board, for example from `coilarray.load_design`. Coils alone have the usual circuit.
+        Design of the board, for example from `coilarray.load_design`. Coils alone have the usual
+        circuit.
     ideal : bool
         Leave out alternating-current resistance of the copper and all strays, see `design_circuit`.
     progress : callable, optional
@@ -102,14 +103,17 @@ def couple_design(
     xarray.Dataset
         The variables of `couple`, under the flat sheets and as the converter sees them, and
 
-        - ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil): the same with the direct-current
-          resistance of the copper and without strays,
-        - ``sheet_inductance`` (coil, other): in H, the part of the inductance due to the magnetic sheets,
+        - ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil): the same with
+          the direct-current resistance of the copper and without strays,
+        - ``sheet_inductance`` (coil, other): in H, the part of the inductance due to the magnetic
+          sheets,
         - ``x`` and ``y`` (coil): centres in m,
-        - with plates, ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): the contribution of the
-          plates at the attribute ``working_frequency_Hz``, for which inductance and coupling then hold,
-        - with plates that have an outline, the attributes ``plate_error_inductance`` and ``plate_error_resistance``,
-          relative errors of ΔL and ΔR by mesh and model, and ``plate_skin_depths``, the thickness in skin depths,
+        - with plates, ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): the
+          contribution of the plates at the attribute ``working_frequency_Hz``, for which inductance
+          and coupling then hold,
+        - with plates that have an outline, the attributes ``plate_error_inductance`` and
+          ``plate_error_resistance``, relative errors of ΔL and ΔR by mesh and model, and
+          ``plate_skin_depths``, the thickness in skin depths,
         - the attributes of `provenance`.
 
     Raises
@@ -153,12 +157,12 @@ def couple_design(
 
 
 def terminations_of(design: Design) -> list[str]:
-    """Return the termination of each coil while another is measured, "short" if both ends are grounded."""
+    """Return the termination of each coil that is not measured."""
     return ["short" if passive == "ground" else passive for passive in design.terminations.values()]
 
 
 def provenance(design: Design) -> dict[str, str]:
-    """Return the attributes that identify the source of a result: design, hash, and the package's version."""
+    """Return the design, hash and version of a result."""
     return {"design": design.name, "design_hash": design.digest, "coilarray_version": metadata.version("coilarray")}
 
 
@@ -170,26 +174,18 @@ def couple(
     terminations: Sequence[Termination] | None = None,
     short_resistance: float = 0.0,
 ) -> xr.Dataset:
-    """Solve plain R and L matrices with each coil active in turn, the others closed by their terminations.
+    """Solve R and L matrices, each coil active in turn.
 
-    The coils have `names`. The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω at all frequencies,
-    the capacitance of the tank in F. Terminations are "short", by default, or "open". `short_resistance` in Ω is of the
-    two switches that ground a coil. The measured coil has two of them as well. Every coil is solved where its Im Y = 0.
+    The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω at all frequencies, the
+    capacitance of the tank in F. Terminations are "short", by default, or "open".
+    `short_resistance` in Ω is of the two switches that ground a coil. The measured coil has two of
+    them as well. Every coil is solved where its Im Y = 0.
 
-    Shapes that do not fit, a matrix of no real coils, a value that is not allowed, or a coil without a resonance raises
-    a NetworkError.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions ``coil`` (the active coil) and ``other`` and units in the attributes. Over (coil, other)
-        ``inductance`` and ``coupling``, ``current_real`` and ``current_imag`` in A per A of the active coil, and
-        ``contribution``, the part of each other coil in the inductance of the active coil, Re(M i). Without losses and
-        strays the contributions add up to L_eff − L. Over (coil) ``resistance`` at direct current, ``open_inductance``
-        with all others open, ``effective_inductance``, 1/(ω²C), and ``open_effective_inductance``,
-        ``inductance_change`` by the other coils, ``effective_resistance``, ``quality_factor``, ``frequency``,
-        ``open_frequency``, and the ``termination``. The attribute ``left_out`` lists the effects of the circuit that
-        are not in these numbers.
+    In the result, over (coil, other), ``current_real`` and ``current_imag`` are in A per A of the
+    active coil, and ``contribution`` is the part of each other coil in its inductance, Re(M i).
+    Without losses and strays the contributions add up to L_eff − L. Over (coil),
+    ``open_inductance`` is with all others open, ``effective_inductance`` is 1/(ω²C), and
+    ``inductance_change`` is by the other coils.
     """
     L, R = checked_network(inductance, resistance)
     if L.shape != (len(names), len(names)):
@@ -206,7 +202,7 @@ def couple(
 
 
 def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequence[str], R: FloatArray) -> xr.Dataset:
-    """Solve a network in the states that measure each coil, as the dataset of `couple`."""
+    """Solve the states that measure each coil, as in `couple`."""
     names, L = network.names, network.inductance
     solved = resonances(network, states)
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])
@@ -255,7 +251,7 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
 def operating_currents(
     design: Design | DesignFile, coupling: xr.Dataset, active: str, *, terminated: bool = True
 ) -> ComplexArray:
-    """Compute the currents of all coils per ampere of the measured coil.
+    """Compute the currents per ampere of the measured coil.
 
     Parameters
     ----------
@@ -291,7 +287,7 @@ def operating_currents(
 
 
 def require_endless(design: Design) -> tuple[Plate, ...]:
-    """Return the plates of a design, all infinite. A plate with an outline raises a MetalError."""
+    """Return the plates of a design, which must be infinite."""
     for plate in design.plates:
         if isinstance(plate, FinitePlate):
             raise MetalError(
@@ -315,12 +311,11 @@ def operating_field(
 ) -> xr.Dataset:
     """Compute the flux density of an active coil in T.
 
-    It is computed on a line, plane or volume while the coil carries the measuring current.
-
     Parameters
     ----------
     design, coupling, active, terminated
-        Design, coupling, measured coil and whether the others are terminated. See `operating_currents`.
+        Design, coupling, measured coil and whether the others are terminated. See
+        `operating_currents`.
     x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
         Grid in m. z = 0 is the top of the board.
     current : float
@@ -331,16 +326,18 @@ def operating_field(
     Returns
     -------
     xarray.Dataset
-        ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the active coil's
-        current and 90° ahead of it. The field is in free space, or beside the design's plates at the active coil's
-        frequency. Magnetic sheets change the currents only, with and without plates.
+        ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the
+        active coil's current and 90° ahead of it. The field is in free space, or beside the
+        design's plates at the active coil's frequency. Magnetic sheets change the currents only,
+        with and without plates.
 
     Raises
     ------
     GeometryError
         No coil of that name, or points or a current that are not finite.
     MetalError
-        Plates with an outline, whose field is not computed, or a height beside the copper of a design with plates.
+        Plates with an outline, whose field is not computed, or a height beside the copper of a
+        design with plates.
     """
     design = design_of(design)
     require_finite("current", current)

@@ -36,8 +36,9 @@ from coilarray.electromagnetics.capacitance import elastomer_effect, self_resona
 from coilarray.electromagnetics.inductance import Accuracy
 
 CLOSE_CHANNELS = 0.03
-"""Relative frequency distance below which channels that are active at the same time pull each other."""
-# Resonances without the tank beside plates are sought among samples this far around the last guess, this many times.
+"""Relative frequency distance below which channels that are active together pull each other."""
+# Resonances without the tank beside plates are sought among samples this far around the last guess,
+# this many times.
 _AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
 _SWEPT, _SHOWN_BELOW, _BEYOND = (0.1, 4.0), 10.0, 1.25  # frequencies of a sweep, see `sweep_range`
 _TOWARDS = np.geomspace(0.02, 0.3, 14)  # relative distances from a self-resonance at which a curve gets more points
@@ -45,7 +46,7 @@ _BYTES_A_RESISTANCE = 24.0  # per entry and frequency: as computed, as interpola
 
 
 def part_switches(design: Design) -> Switches:
-    """Return the switches with the capacitances of the named part, or the design's own if it names none.
+    """Return the switches with the capacitances of the named part.
 
     >>> from coilarray import load_design
     >>> round(part_switches(load_design("gast2020")).across_coil * 1e12)
@@ -72,8 +73,8 @@ def scan_design(
     design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     elastomer : bool
-        Compute also the effect of the elastomer's permittivity, which takes as long as all the rest. It has no effect
-        on a board without elastomer.
+        Compute also the effect of the elastomer's permittivity, which takes as long as all the
+        rest. It has no effect on a board without elastomer.
     accuracy : {"full", "screen"}
         Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
     progress : callable, optional
@@ -92,22 +93,25 @@ def scan_design(
         - ``loaded_quality_factor``: quality factor of the resonator,
         - ``state_self_resonance``: without the tank,
         - ``resistance_ratio``: R_eff relative to the same with DC resistances,
-        - ``readable`` and the others of `coilarray.circuit.readability.readability`, for a design with a converter,
-        - ``current_real`` and ``current_imag`` (state, coil): in A per A of the first measured coil.
+        - ``readable`` and the others of `coilarray.circuit.readability.readability`, for a design
+          with a converter,
+        - ``current_real`` and ``current_imag`` (state, coil): in A per A of the first measured
+          coil.
 
         For each coil
 
         - ``winding_capacitance`` and ``self_resonance``,
         - ``ac_resistance``, at the mean frequency of the states, and its ``resistance_model``,
-        - the effect of the elastomer's permittivity, if requested: ``bare_winding_capacitance``, without the elastomer,
-          ``elastomer_delta``, the apparent change of L when it is laid on, and ``dent_delta_bound``, an upper bound for
-          any dent through the topmost sheet (`coilarray.electromagnetics.capacitance.elastomer_effect`).
+        - the effect of the elastomer's permittivity, if requested: ``bare_winding_capacitance``,
+          without the elastomer, ``elastomer_delta``, the apparent change of L when it is laid on,
+          and ``dent_delta_bound``, an upper bound for any dent through the topmost sheet
+          (`coilarray.electromagnetics.capacitance.elastomer_effect`).
 
         ``capacitance`` (coil, other) is the Maxwell matrix. If a coil has no capacitance model
-        (`coilarray.electromagnetics.capacitance.coil_capacitance`), all capacitances of the windings are left out, and
-        the attribute ``left_out`` gives the reason. For a design that names the part of its switches but gives other
-        capacitances, ``part_frequency`` (state) is the frequency with the capacitances of the part, which are typical
-        and not verified.
+        (`coilarray.electromagnetics.capacitance.coil_capacitance`), all capacitances of the
+        windings are left out, and the attribute ``left_out`` gives the reason. For a design that
+        names the part of its switches but gives other capacitances, ``part_frequency`` (state) is
+        the frequency with the capacitances of the part, which are typical and not verified.
 
     Raises
     ------
@@ -191,7 +195,7 @@ def scan_design(
 
 
 def _self_resonances(circuit: BoardCircuit, results: Sequence[StateResult]) -> list[float]:
-    """Self-resonances of the states in Hz, with plates and copper at these frequencies."""
+    """Self-resonances in Hz, with plates and copper at each."""
     found = [self_resonance_of(circuit.network, one) for one in results]
     for _ in range(_ROUNDS if circuit.design.plates else 0):
         finite = [one for one in found if math.isfinite(one)]
@@ -207,11 +211,11 @@ def _self_resonances(circuit: BoardCircuit, results: Sequence[StateResult]) -> l
 
 @serial_algebra()
 def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
-    """Return the quantities that decide whether a converter reads the flat board, over ``state``.
+    """Return quantities of readability of the flat board over ``state``.
 
-    They are ``frequency``, ``parallel_resistance``, ``loaded_quality_factor``, and those of `readability`, with the
-    same meaning as in `scan_design`, which takes longer. ``state_self_resonance`` is infinite if it is too far above
-    the frequency to count, and leaves out the effect of plates there.
+    They have the same meaning as in `scan_design`, which takes longer. ``state_self_resonance`` is
+    infinite if it is too far above the frequency to count, and leaves out the effect of plates
+    there.
     """
     network = board_circuit(design, accuracy=accuracy).network
     results = [resonate(network, state) for state in design.plan]
@@ -245,9 +249,9 @@ def sweep_design(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``frequency`` and ``state``. ``impedance_real`` and ``impedance_imag`` in Ω are between the sides of
-        the converter without the tank's capacitor. ``apparent_inductance`` is Im Z/ω in H, ``quality_factor`` is Im
-        Z/Re Z.
+        Dimensions ``frequency`` and ``state``. ``impedance_real`` and ``impedance_imag`` in Ω are
+        between the sides of the converter without the tank's capacitor. ``apparent_inductance`` is
+        Im Z/ω in H, ``quality_factor`` is Im Z/Re Z.
 
     Raises
     ------
@@ -287,10 +291,10 @@ def sweep_design(
 
 
 def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
-    """Return the range of frequencies in Hz in which to sweep a design, from its `scan_design`.
+    """Return the range of frequencies in Hz for a sweep.
 
-    It reaches from a tenth of the resonance with the tank to four times this resonance, or to 1.25 times the highest
-    self-resonance if that is below ten times the resonance.
+    It reaches from a tenth of the resonance with the tank to four times this resonance, or to 1.25
+    times the highest self-resonance if that is below ten times the resonance.
     """
     middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
     own = float(scan.state_self_resonance.max())
@@ -299,10 +303,10 @@ def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
 
 
 def sweep_frequencies(scan: xr.Dataset, points: int, between: tuple[float, float] | None = None) -> FloatArray:
-    """Return rising frequencies in Hz for curves `between` two frequencies, by default those of `sweep_range`.
+    """Return rising frequencies in Hz for curves.
 
-    The number of `points` is spaced evenly on a logarithmic scale. More lie around the lowest and the highest
-    self-resonance, where a curve bends most.
+    The `points` are spaced evenly on a logarithmic scale. More lie around the lowest and the
+    highest self-resonance, where a curve bends most.
     """
     low, high = between or sweep_range(scan)
     own = scan.state_self_resonance.values
@@ -313,7 +317,7 @@ def sweep_frequencies(scan: xr.Dataset, points: int, between: tuple[float, float
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:
-    """Return pairs of states closer in frequency than `CLOSE_CHANNELS`, and their distance, closest first.
+    """Return pairs of states closer than `CLOSE_CHANNELS`, closest first.
 
     >>> [(a, b) for a, b, _ in close_channels(["a", "b", "c"], [1.00e6, 1.02e6, 2e6])]
     [('a', 'b')]

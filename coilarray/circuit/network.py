@@ -1,24 +1,26 @@
 """Nodal analysis of the array behind its switches.
 
-Any termination of every coil is treated. Each coil is a branch of the coupled impedance Z(ω) = R(ω) + jωL between its
-two terminals, with its winding capacitance across. A terminal goes through a closed switch to one net (converter side A
-or B, ground, or a link between coils in series) and through open switches, as capacitors, to the others. The modified
-nodal analysis of Ho, Ruehli & Brennan (IEEE Trans. Circuits Syst. 22, 504, 1975) is used. With the node voltages v, the
-coils' currents i and the currents s of the closed switches,
+Any termination of every coil is treated. Each coil is a branch of the coupled impedance Z(ω) = R(ω)
++ jωL between its two terminals, with its winding capacitance across. A terminal goes through a
+closed switch to one net (converter side A or B, ground, or a link between coils in series) and
+through open switches, as capacitors, to the others. The modified nodal analysis of Ho, Ruehli &
+Brennan (IEEE Trans. Circuits Syst. 22, 504, 1975) is used. With the node voltages v, the coils'
+currents i and the currents s of the closed switches,
 
     Y v + A i + B s = j,    Aᵀv = Z i,    Bᵀv = R s.
 
-The voltage of a terminal behind a closed switch is the voltage of its net plus R s, so that s replaces it among the
-unknowns. This is exact for any R, zero included.
+The voltage of a terminal behind a closed switch is the voltage of its net plus R s, so that s
+replaces it among the unknowns. This is exact for any R, zero included.
 
-The surroundings of the coils come first. These are the impedances N between the coils' places c and the converter p of
-all the rest, with the tank's capacitance C across each coil, so that nothing floats. With the capacitances C_w across
-the coils, the currents for one ampere from the converter follow from
+The surroundings of the coils come first. These are the impedances N between the coils' places c and
+the converter p of all the rest, with the tank's capacitance C across each coil, so that nothing
+floats. With the capacitances C_w across the coils, the currents for one ampere from the converter
+follow from
 
     (Z + N_cc (1 + jω(C_w − C) Z)) i = N_cp.
 
-Capacitors and resistors have no resonance, so N is as smooth over ω as 1/ω. A few frequencies serve thousands of
-circuits that differ in their inductances and, a little, in their frequency.
+Capacitors and resistors have no resonance, so N is as smooth over ω as 1/ω. A few frequencies serve
+thousands of circuits that differ in their inductances and, a little, in their frequency.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ from coilarray.compute.threads import ranges
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.errors import NetworkError
 
-# Range around the frequency of the bare coil in which a resonance is sought, and the steps of the search.
+# Range around the frequency of the bare coil in which a resonance is sought, and the steps of the
+# search.
 _SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: the matrix, its copy without the references, and its factors
@@ -51,8 +54,8 @@ SLOPE_STEP = 1e-4
 """Relative frequency step of the differences for a slope, whose error is 1e-8."""
 NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
 """Most Newton steps, and the relative step of convergence."""
-# Secant method: the least slope to follow, relative to the first slope, and the longest step, relative to the
-# frequency.
+# Secant method: the least slope to follow, relative to the first slope, and the longest step,
+# relative to the frequency.
 _LEAST_SLOPE, _LONGEST_STEP = 0.1, 0.3
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 _ASYMMETRY = 1e-9  # of k; a matrix exchanged by hand may have lost digits
@@ -61,13 +64,16 @@ _LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; entries are rounded to 1e-1
 
 @dataclass(frozen=True, eq=False)
 class SampledMatrix:
-    """Matrices (f, n, n) in Ω or H at rising frequencies (f,) in Hz, linear between them and constant beyond."""
+    """Matrices (f, n, n) in Ω or H at frequencies.
+
+    They are linear between the rising frequencies in Hz and constant beyond.
+    """
 
     frequencies: FloatArray
     matrices: FloatArray
 
     def __call__(self, frequency: float | FloatArray) -> FloatArray:
-        """Return the matrices (…, n, n) at frequencies in Hz. A single sample holds for all frequencies."""
+        """Return the matrices (…, n, n) at frequencies in Hz."""
         f, values = self.frequencies, self.matrices
         if len(f) == 1:
             return np.asarray(values[0])
@@ -78,19 +84,19 @@ class SampledMatrix:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Coils and switches, to be solved at any frequency in any state.
+    """Coils and switches, to be solved in any state.
 
-    `names` are the names of the n coils. The inductance matrix (n, n) is in H. `resistance` takes frequencies in Hz and
-    returns the resistance matrices (…, n, n) in Ω, or a single matrix (n, n) for all. `winding_capacitance` (n,) lies
-    across each coil, in F. `mutual_capacitance` (n, n) C_ij in F between two coils, each at one potential, is
-    symmetric, and its diagonal is not used. `left_out` lists the parts of the board's circuit that are not included.
-    `dispersion` is the inductance at a frequency less `inductance`, in H, or None. Shapes that do not fit, or a
-    capacitance that is negative or not finite, raise a NetworkError.
+    The inductance matrix (n, n) is in H. `resistance` takes frequencies in Hz and returns matrices
+    (…, n, n) in Ω, or a single matrix for all. `winding_capacitance` (n,) lies across each coil, in
+    F. `mutual_capacitance` (n, n) C_ij in F between two coils, each at one potential, is symmetric,
+    and its diagonal is not used. `left_out` lists the parts of the board's circuit that are not
+    included. `dispersion` is the inductance at a frequency less `inductance`, in H.
 
-    The voltage of a coil runs linearly from end to end. If two coils lie above each other, their turns cross in all
-    combinations. The energy is then C_ij/2 ((m_i − m_j)² + (d_i² + d_j²)/12) with the mean m and the difference d of a
-    coil's two ends. Four capacitors C_ij/4 from end to end have d²/4 in place of d²/12. Reducing the capacitance across
-    each coil by C_ij/6 corrects this.
+    The voltage of a coil runs linearly from end to end. If two coils lie above each other, their
+    turns cross in all combinations. The energy is then C_ij/2 ((m_i − m_j)² + (d_i² + d_j²)/12)
+    with the mean m and the difference d of a coil's two ends. Four capacitors C_ij/4 from end to
+    end have d²/4 in place of d²/12. Reducing the capacitance across each coil by C_ij/6 corrects
+    this.
     """
 
     names: tuple[str, ...]
@@ -123,10 +129,10 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class StateResult:
-    """Impedance seen by the converter in one state at one frequency in Hz.
+    """Impedance of one state at one frequency in Hz.
 
-    The `impedance` in Ω is between the sides of the converter without the tank's capacitor. The `admittance` in S
-    includes it. `currents` (n,) flow through every coil in A per A in the first measured coil.
+    The `impedance` in Ω is between the sides of the converter without the tank's capacitor. The
+    `admittance` in S includes it. `currents` (n,) are in A per A in the first measured coil.
     """
 
     frequency: float
@@ -147,37 +153,34 @@ class StateResult:
 
     @property
     def quality_factor(self) -> float:
-        """Q = Im Z/Re Z without the tank, infinite without losses."""
+        """Q = Im Z/Re Z without the tank."""
         return self.impedance.imag / self.impedance.real if self.impedance.real > 0 else math.inf
 
     @property
     def parallel_resistance(self) -> float:
-        """Parallel resistance R_p = 1/Re Y in Ω, the loss that the converter compensates."""
+        """R_p = 1/Re Y in Ω, which the converter compensates."""
         return 1 / self.admittance.real if self.admittance.real > 0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Resonance(StateResult):
-    """State at the frequency where the converter oscillates, Im Y = 0, with the capacitance of the tank in F.
+    """State at Im Y = 0, where the converter oscillates.
 
-    With the tank across the converter 1/Z = 1/R_p − jωC, so that Q = R_p/(ωL_eff) and R_eff = R_p/(1 + Q²) hold
-    exactly. A coil L with a resistance R in series, alone across C, has L_eff = L + R²/(ω²L).
+    With the tank across the converter 1/Z = 1/R_p − jωC, so that Q = R_p/(ωL_eff) and R_eff =
+    R_p/(1 + Q²) hold exactly. A coil L with a resistance R in series, alone across C, has L_eff = L
+    + R²/(ω²L).
     """
 
     tank_capacitance: float
 
     @property
     def effective_inductance(self) -> float:
-        """Effective inductance L_eff = 1/(ω²C) in H, as the converter takes it."""
+        """L_eff = 1/(ω²C) in H, as the converter takes it."""
         return 1 / ((2 * math.pi * self.frequency) ** 2 * self.tank_capacitance)
 
 
 def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return a valid inductance matrix (n, n) in H and resistances (n,) in Ω.
-
-    Shapes that do not fit, values that are not finite, a matrix that no real coils have, or a negative resistance raise
-    a NetworkError.
-    """
+    """Return a valid inductance (n, n) and resistances (n,)."""
     L = np.asarray(inductance, dtype=np.float64)
     if L.ndim != 2 or L.shape[0] != L.shape[1] or not L.size:
         raise NetworkError(f"an inductance matrix must be square; got shape {L.shape}.")
@@ -191,8 +194,8 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
             f"an inductance matrix must be symmetric; between coils {i + 1} and {j + 1} it has {L[i, j]} H "
             f"and {L[j, i]} H."
         )
-    # k and L have the same signs of eigenvalues (Sylvester). The eigenvalues of k do not depend on the size of the
-    # coils.
+    # k and L have the same signs of eigenvalues (Sylvester). The eigenvalues of k do not depend on
+    # the size of the coils.
     values, vectors = np.linalg.eigh((k + k.T) / 2)
     if values[0] <= _LEAST_EIGENVALUE:
         raise NetworkError(
@@ -218,9 +221,6 @@ def check_frequency(frequency: float | FloatArray) -> None:
 def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:
     """Solve one state at one frequency in Hz.
 
-    A coil that is unknown or occurs twice in the state, a frequency that is not positive and finite, or a singular
-    network raises a NetworkError.
-
     >>> from coilarray.design.scan_states import ScanState, Switches
     >>> L, R, C = np.array([[50e-6]]), np.array([[10.0]]), np.zeros((1, 1))
     >>> one = Network(("a",), L, lambda f: R, C[0], C, Switches(2.5))
@@ -238,7 +238,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
 
 
 def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> ComplexArray:
-    """Return the impedance (f,) in Ω between the converter's sides without the tank, at frequencies (f,) in Hz."""
+    """Return the impedance (f,) in Ω without the tank."""
     check_state(state, network.names)
     check_frequency(frequencies)
     blocks, wiring = ranges(len(frequencies), _AT_ONCE), _wire(network, state)
@@ -248,7 +248,7 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
 
 
 def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return the admittance (f,) in S with the tank and the currents (f, n) in A at one volt."""
+    """Return the admittance with tank and currents at one volt."""
     switches = network.switches
     at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
     across = network.winding_capacitance + at_coil
@@ -260,7 +260,7 @@ def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple
 
 
 def susceptance_slope(network: Network, state: ScanState, frequency: float) -> float:
-    """Return the slope of Im Y over the frequency in S/Hz, the tank included."""
+    """Return the slope of Im Y with tank in S/Hz."""
     low, high = frequency * (1 - SLOPE_STEP), frequency * (1 + SLOPE_STEP)
     below, above = driven(network, state, np.array([low, high]))[0].imag
     return float((above - below) / (high - low))
@@ -272,7 +272,7 @@ def _solve_with_tank(
     frequencies: FloatArray,
     inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Solve a state, and return also the admittances (f,) in S with the tank's capacitor, see `_solve`."""
+    """Solve a state, with the admittances of the tank too."""
     switches, state = network.switches, wiring.state
     measured = {name for name, _ in state.measured}
     winding = network.winding_capacitance
@@ -290,11 +290,11 @@ def _solve_with_tank(
 
 
 def resonate(network: Network, state: ScanState) -> Resonance:
-    """Solve one state where the converter oscillates, Im Y = 0.
+    """Solve one state at its resonance, Im Y = 0.
 
-    The resonance continues the one of the coils alone. It is sought from a thirtieth of the frequency of the measured
-    coils alone with one tank capacitor to thirty times the frequency with all other coils ideally shorted. A
-    NetworkError is raised if there is none, and as in `solve_state`.
+    The resonance continues the one of the coils alone. It is sought from a thirtieth of the
+    frequency of the measured coils alone with one tank capacitor to thirty times the frequency with
+    all other coils ideally shorted.
     """
     check_state(state, network.names)
     alone, least = _bare_inductances(network, state)
@@ -305,8 +305,8 @@ def resonate(network: Network, state: ScanState) -> Resonance:
     def susceptance(frequencies: FloatArray) -> FloatArray:
         return _solve_with_tank(network, wiring, frequencies, network.inductance)[2].imag
 
-    # Im Y grows with frequency through a parallel resonance. It mostly lies near the start. If strays or several tanks
-    # move it far away, the lowest crossing counts.
+    # Im Y grows with frequency through a parallel resonance. It mostly lies near the start. If
+    # strays or several tanks move it far away, the lowest crossing counts.
     crossing = _upward_crossing(susceptance, start / 1.3 * np.array([1.0, 1.3**2]))
     if crossing is None:
         points = math.ceil(math.log(high / low) / _SEARCH_STEP) + 1
@@ -320,7 +320,7 @@ def resonate(network: Network, state: ScanState) -> Resonance:
 
 
 def loaded_quality(network: Network, result: StateResult) -> float:
-    """Return the quality factor of the whole resonator, (ω/2) (dB/dω)/G with Y = G + jB, infinite without losses.
+    """Return the quality factor (ω/2) (dB/dω)/G of the resonator.
 
     It counts the energy in every inductance and capacitance, switches and bus included.
     """
@@ -330,10 +330,10 @@ def loaded_quality(network: Network, result: StateResult) -> float:
 
 
 def self_resonance_of(network: Network, result: StateResult, within: float = _SEARCH) -> float:
-    """Return the self-resonance in Hz of a state without its tank.
+    """Return the self-resonance in Hz of a state without tank.
 
-    It is the lowest frequency above a resonance at which the state turns from coil to capacitor, or infinite if there
-    is none below `within` times the resonance.
+    It is the lowest frequency above a resonance at which the state turns from coil to capacitor, or
+    infinite if there is none below `within` times the resonance.
     """
     wiring = _wire(network, result.state)
 
@@ -359,10 +359,9 @@ def changed_resonances(
 ) -> tuple[FloatArray, ComplexArray, ComplexArray]:
     """Follow a resonance while inductances change.
 
-    `inductances` (cases, n, n) in H replace the network's own, with losses −ΔR/ω as imaginary parts. A function gives
-    them at frequencies (cases,) in Hz. The result is the frequencies (cases,) in Hz, and the impedances in Ω and
-    admittances with the tank in S at these. All cases are solved at once by the secant method. A NetworkError is raised
-    if there is no resonance.
+    `inductances` (cases, n, n) in H, or a function of frequencies (cases,) in Hz, replace the
+    network's own, with losses −ΔR/ω as imaginary parts. Returns frequencies in Hz, and impedances
+    in Ω and admittances with the tank in S. The secant method solves all cases at once.
     """
     wiring, f0 = _wire(network, result.state), result.frequency
     if not callable(inductances):
@@ -382,7 +381,8 @@ def changed_resonances(
         slope[~(slope > _LEAST_SLOPE * first)] = first  # also replaces NaN
         step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
         frequencies, before = frequencies - step, B
-        # Steps shrink faster and faster. The next step is less than this step times its ratio to the last.
+        # Steps shrink faster and faster. The next step is less than this step times its ratio to
+        # the last.
         share = np.divide(step, last, out=np.ones_like(step), where=moved)
         settled = np.minimum(np.abs(share), 1.0) * np.abs(step) <= NEWTON_TOLERANCE * f0
         if settled.all():
@@ -396,7 +396,7 @@ def changed_resonances(
 
 
 def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> float | None:
-    """Lowest upward zero crossing of a function between neighbours of a rising grid."""
+    """Lowest upward zero crossing between neighbours of a grid."""
 
     def at(point: float) -> float:
         return float(function(np.array([point]))[0])
@@ -412,7 +412,7 @@ def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatAr
 
 
 def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]:
-    """Inductance of the measured coils joined as in the state, with all others open, and with all ideally shorted."""
+    """Inductance of the measured coils, others open and ideally shorted."""
     chosen = [network.names.index(name) for name, _ in state.measured]
     sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
     series = state.connection == "series"
@@ -424,13 +424,13 @@ def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class _Wiring:
-    """Nodes of a state, two per coil.
+    """Nodes of a state, two for each coil.
 
-    The terminals of coil k are the nodes 2k and 2k + 1. A switch or load joins each of the terminals `closed` (k,) to
-    the node of `nets` (k,) with a `resistance` (k,) in Ω. `capacitance` (nodes, nodes) in F is the Maxwell matrix of
-    all capacitors, with the tank's across every coil in place of the winding's own. `port` contains the nodes of the
-    converter. `kept` are the nodes without a reference in every part of the circuit that nothing joins to the others,
-    as no current can leave such a part.
+    A switch or load joins each of the terminals `closed` (k,) to the node of `nets` (k,) with a
+    `resistance` (k,) in Ω. `capacitance` (nodes, nodes) in F is the Maxwell matrix of all
+    capacitors, with the tank's across every coil in place of the winding's own. `port` contains the
+    nodes of the converter. `kept` are the nodes without a reference in every part of the circuit
+    that nothing joins to the others, as no current can leave such a part.
     """
 
     state: ScanState
@@ -450,10 +450,10 @@ def _solve(
     across: FloatArray,
     inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return the impedances (f,) in Ω between the converter's sides, and the currents (f, n) per ampere there.
+    """Impedances (f,) in Ω, and currents (f, n) per ampere.
 
-    `around` comes from `_around`. `inductances` (n, n) and the capacitances `across` the coils (n,) may have a further
-    axis (f,) in front. Imaginary parts of the inductances are losses, −ΔR/ω.
+    `inductances` (n, n) and the capacitances `across` the coils (n,) may have a further axis (f,)
+    in front. Imaginary parts of the inductances are losses, −ΔR/ω.
     """
     jw = 2j * math.pi * frequencies[:, None]
     L = inductances if network.dispersion is None else inductances + network.dispersion(frequencies)
@@ -470,7 +470,10 @@ def _solve(
 
 
 def _around(network: Network, wiring: _Wiring, frequencies: FloatArray) -> ComplexArray:
-    """Impedances (f, n + 1, n + 1) in Ω between the coils' places and, last, the converter. See the module."""
+    """Impedances between the coils' places and, last, the converter.
+
+    They have the shape (f, n + 1, n + 1) in Ω. See the module.
+    """
     n, nodes = len(network.names), len(wiring.capacitance)
     low, high = float(frequencies.min()), float(frequencies.max())
     half, middle = (high - low) / 2, (high + low) / 2
@@ -517,7 +520,7 @@ def _singular(wiring: _Wiring, frequencies: FloatArray) -> NetworkError:
 
 
 def _wire(network: Network, state: ScanState) -> _Wiring:
-    """Connect every element of the circuit except the capacitances across the coils."""
+    """Connect every element except the capacitances across the coils."""
     switches, n = network.switches, len(network.names)
     number = {_GROUND: 2 * n, _SIDE_A: 2 * n + 1, _SIDE_B: 2 * n + 2}
     nets = _nets(network.names, state)
@@ -550,7 +553,7 @@ def _wire(network: Network, state: ScanState) -> _Wiring:
 
 
 def between_coils(mutual: FloatArray) -> FloatArray:
-    """Maxwell matrix (2n, 2n) in F of the capacitances between coils, for the terminals. See `Network`."""
+    """Maxwell matrix (2n, 2n) in F between coils, see `Network`."""
     apart = mutual - np.diag(np.diag(mutual))
     stamp = np.kron(np.diag(apart.sum(axis=1)), np.eye(2) / 2 - np.array([[1, -1], [-1, 1]]) / 6)
     return np.asarray(stamp - np.kron(apart, np.ones((2, 2)) / 4))
@@ -564,7 +567,7 @@ def _passive(state: ScanState, name: str) -> Passive | None:
 
 
 def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
-    """Nets of both terminals of every coil in the order of `names`, empty for an open terminal."""
+    """Nets of both terminals of every coil, empty if open."""
     nets: dict[str, tuple[str, str]] = {}
     closed: dict[Passive, tuple[str, str]] = {
         "ground": (_GROUND, _GROUND),
@@ -587,7 +590,10 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
 
 
 def _references(pairs: IntArray, nodes: int, closed: IntArray, ground: int) -> list[int]:
-    """Return one node of every separate part of the circuit: the ground, or one without a switch."""
+    """Return one node of every separate part of the circuit.
+
+    It is the ground, or a node without a switch.
+    """
     ends = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
     parts, label = connected_components(ends, directed=False)
     free = np.setdiff1d(np.arange(nodes), closed)

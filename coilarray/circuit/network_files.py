@@ -1,7 +1,8 @@
-"""Files for other programs: SPICE subcircuits and Touchstone files of a network, and FastHenry input of current paths.
+"""Files of networks and current paths for other programs.
 
-FastHenry (Kamon, Tsuk & White, IEEE Trans. MTT 42, 1750, 1994) takes nodes, and between them straight segments of a
-width and a thickness, as `coilarray.geometry.Conductor` does. Its width also lies in the x-y plane across the segment.
+FastHenry (Kamon, Tsuk & White, IEEE Trans. MTT 42, 1750, 1994) takes nodes, and between them
+straight segments of a width and a thickness, as `coilarray.geometry.Conductor` does. Its width also
+lies in the x-y plane across the segment.
 """
 
 from __future__ import annotations
@@ -42,22 +43,25 @@ _ABOVE = 30.0  # reach of the corners over the highest frequency; eddy currents 
 def export_network(
     network: Network, path: Path | str, frequencies: npt.ArrayLike | None = None, *, title: str = ""
 ) -> None:
-    """Write the coils of a network to a path, without its switches.
+    """Write the coils of a network without its switches.
 
-    The suffix names the format: ``.cir`` or ``.sub`` for a SPICE subcircuit whose first comment is the `title`,
-    ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port per coil. `frequencies` (f,) in Hz of a
-    Touchstone file are those of `exchange_frequencies` by default. Another suffix, or a file that cannot be written,
-    raises an OutputError, a coil without a resonance a NetworkError.
+    The suffix names the format: ``.cir`` or ``.sub`` for a SPICE subcircuit whose first comment is
+    the `title`, ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port per coil.
+    `frequencies` (f,) in Hz of a Touchstone file are those of `exchange_frequencies` by default.
+    Another suffix, or a file that cannot be written, raises an OutputError, a coil without a
+    resonance a NetworkError.
 
     Notes
     -----
-    A subcircuit has the inductance matrix and the capacitances across and between the coils. For every coil it has a
-    ladder of positive elements fitted to its resistance at the network's own frequencies (`fit_ladder`), or one
-    resistor if there is only one frequency. Its comments give the quality of the fit. A ladder loses inductance as its
-    resistance grows, as eddy currents do and the package's L does not. The coil's own inductor is therefore less by the
-    ladder's inductance at the coil's resonance, where both agree. The contribution of the coils' eddy currents to each
-    other's resistance (1 % of it) is left out. The impedance matrix of a Touchstone file has all of it, every coil
-    floating, with the resistance matrix of the network at each frequency.
+    A subcircuit has the inductance matrix and the capacitances across and between the coils. For
+    every coil it has a ladder of positive elements fitted to its resistance at the network's own
+    frequencies (`fit_ladder`), or one resistor if there is only one frequency. Its comments give
+    the quality of the fit. A ladder loses inductance as its resistance grows, as eddy currents do
+    and the package's L does not. The coil's own inductor is therefore less by the ladder's
+    inductance at the coil's resonance, where both agree. The contribution of the coils' eddy
+    currents to each other's resistance (1 % of it) is left out. The impedance matrix of a
+    Touchstone file has all of it, every coil floating, with the resistance matrix of the network at
+    each frequency.
 
     Examples
     --------
@@ -93,15 +97,14 @@ def export_network(
 def exchange_frequencies(network: Network) -> FloatArray:
     """Return 201 frequencies in Hz for a file.
 
-    They reach from a tenth of the lowest resonance to ten times the highest, each coil in turn with all others
-    grounded.
+    They reach from a tenth of the lowest resonance to ten times the highest.
     """
     found = _grounded_resonances(network)
     return np.geomspace(found.min() / 10, found.max() * 10, _POINTS)
 
 
 def _grounded_resonances(network: Network) -> FloatArray:
-    """Resonance frequency (n,) of each coil in Hz, all others grounded."""
+    """Resonances (n,) in Hz of each coil, all others grounded."""
     return np.array([one.frequency for one in resonances(network, paper_plan(network.names))])
 
 
@@ -155,10 +158,9 @@ def _subcircuit(network: Network, title: str) -> str:
 
 
 def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ...]:
-    """Return distinct names of letters, digits and underscores, whatever the case.
+    """Return distinct names of letters, digits and underscores.
 
-    Every other character becomes ``_``. A name that is taken then gets ``_2``, ``_3``, … The wrong `count` of names, no
-    name, an empty name, or a name given twice raises a ValueError.
+    They differ in more than case. Every other character becomes ``_``.
 
     >>> plain_names(["coil 1", "coil-1", "COIL_1"])
     ('coil_1', 'coil_1_2', 'COIL_1_3')
@@ -192,26 +194,22 @@ def spice_subcircuit(
     title: str = "",
     comments: Sequence[str] = (),
 ) -> str:
-    """Write coils as a SPICE subcircuit with the pins ``NAME_1 NAME_2`` of every coil in order.
+    """Write coils as a SPICE subcircuit with two pins each.
 
-    The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω, the capacitance across each coil (n,) or
-    scalar and between two coils (n, n) in F. `sections` are, for each coil, pairs of a resistor in Ω and an inductor in
-    H in parallel, in series with the coil (`Ladder`). The `title` is the first comment and the subcircuit's name.
+    The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω, the capacitance across
+    each coil (n,) or scalar and between two coils (n, n) in F. `sections` are, for each coil, pairs
+    of a resistor in Ω and an inductor in H in parallel, in series with the coil (`Ladder`).
 
-    Notes
-    -----
-    From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into NAME_1 is positive. All n
-    (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits. A set without the small
-    couplings need not be positive definite, and the simulation would diverge. A resistance or capacitance of zero is
-    not an element, since SPICE replaces R = 0 by a default. Between two coils there are four capacitors C_ij/4, from
-    each pin of the first to each pin of the second, and C_ij/6 less across each coil.
+    From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into
+    NAME_1 is positive. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number
+    with 17 digits. A set without the small couplings need not be positive definite, and the
+    simulation would diverge. A resistance or capacitance of zero is not an element, since SPICE
+    replaces R = 0 by a default. Between two coils there are four capacitors C_ij/4, from each pin
+    of the first to each pin of the second, and C_ij/6 less across each coil.
 
-    A coil with both pins free has no path for direct current: ground one pin, through 1 GΩ if it floats. A coil of no
-    resistance has no operating point across a voltage source or an ideal short: drive it by a current source, and short
-    it through a resistance.
-
-    Examples
-    --------
+    A coil with both pins free has no path for direct current: ground one pin, through 1 GΩ if it
+    floats. A coil of no resistance has no operating point across a voltage source or an ideal
+    short: drive it by a current source, and short it through a resistance.
     >>> print(spice_subcircuit(["A", "B"], [[2e-6, 1e-6], [1e-6, 2e-6]], [3.0, 0.0], capacitance=[0, 4e-12]))
     * coilarray: 2 coils; H, ohm, F
     .subckt coilarray A_1 A_2 B_1 B_2
@@ -262,10 +260,10 @@ def spice_subcircuit(
 
 @dataclass(frozen=True, eq=False)
 class Ladder:
-    """Resistance over frequency as a resistor in series with sections of R and L in parallel.
+    """Resistance over frequency as parallel sections of R and L.
 
-    No element is negative. `direct` is the resistance at direct current in Ω. `resistances` and `inductances`
-    (sections,) are in Ω and H.
+    The `direct` resistance in Ω is in series. No element is negative. `resistances` and
+    `inductances` (sections,) are in Ω and H.
     """
 
     direct: float
@@ -273,12 +271,12 @@ class Ladder:
     inductances: FloatArray
 
     def resistance(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Real part (f,) of the impedance in Ω at frequencies in Hz."""
+        """Real part (f,) of the impedance in Ω."""
         square = self._corner_ratio(frequencies) ** 2
         return np.asarray(self.direct + (self.resistances * square / (1 + square)).sum(axis=-1))
 
     def inductance(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Imaginary part (f,) of the impedance over ω in H, which falls as the resistance grows."""
+        """Inductance (f,) in H, which falls as the resistance grows."""
         return np.asarray((self.inductances / (1 + self._corner_ratio(frequencies) ** 2)).sum(axis=-1))
 
     def _corner_ratio(self, frequencies: npt.ArrayLike) -> FloatArray:
@@ -288,11 +286,11 @@ class Ladder:
 
 
 def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> Ladder:
-    """Fit a ladder to resistances (f,) in Ω at frequencies (f,) in Hz, by least squares of the relative error.
+    """Fit a ladder to resistances (f,) by relative least squares.
 
-    Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR. With corners on a
-    logarithmic grid the rest is a linear fit of numbers that are not negative (Lawson & Hanson, Solving Least Squares
-    Problems, 1974, ch. 23).
+    Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR.
+    With corners on a logarithmic grid the rest is a linear fit of numbers that are not negative
+    (Lawson & Hanson, Solving Least Squares Problems, 1974, ch. 23).
 
     >>> f = np.geomspace(1e5, 1e7, 21)
     >>> ladder = fit_ladder(f, 10 + 4 * (f / 3e6) ** 2 / (1 + (f / 3e6) ** 2))
@@ -317,13 +315,11 @@ def touchstone(
     path: Path | str,
     reference_resistance: float = 50.0,
 ) -> None:
-    """Write an impedance matrix as scattering parameters, real and imaginary, in a Touchstone file of version 1.
+    """Write an impedance matrix as a Touchstone file, version 1.
 
-    The impedance (f, n, n) in Ω holds with all ports open but the driven port. The frequencies (f,) in Hz rise and may
-    begin at 0. The file ends in ``.sNp`` with the number of ports N, and its comments hold the names as `plain_names`.
-
-    S = (Z − R₀)(Z + R₀)⁻¹ (Kurokawa, IEEE Trans. MTT 13, 194, 1965, for one real R₀). A port far from R₀ has |S| near 1
-    and loses about max(|Z|/R₀, R₀/|Z|) in relative precision.
+    The impedance (f, n, n) in Ω holds with all ports open but the driven port. S = (Z − R₀)(Z +
+    R₀)⁻¹ (Kurokawa, IEEE Trans. MTT 13, 194, 1965, for one real R₀). A port far from R₀ has |S|
+    near 1 and loses about max(|Z|/R₀, R₀/|Z|) in relative precision.
     """
     Z = np.asarray(impedance, dtype=np.complex128)
     f = np.asarray(frequencies, dtype=np.float64)
@@ -351,14 +347,15 @@ def fasthenry_input(
 ) -> str:
     """Write current paths as a FastHenry input file (.inp).
 
-    Every segment of the source needs a cross-section, else a GeometryError is raised. The names of the paths become the
-    names of the ports. The frequencies in Hz rise by one factor, since FastHenry sweeps from fmin to fmax by a factor.
-    The resistivity is in Ω·m. `filaments_across` the width and the thickness of every segment (nwinc, nhinc) show the
-    skin and proximity effects. (1, 1) is direct current. The `title` is the first line.
+    Every segment of the source needs a cross-section, else a GeometryError is raised. The names of
+    the paths become the names of the ports. The frequencies in Hz rise by one factor, since
+    FastHenry sweeps from fmin to fmax by a factor. The resistivity is in Ω·m. `filaments_across`
+    the width and the thickness of every segment (nwinc, nhinc) show the skin and proximity effects.
+    (1, 1) is direct current. The `title` is the first line.
 
-    A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width × thickness,
-    the segment gets its own resistivity ρ w h/A, so that its resistance at direct current is right. FastHenry turns all
-    names to lower case.
+    A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width
+    × thickness, the segment gets its own resistivity ρ w h/A, so that its resistance at direct
+    current is right. FastHenry turns all names to lower case.
 
     Returns
     -------

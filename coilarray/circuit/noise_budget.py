@@ -1,8 +1,8 @@
 """Noise and drift of readings of δ by cause.
 
-Every cause has a size, and is either the same at all coils or not. The converter counts the oscillation of coil and
-tank against its clock. L = 1/((2πf)² C) is taken with the nominal clock and capacitance, so that a relative error of f
-is twice as large in L. δ = L/L_0 − 1 has the noise of a reading and of its L_0, and all changes between the two.
+The converter counts the oscillation of coil and tank against its clock. L = 1/((2πf)² C) is taken
+with the nominal clock and capacitance, so that a relative error of f is twice as large in L. δ =
+L/L_0 − 1 has the noise of a reading and of its L_0, and all changes between the two.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """Cause of errors of δ. Arrays have shape (states,).
+    """Cause of errors of δ, with arrays (states,).
 
-    `noise` is the standard deviation of L of one scan, relative to L, independent from scan to scan. `drift` is the
-    relative change of L with the board's temperature in 1/K, with its sign. `change` is the standard deviation of the
-    change of δ from L_0 to the reading by the temperature or the supply, with the sign of the coefficient. A `common`
-    cause is the same at all coils, so that a reference coil removes the equal part. `source` is the source of its size,
-    `assumed` unless a public source or device has confirmed it.
+    `noise` is the relative standard deviation of L, independent from scan to scan. `drift` is the
+    relative change of L with the board's temperature in 1/K. `change` is the standard deviation of
+    the change of δ from L_0 to the reading, with the sign of the coefficient. A `common` cause is
+    the same at all coils, so that a reference coil removes the equal part. `source` is the source
+    of its size, `assumed` unless a public source or device has confirmed it.
     """
 
     name: str
@@ -55,17 +55,16 @@ class Cause:
 
     @property
     def size(self) -> str:
-        """Knowledge of the cause's size: "known", "assumed", or "none" if it has no size."""
+        """Knowledge of the cause's size: "known", "assumed", or "none"."""
         return "none" if not self.counted else "assumed" if self.assumed else "known"
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
-    """Noise and drift of a board's readings by cause, for the `readout` settings.
+    """Noise and drift of a board's readings by cause.
 
-    Arrays of the `causes` are in the order of `states`. `reference` are the reference coils whose δ has been subtracted
-    from the others. `unread` are the states, and reference coils, that no LDC1614 can read, so that their noise is of
-    no use.
+    Arrays of the `causes` are in the order of `states`. `reference` are the coils whose δ has been
+    subtracted. `unread` are states and reference coils that no LDC1614 can read.
     """
 
     states: tuple[str, ...]
@@ -97,61 +96,52 @@ class NoiseBudget:
 
     @property
     def scan_noise(self) -> FloatArray:
-        """Relative standard deviation of L of one scan.
-
-        It is the noise of all causes in quadrature, of shape (states,).
-        """
+        """Relative standard deviation (states,) of L of one scan."""
         return _quadrature([cause.noise for cause in self.causes])
 
     @property
     def noise(self) -> FloatArray:
-        """Standard deviation of δ by noise, shape (states,).
-
-        It includes the averaged scans of the reading and of L_0.
-        """
+        """Standard deviation (states,) of δ by noise, with averages."""
         return self.scan_noise * math.sqrt(1 / self.readout.averaged_scans + 1 / self.readout.baseline_scans)
 
     @property
     def drift(self) -> FloatArray:
-        """Change of δ with temperature in 1/K, shape (states,), in quadrature, as some signs are unknown."""
+        """Change (states,) of δ in 1/K.
+
+        The causes add in quadrature, as some signs are unknown.
+        """
         return _quadrature([cause.drift for cause in self.causes])
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard deviation of δ by noise and changes since L_0, shape (states,)."""
+        """Standard deviation (states,) of δ by noise and changes."""
         return _quadrature([self.noise, *(cause.change for cause in self.causes)])
 
     @property
     def largest(self) -> float:
-        """Largest `sigma` of all states, the noise of δ of a single coil."""
+        """Largest `sigma`, the noise of δ of a single coil."""
         return float(self.sigma.max())
 
     @property
     def independent(self) -> FloatArray:
-        """Standard deviation of δ by each coil's own causes, shape (states,).
+        """Standard deviation (states,) of δ by each coil's own causes.
 
-        With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ, whose diagonal is sigma².
+        With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ.
         """
         return np.hypot(self.noise, self.own_change)
 
     @property
     def own_change(self) -> FloatArray:
-        """Standard deviation of δ by own changes since L_0, shape (states,)."""
+        """Standard deviation (states,) of δ by own changes since L_0."""
         return _quadrature([np.zeros(len(self.states)), *(one.change for one in self.causes if not one.common)])
 
     @property
     def common(self) -> dict[str, FloatArray]:
-        """Common relative changes c of δ by causes that are one random number at all coils, shape (states,)."""
+        """Changes c (states,) of δ by causes common to coils."""
         return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
 
     def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """Return `common` as a variable of a response dataset.
-
-        Returns
-        -------
-        dict
-            ``common_noise`` (drift_cause, state), ratios, or nothing without common causes.
-        """
+        """Return `common` as ``common_noise`` (drift_cause, state)."""
         common = self.common
         if not common:
             return {}
@@ -161,13 +151,7 @@ class NoiseBudget:
         return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def select(self, states: Sequence[str]) -> NoiseBudget:
-        """Return the budget of some of the states in the given order. An unknown state raises a NetworkError.
-
-        Returns
-        -------
-        NoiseBudget
-            The smaller budget.
-        """
+        """Return the budget of some states in the given order."""
         if unknown := [name for name in states if name not in self.states]:
             raise NetworkError(f"the budget has no state {unknown[0]!r}; there are {', '.join(self.states)}.")
         kept = [self.states.index(name) for name in states]
@@ -177,16 +161,11 @@ class NoiseBudget:
         return replace(self, states=tuple(states), causes=causes)
 
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
-        """Return the budget with the mean of reference coils subtracted from the other states.
+        """Return the budget less the mean of reference coils.
 
-        Common changes cancel as far as they are equal at both, as in `coilarray.hardware.record.recorded_response`. The
-        remaining errors of the references are added in quadrature. A reference that is unknown or named twice, no
-        reference, or no other state raises a NetworkError.
-
-        Returns
-        -------
-        NoiseBudget
-            The budget of the other states.
+        Common changes cancel as far as they are equal at both, as in
+        `coilarray.hardware.record.recorded_response`. The remaining errors of the references are
+        added in quadrature.
         """
         others = referenced_names(self.states, reference)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -208,13 +187,7 @@ class NoiseBudget:
         return replace(self, states=others, causes=causes, reference=tuple(reference))
 
     def to_record(self) -> dict[str, Any]:
-        """Return the budget as plain values for JSON.
-
-        Returns
-        -------
-        dict
-            Numbers, texts and lists in SI.
-        """
+        """Return the budget in SI as plain values for JSON."""
         return {
             "states": list(self.states),
             "not_readable": list(self.unread),
@@ -271,8 +244,8 @@ def noise_budget(
 
     Notes
     -----
-    See `budget_of`. Left out are neighbours that are warmer than others, flicker noise of clock and sensor, the change
-    of the skin depth, and the elastomer.
+    See `budget_of`. Left out are neighbours that are warmer than others, flicker noise of clock and
+    sensor, the change of the skin depth, and the elastomer.
 
     Examples
     --------
@@ -300,21 +273,21 @@ def budget_of(
 ) -> NoiseBudget:
     """Return the budget of a design's states from their resonances.
 
-    The read-out, the tank and the switches of the design count, unless `switches` are given. The resonances (states,)
-    are in Hz. The quality factors (states,) of the whole resonators are infinite without losses.
-
-    Noise of f in one conversion of the duration T:
+    The resonances (states,) are in Hz, and the quality factors of the whole resonators. Noise of f
+    in one conversion of the duration T:
 
     - resolution of the converter and jitter of its clock, as `Readout` has them,
-    - thermal noise of the losses. It lets the phase of an oscillator diffuse, S_φ = (4kT_K/P) (f/(2Qf_m))² at the
-      offset f_m with the dissipated power P (D. B. Leeson, Proc. IEEE 54, 329, 1966, in the form of A. Hajimiri & T. H.
-      Lee, IEEE J. Solid-State Circuits 33, 179, 1998, with F = 1). This is white noise of f, S_y = kT_K/(Q²P), whose
-      mean over T has σ² = S_y/(2T) = kT_K/(QωCV²T) with P = ωCV²/(2Q). The converter's amplifier adds more.
+    - thermal noise of the losses. It lets the phase of an oscillator diffuse, S_φ = (4kT_K/P)
+      (f/(2Qf_m))² at the offset f_m with the dissipated power P (D. B. Leeson, Proc. IEEE 54, 329,
+      1966, in the form of A. Hajimiri & T. H. Lee, IEEE J. Solid-State Circuits 33, 179, 1998, with
+      F = 1). This is white noise of f, S_y = kT_K/(Q²P), whose mean over T has σ² = S_y/(2T) =
+      kT_K/(QωCV²T) with P = ωCV²/(2Q). The converter's amplifier adds more.
 
-    Changes with temperature: L follows from the square of the clock, the capacitance and the size of the board. A coil
-    with a series resistance R has L_eff = L (1 + 1/Q²) at Im Y = 0, which changes by 2/(Q² + 1) times the relative
-    change of R, the switches' included. R is taken to change as at direct current, an upper bound if the skin effect
-    counts. The delay of 5 ns in the converter's drive (SNOSCY9A, equation 1) adds 5 ns · ω/Q times that change.
+    Changes with temperature: L follows from the square of the clock, the capacitance and the size
+    of the board. A coil with a series resistance R has L_eff = L (1 + 1/Q²) at Im Y = 0, which
+    changes by 2/(Q² + 1) times the relative change of R, the switches' included. R is taken to
+    change as at direct current, an upper bound if the skin effect counts. The delay of 5 ns in the
+    converter's drive (SNOSCY9A, equation 1) adds 5 ns · ω/Q times that change.
     """
     readout = design.readout
     if switches is None:
@@ -398,7 +371,7 @@ def budget_of(
 
 @dataclass(frozen=True)
 class _Clock:
-    """Relative temperature and supply coefficients of a clock in 1/K and 1/V, with their sources."""
+    """Temperature and supply coefficients of a clock, with sources."""
 
     name: str
     per_kelvin: float

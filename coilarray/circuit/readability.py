@@ -1,7 +1,7 @@
-"""Readability of states and map positions by a converter: marks, drive currents and words.
+"""Readability of states and map positions by a converter.
 
-Values that no converter can read stay in their dataset, marked. They are left out of ranges, deviations and largest
-values.
+Values that no converter can read stay in their dataset, marked. They are left out of ranges,
+deviations and largest values.
 """
 
 from __future__ import annotations
@@ -38,16 +38,15 @@ RESONATOR = ("frequency", "parallel_resistance", "quality_factor")
 def readability(
     design: Design, over: tuple[str, ...], values: Mapping[str, FloatArray], base: Mapping[str, FloatArray]
 ) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-    """Return the variables for the readability by a converter, none without one.
+    """Return the variables for the readability by a converter.
 
-    `values` and `base` hold the `RESONATOR` quantities at every position (…, states) and of the coils alone (states,).
-    `over` are the dimensions of the values, the states last.
+    `values` and `base` hold the `RESONATOR` quantities at every position (…, states) and of the
+    coils alone (states,). `over` are the dimensions of the values, the states last.
 
-    At every position: ``readable``, ``broken_limit``, the number of the broken limit or 0, ``amplitude`` in V with the
-    drive current of the coil alone, or NaN if no current fits it, and ``path_readable``, with the single drive current
-    that reads the most. Of every state: ``drive_code``, the IDRIVE of the coil alone, ``path_drive_code``, the IDRIVE
-    that reads the most positions and the coil alone, and ``alone_readable``, whether the latter reads the coil alone. A
-    code of −1 stands for none.
+    ``amplitude`` in V is with the drive current of the coil alone, or NaN if no current fits it.
+    ``drive_code`` is the IDRIVE of the coil alone. ``path_drive_code`` reads the most positions and
+    the coil alone, ``path_readable`` is with it, and ``alone_readable`` tells whether it reads the
+    coil alone. A code of −1 stands for none.
     """
     if not design.readout.converter:
         return {}
@@ -76,7 +75,7 @@ def readability(
 
 
 def readable_of(response: xr.Dataset) -> xr.DataArray:
-    """Return where a converter reads a map, with the dimensions of ``delta``. It is everywhere by default."""
+    """Return where a converter reads a map, by default everywhere."""
     delta = response["delta"]
     if "readable" not in response:
         return xr.ones_like(delta, dtype=bool)
@@ -84,10 +83,10 @@ def readable_of(response: xr.Dataset) -> xr.DataArray:
 
 
 def with_reasons(dataset: xr.Dataset, more: Sequence[str] = ()) -> tuple[xr.Dataset, tuple[str, ...]]:
-    """Return a dataset with ``broken_limit`` in words, and the names of its marks for a table.
+    """Return a dataset with reasons, and its marks for tables.
 
-    `more` are further variables of `readability`, which come first. Without a converter there are no names. Marks that
-    are the same everywhere are left out.
+    `more` are further variables of `readability`, which come first. Marks that are the same
+    everywhere are left out.
     """
     if "broken_limit" not in dataset:
         return dataset, ()
@@ -102,10 +101,11 @@ def with_reasons(dataset: xr.Dataset, more: Sequence[str] = ()) -> tuple[xr.Data
 class PathDrive:
     """Drive of the sensor over all positions of one state.
 
-    `code` and `path_code` are the IDRIVE of the coil alone, and the one that reads the most positions and the coil
-    alone, −1 for none. `least` and `most` are the ends of the amplitude in V over all positions with `code`, NaN for
-    none, and `place` is where it is farthest from the allowed range. `read` of `positions` are read by `path_code`, and
-    the coil `alone` if true. `heights` are the distances or depths that it reads at the place of the least R_p.
+    `code` is the IDRIVE of the coil alone, and `path_code` reads the most positions and the coil
+    alone, −1 for none. `least` and `most` are the ends of the amplitude in V with `code`, and
+    `place` is where it is farthest from the allowed range. `path_code` reads `read` of `positions`,
+    and the coil `alone` if true. `heights` are the distances or depths that it reads at the place
+    of the least R_p.
     """
 
     state: str
@@ -126,12 +126,12 @@ class PathDrive:
 
     @property
     def kept(self) -> bool:
-        """Whether the drive of the coil alone keeps the amplitude at every position."""
+        """Whether the drive keeps the amplitude at every position."""
         return AMPLITUDES[0] <= self.least and self.most <= AMPLITUDES[1]
 
 
 def path_drives(response: xr.Dataset) -> list[PathDrive]:
-    """Return the drive over positions of every map state, none without a converter."""
+    """Return the drive over positions of every map state."""
     found: list[PathDrive] = []
     if "amplitude" not in response or "y" not in response.amplitude.dims:
         return found
@@ -153,11 +153,7 @@ def path_drives(response: xr.Dataset) -> list[PathDrive]:
 
 
 def reading_lines(response: xr.Dataset) -> list[str]:
-    """Return sentences on the parts of a map that the converter misses.
-
-    There is one for each limit that prevents reading, and for the drive of the coils alone, if it does not read
-    everything.
-    """
+    """Return sentences on the parts that the converter misses."""
     if "broken_limit" not in response:
         return []
     lines, broken = [], response["broken_limit"]
@@ -204,7 +200,7 @@ def _place(values: xr.DataArray, index: Sequence[np.intp]) -> str:
 
 
 def _spans(values: FloatArray, chosen: BoolArray, what: str) -> str:
-    """Write the chosen of rising lengths in m, neighbours as one span."""
+    """Write the chosen of rising lengths in m as spans."""
     parts = []
     for read, group in groupby(zip(values.tolist(), chosen.tolist(), strict=True), key=lambda pair: pair[1]):
         inside = [MM.text(value) for value, _ in group]

@@ -1,19 +1,20 @@
 """First-order response of scan states to inductance changes.
 
-Many states are solved at once. One volt between the sides of the converter drives the currents i through the coils. By
-reciprocity a change ΔL of the inductance matrix changes the admittance there, the tank included, by ΔY = −jω iᵀ ΔL i.
-The converter oscillates at B = Im Y = 0, and its value of the inductance, L = 1/(ω²C), changes by
+Many states are solved at once. One volt between the sides of the converter drives the currents i
+through the coils. By reciprocity a change ΔL of the inductance matrix changes the admittance there,
+the tank included, by ΔY = −jω iᵀ ΔL i. The converter oscillates at B = Im Y = 0, and its value of
+the inductance, L = 1/(ω²C), changes by
 
     δ_a = ΔL/L = −2 Δω/ω = Re(w_a i_aᵀ ΔL i_a),   w_a = −2 y_a²/(dB/dω),
 
-with the currents i_a per ampere of the measured coil and y_a, its own per volt. This is ΔL/L for a coil without losses
-and neighbours. Three methods give i and B:
+with the currents i_a per ampere of the measured coil and y_a, its own per volt. This is ΔL/L for a
+coil without losses and neighbours. Three methods give i and B:
 
-- Coils of constant R and L alone, others grounded or open: all states of a group come from one decomposition
-  R V = L V ρ with VᵀLV = 1, as the admittance matrix is Y(ω) = V (ρ + jω)⁻¹ Vᵀ.
-- All others grounded, with strays and a resistance that depends on frequency: measuring a coil is grounding it at the
-  sides of the converter. The factors of the grounded array serve all states. They are sampled at few frequencies and
-  interpolated, as the resonances lie close together.
+- Coils of constant R and L alone, others grounded or open: all states of a group come from one
+  decomposition R V = L V ρ with VᵀLV = 1, as the admittance matrix is Y(ω) = V (ρ + jω)⁻¹ Vᵀ.
+- All others grounded, with strays and a resistance that depends on frequency: measuring a coil is
+  grounding it at the sides of the converter. The factors of the grounded array serve all states.
+  They are sampled at few frequencies and interpolated, as the resonances lie close together.
 - Any other state by itself: `coilarray.circuit.network`.
 """
 
@@ -46,8 +47,8 @@ from coilarray.compute.threads import serial_algebra
 from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
 
-# Frequencies of a group of states: first two far apart, then Chebyshev points. Interpolation over a relative half-width
-# w errs by (w/2)^points.
+# Frequencies of a group of states: first two far apart, then Chebyshev points. Interpolation over a
+# relative half-width w errs by (w/2)^points.
 _FAR, _SPAN, _PAD, _POINTS, _ROUNDS = 0.1, 0.02, 2e-3, 6, 20
 _FEW = 12  # coils up to which a state by itself costs less than the samples
 
@@ -56,8 +57,9 @@ _FEW = 12  # coils up to which a state by itself costs less than the samples
 class StateSensitivity:
     """Scan states at resonance and their response to inductance changes.
 
-    `measured` (states,) is the number of the coil that each state measures. `base_inductance` (states,) is L = 1/(ω²C)
-    in H. `currents` (coils, states) are in A per A of the measured coil. `weights` (states,) are the factors w in 1/H.
+    `measured` (states,) is the number of the measured coil. `base_inductance` (states,) is L =
+    1/(ω²C) in H. `currents` (coils, states) are in A per A of the measured coil. `weights`
+    (states,) are the factors w in 1/H.
     """
 
     measured: IntArray
@@ -66,7 +68,7 @@ class StateSensitivity:
     weights: ComplexArray
 
     def delta(self, change: FloatArray) -> FloatArray:
-        """Return δ (…, states) by changes of the inductance matrix (…, coils, coils) in H."""
+        """Return δ (…, states) by changes of inductances in H."""
         energy = np.einsum("pa,...pq,qa->...a", self.currents, change, self.currents, optimize=True)
         return np.asarray((self.weights * energy).real)
 
@@ -74,8 +76,6 @@ class StateSensitivity:
 @serial_algebra()
 def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSensitivity:
     """Solve states that measure one coil each at their resonances.
-
-    A state that measures several coils or none, or a state without a resonance, raises a NetworkError.
 
     >>> from coilarray.circuit.board_circuit import bare_network
     >>> from coilarray.design.scan_states import Switches, paper_plan
@@ -110,7 +110,7 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
 
 @serial_algebra()
 def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]:
-    """Solve states where the converter oscillates, as `resonate` does, but faster for many coils."""
+    """Solve states as `resonate`, but faster for many coils."""
     for state in states:
         check_state(state, network.names)
     C = network.switches.tank_capacitance
@@ -127,7 +127,10 @@ def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]
 
 
 class _States(NamedTuple):
-    """States at their resonances: ω in 1/s, NaN without one, Y in S, dB/dω in F, and i (coils, states) in A/V."""
+    """States at resonance, with arrays over the states.
+
+    ω in 1/s is NaN without a resonance, Y in S, dB/dω in F, and i (coils, states) in A/V.
+    """
 
     omega: FloatArray
     admittance: ComplexArray
@@ -142,9 +145,10 @@ def _measured(network: Network, states: Sequence[ScanState]) -> IntArray:
 
 
 def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW) -> Iterator[tuple[list[int], _States]]:
-    """Yield the numbers and the solution of the states for which a faster method exists, in groups.
+    """Yield groups of states for which a faster method exists.
 
-    Coils alone (`_is_bare`) are solved together from an array of `fewest` coils on, all others from `_FEW` coils on.
+    Coils alone (`_is_bare`) are solved together from an array of `fewest` coils on, all others from
+    `_FEW` coils on.
     """
     n, bare = len(network.names), _is_bare(network)
     groups: dict[bytes, list[int]] = {}
@@ -166,7 +170,7 @@ def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW)
 
 
 def _is_bare(network: Network) -> bool:
-    """Whether a network has coils of constant R and L, closed switches and a tank at the converter only."""
+    """Whether a network is of constant R and L only."""
     switches, resistance = network.switches, network.resistance
     strays = (switches.off_capacitance, switches.terminal_capacitance, switches.bus_capacitance)
     capacitance = any(strays) or network.winding_capacitance.any() or network.mutual_capacitance.any()
@@ -189,7 +193,7 @@ def _alone(network: Network, state: ScanState) -> tuple[float, float, ComplexArr
 
 
 def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _States:
-    """Solve some of the coils at once, of constant resistance and without other elements."""
+    """Solve some coils of constant resistance at once."""
     L = network.inductance[np.ix_(coils, coils)]
     R = np.diag(network.resistance(1.0))[coils] + 2 * network.switches.on_resistance
     capacitance = network.switches.tank_capacitance
@@ -242,7 +246,7 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
 
 
 def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntArray]:
-    """Yield the indices of values that are close together and on one side of every edge."""
+    """Yield indices of close values on one side of edges."""
     order, segment = np.argsort(values), np.searchsorted(edges, values)
     while len(order):
         same = (values[order] <= values[order[0]] * (1 + span)) & (segment[order] == segment[order[0]])
@@ -253,7 +257,7 @@ def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntA
 def _interpolated(
     network: Network, K: csc_array, measured: IntArray, omega: FloatArray, low: float, high: float
 ) -> _States:
-    """Solve states with resonances between two angular frequencies, near those given."""
+    """Solve states with resonances between two angular frequencies."""
     angle = np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
     nodes = (low + high) / 2 + (high - low) / 2 * np.cos(angle)
     admittances, currents = zip(*(_driven_together(network, K, measured, at) for at in nodes.tolist()), strict=True)
@@ -280,7 +284,7 @@ def _interpolated(
 
 
 def _terminal_capacitance(network: Network) -> csc_array:
-    """Maxwell matrix (2 coils, 2 coils) of the terminals in F, with all elements there except the converter."""
+    """Maxwell matrix in F of the terminals without the converter."""
     switches = network.switches
     across = network.winding_capacitance + (switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
     ground = np.full(2 * len(across), 2 * switches.off_capacitance + switches.terminal_capacitance)
@@ -291,13 +295,14 @@ def _terminal_capacitance(network: Network) -> csc_array:
 def _driven_together(
     network: Network, K: csc_array, measured: IntArray, omega: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Admittances (states,) in S with the tank, and currents (coils, states) in A for one volt.
+    """Admittances (states,) and currents (coils, states) for one volt.
 
-    The terminals t have the voltages v = q − r (jωK v + A i). Here q are the voltages behind their closed switches of
-    resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil currents that leave them. With the
-    coils' Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P = (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the
-    currents D q, D = jωK (H − r HA P) + A P. A side of the converter also acts through open switches: with κ = jω r c
-    as a part κ of its voltage in every q, and by the current s = jωc times the voltage across each.
+    The terminals t have the voltages v = q − r (jωK v + A i). Here q are the voltages behind their
+    closed switches of resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil
+    currents that leave them. With the coils' Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P =
+    (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the currents D q, D = jωK (H − r HA P) + A P. A side
+    of the converter also acts through open switches: with κ = jω r c as a part κ of its voltage in
+    every q, and by the current s = jωc times the voltage across each.
     """
     n, switches = len(network.names), network.switches
     r, s = switches.on_resistance, 1j * omega * switches.off_capacitance
@@ -324,7 +329,8 @@ def _driven_together(
     D = (D + sign[:, None] * ends[coil, coil][:, None, :])[measured]
     sums = 1j * omega * (K @ H.sum(axis=1) - r * KHA @ total) + np.kron(total, sign)
     all_sums, sums = sums.sum(), sums.reshape(n, 2)[measured]
-    # Currents that leave the sides A and B for a voltage of one side: H − r HA P = 1 − r D, with sums g.
+    # Currents that leave the sides A and B for a voltage of one side: H − r HA P = 1 − r D, with
+    # sums g.
     g, bus = 1 - r * sums, 1j * omega * switches.bus_capacitance
     rest = kappa * (2 * n - r * all_sums)
     sides = (

@@ -1,11 +1,11 @@
-"""Checksums of measured data: a bit that flips on a disk is noticed, and never taken for a number.
+"""Checksums that reveal any change of measured data on disk.
 
-A row of a database is kept with the `checksum` of its values. A TOML file ends in a comment with the checksum of all
-bytes before it, its seal.
+A row of a database is kept with the `checksum` of its values. A TOML file ends in a comment with
+the checksum of all bytes before it, its seal.
 
-A table of text, CSV, is kept line by line. The last column of each line is a checksum of the table up to there. The
-last line, a comment, has the number of lines and a checksum of all. Missing, doubled or swapped lines are thus noticed,
-and so is a table that is cut. Nothing is repaired.
+In a CSV the last column of each line is a checksum of the table up to there. The last line, a
+comment, has the number of lines and a checksum of all. Missing, doubled or swapped lines are thus
+noticed, and so is a table that is cut. Nothing is repaired.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ _VALUE_BYTES, _FILE_BYTES = 8, 16
 def canonical(*parts: Any) -> bytes:
     """Canonical bytes of values, for checksums and keys.
 
-    The parts are tables, lists, texts, numbers, arrays and dataclasses of these. Equal values have equal bytes on every
-    machine. The order of a table's entries does not matter. 1 and 1.0 are different.
+    Equal values have equal bytes on every machine. The order of a table's entries does not matter.
+    1 and 1.0 are different.
     """
     return _ENCODER.encode(parts).encode()
 
 
 def checksum(*parts: Any) -> str:
-    """Checksum of values as 16 hexadecimal digits: BLAKE2b (RFC 7693) of `canonical`."""
+    """BLAKE2b (RFC 7693) of `canonical` as 16 hexadecimal digits."""
     return hashlib.blake2b(canonical(*parts), digest_size=_VALUE_BYTES).hexdigest()
 
 
 class _TableSeal:
-    """Checksums of the lines of a CSV, in the order in which they are written."""
+    """Checksums of a CSV's lines in their order."""
 
     def __init__(self) -> None:
         self._digest = hashlib.blake2b(digest_size=_VALUE_BYTES)
         self._lines = 0
 
     def line(self, text: str) -> str:
-        """Return the next line with its checksum and its end. The first line is the head."""
+        """Return the next line with its checksum and end."""
         self._digest.update(f"{text}\n".encode())
         self._lines += 1
         return f"{text},{COLUMN if self._lines == 1 else self._digest.hexdigest()}\n"
@@ -64,10 +64,10 @@ class _TableSeal:
 
 
 def with_checksums(table: str) -> str:
-    r"""Return a CSV with the checksums of its lines. No cell may have a line break.
+    r"""Return a CSV with checksums of its lines.
 
-    Examples
-    --------
+    No cell may have a line break.
+
     >>> print(with_checksums("a,b\n1,2\n"), end="")
     a,b,checksum
     1,2,c2b2943baeea3e28
@@ -78,15 +78,14 @@ def with_checksums(table: str) -> str:
 
 
 def has_checksums(table: str) -> bool:
-    """Whether a CSV has checksums of its lines, cut or not."""
+    """Whether a CSV has checksums, even if it is cut."""
     return table.split("\n", 1)[0].endswith(f",{COLUMN}") or _LAST_LINE in table
 
 
 def checked_rows(table: str, name: object) -> list[list[str]]:
-    """Check a CSV of `with_checksums` and return its cells without checksums.
+    """Return the cells of a `with_checksums` CSV, checked.
 
-    Raises DamagedError, which names the file, if anything has changed, or if the last line is missing, as a killed
-    program leaves it.
+    DamagedError is also raised if the last line is missing, as a killed program leaves it.
     """
     *lines, rest = table.split("\n")
     last = lines.pop() if lines and not rest and lines[-1].startswith(_LAST_LINE) else None
@@ -110,12 +109,12 @@ def sealed(data: bytes) -> bytes:
 
 
 def has_seal(data: bytes) -> bool:
-    """Whether the content of a file ends in a seal, right or wrong."""
+    """Whether a file ends in a seal, right or wrong."""
     return _SEAL.fullmatch(data[-_LENGTH:]) is not None
 
 
 def unsealed(data: bytes, name: object) -> bytes:
-    """Return a file's content without its seal. Raises DamagedError if the seal is wrong or missing."""
+    """Return a file's content without its seal, checked."""
     if not has_seal(data):
         raise DamagedError(f"{name} is cut: its last line, a checksum, is missing.")
     content = data[:-_LENGTH]

@@ -1,4 +1,4 @@
-"""Customary units and digits for numbers in SI, in one place for pages and terminals."""
+"""Customary units and digits for numbers in SI."""
 
 from __future__ import annotations
 
@@ -18,14 +18,11 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """Customary unit with its symbol, factor and digits.
+    """Customary unit with its symbol, factor from SI and digits.
 
-    The symbol is empty for a pure number. The factor converts from SI. `digits` are decimal places, by default as many
-    as give the largest of the numbers four significant digits. With `significant` they are significant digits of each
-    number, for numbers that span many powers of ten.
+    `digits` are decimal places, by default as many as give the largest of the numbers four
+    significant digits. With `significant` they are significant digits of each number.
 
-    Examples
-    --------
     >>> display_unit("H").texts([58.0294e-6, -2.98254e-6]), display_unit("H").label("inductance")
     (['58.0294', '−2.9825'], 'inductance (µH)')
     >>> display_unit("1").texts([-0.051326, 0.0012]), PER_MILLION.texts([7.9e-4])
@@ -42,11 +39,11 @@ class DisplayUnit:
     significant: bool = False
 
     def label(self, quantity: str) -> str:
-        """Return the quantity's name with the unit in brackets, if there is one."""
+        """Return the quantity's name with any unit in brackets."""
         return f"{quantity} ({self.symbol})" if self.symbol else quantity
 
     def texts(self, numbers: Sequence[float]) -> list[str]:
-        """Return numbers in SI as texts in this unit, with a true minus sign."""
+        """Return numbers in SI as texts in this unit."""
         shown = [number * self.factor for number in numbers]
         if self.significant:
             return [true_minus(_with_power(f"{number:.{self.digits or _LARGEST_DIGITS}g}")) for number in shown]
@@ -60,18 +57,18 @@ class DisplayUnit:
         return np.asarray(values, dtype=np.float64) * self.factor
 
     def text(self, value: Any, digits: str = "") -> str:
-        """Return a value in SI as a number with unit. `digits` is a precision as in ``".3"``."""
+        """Return a value in SI with unit, ``".3"`` digits."""
         between = "·" if self.symbol.startswith("10") else " "
         return true_minus(f"{float(value) * self.factor + 0.0:{digits}g}{between}{self.symbol}".rstrip())
 
 
 def number_text(number: float, digits: int, sign: str = "-") -> str:
-    """Return a number with fixed decimal places and a true minus sign. "+" as `sign` shows plus signs."""
+    """Return a number with fixed decimals and true minus sign."""
     return true_minus(f"{round(number, digits) + 0.0:{sign}.{digits}f}")
 
 
 def value_text(value: object) -> str:
-    """Return an entry of a design or a quantity as text, with up to six digits."""
+    """Return a value as text with up to six digits."""
     if value is None:
         return "–"
     if isinstance(value, float):
@@ -91,12 +88,12 @@ def _with_power(text: str) -> str:
 
 
 def true_minus(text: str) -> str:
-    """Replace hyphens by minus signs, which are as wide as a plus."""
+    """Replace hyphens by minus signs, as wide as a plus."""
     return text.replace("-", "−")
 
 
 def _decimals(numbers: Sequence[float]) -> int:
-    """Return the decimal places for four digits of the largest number."""
+    """Return the decimals for four digits of the largest number."""
     largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
     if largest == 0.0 or all(float(number).is_integer() for number in numbers):
         return 0
@@ -133,5 +130,5 @@ _UNITS = {
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Return the customary unit for an SI unit of a dataset, or the SI unit itself."""
+    """Return the customary unit for an SI unit."""
     return _UNITS.get(unit or "1", DisplayUnit(unit))

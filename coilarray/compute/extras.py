@@ -16,8 +16,7 @@ from coilarray.errors import MissingDependencyError
 def import_extra(module: str, purpose: str, *, package: str, extra: str) -> ModuleType:
     """Import a module of an optional library.
 
-    `purpose` is the work that needs the library, in the plural, such as "STEP files". MissingDependencyError has the
-    command to install `package` by the `extra` of coilarray, or the reason why it cannot be loaded.
+    `purpose` is the work that needs the library, in the plural, such as "STEP files".
     """
     try:
         return importlib.import_module(module)
@@ -33,7 +32,7 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 
 
 def not_installed(purpose: str, package: str, extra: str) -> str:
-    """Return the message on how to install `package` by an extra."""
+    """Return the message on how to install a package."""
     command = f"{python_command(Path.cwd())} -m pip install {_requirement(extra)}"
     return f"{purpose} need {package}, which is not installed: {command}."
 
@@ -46,7 +45,7 @@ def python_command(folder: Path) -> str:
 
 
 def _requirement(extra: str) -> str:
-    """Return the requirement by which pip finds this coilarray: a name, a folder or an address."""
+    """Return the requirement by which pip finds this coilarray."""
     from importlib.metadata import PackageNotFoundError, distribution  # every command imports this module
     from urllib.parse import urlsplit
     from urllib.request import url2pathname

@@ -29,8 +29,7 @@ os.umask(_UMASK)
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file completely or not at all.
 
-    `write` fills a temporary file beside `path` with the same suffix, which then gets the name `path`. Raises
-    OutputError.
+    `write` fills a temporary file beside `path` with the same suffix.
     """
     with writing(path):
         remove_left(path.parent)
@@ -46,12 +45,12 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def hidden_prefix(name: str) -> str:
-    """Return the prefix of temporary files beside a file, by which `remove_left` knows them."""
+    """Return the prefix of temporary files for `remove_left`."""
     return f".{name[:50]}-coilarray-{os.getpid()}-"
 
 
 def remove_left(folder: Path) -> None:
-    """Delete temporary files and folders of killed programs of this computer."""
+    """Delete temporary files that killed programs here left behind."""
     with suppress(OSError):  # files that cannot be listed or deleted stay
         for entry in list(os.scandir(folder)):
             found = _LEFT.fullmatch(entry.name)
@@ -63,7 +62,10 @@ def remove_left(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether there is a process of this number. Always True on Windows, where the check would end it."""
+    """Whether a process exists.
+
+    Always True on Windows, where the check would end it.
+    """
     if os.name != "posix":
         return True
     try:
@@ -77,7 +79,7 @@ def _is_alive(process: int) -> bool:
 
 @contextmanager
 def writing(path: object, *others: type[Exception]) -> Iterator[None]:
-    """Convert errors of writing, and `others`, to OutputError with the file's name."""
+    """Convert errors of writing to OutputError with the file's name."""
     failures: tuple[type[Exception], ...] = (OSError, *others)
     try:
         yield
@@ -86,7 +88,7 @@ def writing(path: object, *others: type[Exception]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file completely or not at all. Raises OutputError."""
+    """Write a UTF-8 text file completely or not at all."""
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
@@ -103,7 +105,7 @@ def require_suffix(path: Path, *suffixes: str) -> None:
 
 
 def read_text(path: Path, error: type[CoilarrayError]) -> str:
-    """Read a UTF-8 text file, with or without byte order mark. Raises `error` with one line."""
+    """Read a UTF-8 file, or raise `error` with one line."""
     try:
         return text_of_file(path)
     except UnicodeDecodeError:
@@ -113,12 +115,12 @@ def read_text(path: Path, error: type[CoilarrayError]) -> str:
 
 
 def text_of_file(path: Path, most: int = MOST_BYTES) -> str:
-    """Read a text file without its byte order mark. Raises UnicodeDecodeError."""
+    """Read a text file without its byte order mark."""
     return io.TextIOWrapper(io.BytesIO(bytes_of_file(path, most)), encoding="utf-8-sig").read()
 
 
 def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Read a file or a pipe of at most `most` bytes. Raises OSError, also for a device."""
+    """Read a file or pipe of at most `most` bytes."""
     with open(path, "rb", opener=_open_at_once) as file:
         found = os.fstat(file.fileno())
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode)):
@@ -132,21 +134,21 @@ def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
 
 
 def _open_at_once(name: str, flags: int) -> int:
-    """Open a file without waiting for a program at the other end of a pipe."""
+    """Open a file without waiting at a pipe."""
     return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def default_folder() -> Path:
-    """Return the folder of the store of results: ``COILARRAY_CACHE``, otherwise the user's cache folder."""
+    """Return ``COILARRAY_CACHE``, or the user's cache folder."""
     import platformdirs
 
     return Path(os.environ.get(FOLDER_VARIABLE) or platformdirs.user_cache_dir("coilarray", appauthor=False))
 
 
 def keep_results(folder: str | Path | None = None) -> None:
-    """Keep slow results of this process and its workers on disk from now on, as the program ``coilarray`` does.
+    """Keep slow results of this process and workers on disk.
 
-    They are contacts, inductances, capacitances and resistances of copper. The folder is `default_folder` by default.
+    They are contacts, inductances, capacitances and resistances of copper.
     """
     os.environ[FOLDER_VARIABLE] = str(folder or default_folder())
 

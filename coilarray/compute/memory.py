@@ -9,7 +9,8 @@ from pathlib import Path
 from coilarray.errors import MemoryLimitError
 
 LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
-"""Environment variable that sets the allowed memory in GB, in place of a share of the free memory."""
+"""Environment variable that sets the allowed memory in GB, instead of a share of the free
+memory."""
 SHARE = 0.75
 """Share of the free memory that one array and its computation may use."""
 _GB = 1e9
@@ -21,17 +22,14 @@ _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 def collect_seldom() -> None:
     """Search cycles of dead objects a hundred times less often.
 
-    Imports, kernels and pictures make very many lasting objects. Searching them repeatedly takes a tenth of a command's
-    time, and a fifth of the compilation.
+    Imports, kernels and pictures make very many lasting objects. Searching them repeatedly takes a
+    tenth of a command's time, and a fifth of the compilation.
     """
     gc.set_threshold(_OBJECTS_A_COLLECTION, 20, 20)
 
 
 def require_memory(size: float, what: str, advice: str = "") -> None:
-    """Refuse work that needs more bytes than `allowed_memory`, before it allocates.
-
-    `what` is the subject of the message.
-    """
+    """Refuse work that needs more bytes than `allowed_memory`."""
     if size <= _SMALL and LIMIT_VARIABLE not in os.environ:
         return
     allowed = allowed_memory()
@@ -43,10 +41,7 @@ def require_memory(size: float, what: str, advice: str = "") -> None:
 
 
 def allowed_memory() -> float:
-    """Memory in bytes that one piece of work may use.
-
-    It is `SHARE` of the free memory, or ``COILARRAY_MEMORY_GB``. Raises MemoryLimitError if this is not positive.
-    """
+    """Memory in bytes that one piece of work may use."""
     said = os.environ.get(LIMIT_VARIABLE)
     if said is None:
         return SHARE * available_memory()
@@ -60,10 +55,10 @@ def allowed_memory() -> float:
 
 
 def available_memory() -> float:
-    """Memory in bytes that is available without swapping, infinite if unknown.
+    """Memory in bytes without swapping, infinite if unknown.
 
-    It is the least of the free memory of the machine, of every control group of this process, as set by containers and
-    batch systems, and of its own limit (``ulimit -v``).
+    It is the least of the free memory of the machine, of every control group of this process, as
+    set by containers and batch systems, and of its own limit (``ulimit -v``).
     """
     return min(_free_on_machine(), _left_in_groups(), own_limit())
 
@@ -80,7 +75,10 @@ def _free_on_machine() -> float:
 
 
 def _left_in_groups() -> float:
-    """Memory in bytes left in the control groups of both versions, with caches as free."""
+    """Memory in bytes left in the control groups.
+
+    Both versions of groups count, with caches as free.
+    """
     left = float("inf")
     for line in _text(_PROC / "self" / "cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
@@ -102,7 +100,7 @@ def _left_in_groups() -> float:
 
 
 def own_limit() -> float:
-    """Address space in bytes left to this process (``ulimit -v``), infinite without a limit."""
+    """Address space in bytes left to this process (``ulimit -v``)."""
     try:
         import resource
     except ImportError:  # Windows
@@ -113,7 +111,7 @@ def own_limit() -> float:
 
 
 def _fields(path: Path) -> dict[str, int]:
-    """Numbers of a file by name, from lines of a name and a number."""
+    """Numbers of a file by the name before each."""
     words = [line.replace(":", " ").split() for line in _text(path).splitlines()]
     return {line[0]: int(line[1]) for line in words if len(line) > 1 and line[1].isdecimal()}
 

@@ -1,6 +1,7 @@
-"""Datasets on disk as netCDF, written completely or not at all, and requirements on datasets.
+"""Datasets on disk as netCDF, and requirements on datasets.
 
-A file is made in memory and written as a whole, because HDF5 crashes the process if it cannot write, as on a full disk.
+A file is made in memory and written as a whole, because HDF5 crashes the process if it cannot
+write, as on a full disk.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ _SHOWN = 100  # characters of names in a message
 
 
 class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
-    """HDF5 file that opens each of its objects once; h5netcdf requests every variable twenty times."""
+    """HDF5 file that opens each of its objects once.
+
+    h5netcdf requests every variable twenty times.
+    """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -51,10 +55,10 @@ class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
 class Entry:
     """Requirements on a variable, coordinate or attribute.
 
-    `unit` is "" for any unit, and None for texts. A file may have the `dims` in any order, and with `fewer_dims` not
-    all of them. `gaps` allows NaN. `rising` numbers rise by a nanometre or more, and begin with 0 or at least a
-    nanometre if `low` is 0. `longest` is the number of characters of a text, `names` are texts that must be there, and
-    `flag` is a boolean.
+    `unit` is "" for any unit, and None for texts. A file may have the `dims` in any order, and with
+    `fewer_dims` not all of them. `gaps` allows NaN. `rising` numbers rise by a nanometre or more,
+    and begin with 0 or at least a nanometre if `low` is 0. `longest` is the number of characters of
+    a text, `names` are texts that must be there.
     """
 
     unit: str | None
@@ -72,10 +76,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Schema:
-    """Requirements on a kind of dataset, of which other contents are ignored.
+    """Requirements on a kind of dataset, other contents ignored.
 
-    `error` is raised for a dataset of another kind, which `summary` describes. Each of `together` are variables of
-    which a dataset has all or none.
+    `summary` describes the kind. Each of `together` are variables of which a dataset has all or
+    none.
     """
 
     error: type[CoilarrayError]
@@ -90,12 +94,8 @@ class Schema:
         return [name for name, entry in self.variables.items() if entry.needed]
 
     def checked(self, dataset: xr.Dataset, who: str) -> xr.Dataset:
-        """Return a dataset with numbers in float64 and dimensions in order.
+        """Return a dataset in float64 with dimensions in order.
 
-        Raises `error` with the first wrong field of `who`.
-
-        Examples
-        --------
         >>> from coilarray.errors import LocalizeError
         >>> line = Schema(LocalizeError, "x", {"x": Entry("m", ("x",), needed=True, rising=True)})
         >>> line.checked(xr.Dataset(coords={"x": [1, 1]}), "line.nc")
@@ -184,7 +184,7 @@ _LEAST_STEP = 1e-9  # m; closer positions have another unit or do not belong to 
 def variables(
     *rows: tuple[str, tuple[str, ...], Any, str, str],
 ) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-    """Make variables from rows of name, dimensions, values, unit ("" for none) and name in words."""
+    """Make variables from name, dimensions, values, unit and words."""
     return {
         name: (dims, values, ({"units": unit} if unit else {}) | {"long_name": words})
         for name, dims, values, unit, words in rows
@@ -192,7 +192,7 @@ def variables(
 
 
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset as netCDF, completely or not at all. Raises OutputError."""
+    """Write a dataset as netCDF, completely or not at all."""
     write_bytes(path, netcdf_of(dataset))
 
 
@@ -206,7 +206,7 @@ def netcdf_of(dataset: xr.Dataset) -> bytes:
 
 @contextmanager
 def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterator[Any]:
-    """Write a dataset into a netCDF file in memory, and yield the h5netcdf.File."""
+    """Write a dataset to memory, and yield the h5netcdf.File."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
@@ -216,7 +216,7 @@ def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterato
 
 
 def load_part(path: Path) -> xr.Dataset | None:
-    """Read a dataset from a netCDF file, None if it does not exist or cannot be read."""
+    """Read a netCDF file, None if missing or unreadable."""
     try:
         return _load(path)
     except Exception:  # h5py, h5netcdf and xarray raise many kinds of errors for a damaged file
@@ -224,10 +224,7 @@ def load_part(path: Path) -> xr.Dataset | None:
 
 
 def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
-    """Read a dataset from a netCDF file and check it by the schema whose variables it has.
-
-    Raises the schema's error for a file of another kind, and MemoryLimitError if it is larger than the memory.
-    """
+    """Read a dataset and check it by its schema."""
     error = schemas[0].error
     if not path.is_file():
         raise error(f"there is no file {path}.")

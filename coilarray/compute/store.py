@@ -1,9 +1,10 @@
-"""Store of computed results on disk, each under a hash of its inputs, and the lock of files with one writer.
+"""Store of computed results on disk, and the file lock.
 
-An entry is a small JSON file or a netCDF file. Its name is the SHA-256 of everything that decides the result: the
-inputs, the source code of the package and the versions of numpy, scipy and numba. The processor is not part of it,
-although it changes last digits. Entries are written completely or not at all. An entry that cannot be read counts as
-missing. The folder may be deleted at any time, and several runs may use it at once.
+The name of an entry, a JSON or netCDF file, is the SHA-256 of everything that decides the result:
+the inputs, the source code of the package and the versions of numpy, scipy and numba. The processor
+is not part of it, although it changes last digits. Entries are written completely or not at all. An
+entry that cannot be read counts as missing. The folder may be deleted at any time, and several runs
+may use it at once.
 """
 
 from __future__ import annotations
@@ -38,10 +39,10 @@ _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 @functools.cache
 def code_version() -> str:
-    """Version of coilarray with a hash of its source and of numpy, scipy and numba.
+    """Version of coilarray with a hash of its code.
 
-    Two machines compute the same numbers only if it is equal, and a kept number is valid only as long as it stays. The
-    processor and its mathematical library are not included. They change last digits.
+    The hash includes numpy, scipy and numba. Only with the same version do two machines compute the
+    same numbers, apart from last digits by the processor.
     """
     digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
     sources: dict[str, Path] = {}
@@ -56,12 +57,12 @@ def code_version() -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Store:
-    """Results in a folder, in subfolders named by the first two digits of the keys."""
+    """Results in subfolders by the keys' first two digits."""
 
     folder: Path
 
     def get(self, key: str) -> Any | None:
-        """Return the JSON value kept under a key, None if missing or unreadable."""
+        """Return the JSON value of a key, None if unreadable."""
         path = self._path(key, "json")
         try:
             return json.loads(path.read_bytes())
@@ -75,7 +76,7 @@ class Store:
         write_bytes(path, json.dumps(value).encode())
 
     def dataset(self, parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-        """Return the dataset kept for some parts, as in `content_key`, or compute and keep it."""
+        """Return the kept dataset, or compute and keep it."""
         from coilarray.compute.netcdf import load_part, save_dataset
 
         path = self._path(content_key(*parts), "nc")
@@ -106,23 +107,19 @@ class Store:
 
 
 def open_store(folder: str | Path | None = None) -> Store:
-    """Open a store, in a new folder if needed.
-
-    The default folder is named by the environment variable ``COILARRAY_CACHE``, otherwise it is the user's cache
-    folder. Raises OutputError if the folder cannot be made.
-    """
+    """Open a store, in a new folder if needed."""
     folder = default_folder() if folder is None else Path(folder)
     make_folder(folder)
     return Store(folder)
 
 
 def store_to_keep(keep: bool | str | Path) -> Store | None:
-    """Open the default store, or the store of a folder, if wanted."""
+    """Open the default store, or a folder's, if wanted."""
     return open_store(None if keep is True else keep) if keep else None
 
 
 def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Compute a dataset, or return it from the store where `coilarray.compute.files.keep_results` was called."""
+    """Compute a dataset, or return it from the process's store."""
     if not os.environ.get(FOLDER_VARIABLE):
         return compute()
     try:
@@ -138,16 +135,16 @@ def not_kept(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Data
 
 
 def content_key(*parts: Any) -> str:
-    """SHA-256 of `code_version` and the parts, everything else that decides a result."""
+    """SHA-256 of `code_version` and all that decides a result."""
     return hashlib.sha256(canonical(code_version(), *parts)).hexdigest()
 
 
 @contextmanager
 def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
-    """Open a SQLite file in autocommit mode that no other process can use meanwhile.
+    """Open a SQLite file that no other process can use.
 
-    The lock ends with this process on every system. The file is made if it does not exist, empty as a plain lock.
-    Raises OutputError with `message` if another process has locked it, and if it cannot be written or is no database.
+    It is in autocommit mode. The lock ends with this process on every system. OutputError has
+    `message` if another process has locked the file.
     """
     with writing(path, sqlite3.Error, ValueError):
         there = path.exists()
@@ -169,6 +166,6 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
 
 
 def delete_database(path: Path) -> None:
-    """Delete a SQLite file and its auxiliary files. All connections must be closed."""
+    """Delete a closed SQLite file and its auxiliary files."""
     for end in ("", "-wal", "-shm", "-journal"):
         Path(f"{path}{end}").unlink(missing_ok=True)

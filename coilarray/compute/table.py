@@ -1,4 +1,4 @@
-"""Tables that print themselves on a terminal, as HTML, CSV and JSON, and sections of pages.
+"""Tables for terminals and files, and sections of pages.
 
 Numbers are in SI in rows and files, and in customary units where people read them.
 """
@@ -40,7 +40,7 @@ _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
 def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str = "") -> str:
     """Return a table as HTML, with all text escaped.
 
-    `headers` may be empty. Rows with a cell of the text `mark` get the class ``mark``.
+    Rows with a cell of the text `mark` get the class ``mark``.
     """
     many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
     head = f"\n<thead><tr>{_cells('th', headers)}</tr></thead>" if headers else ""
@@ -50,7 +50,7 @@ def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str 
 
 
 def html_card(title: str, *parts: str) -> str:
-    """Return the display of a value in a notebook: a title and parts as HTML."""
+    """Return a notebook's display of a value as HTML."""
     return f'<div class="coilarray">{_STYLE}<strong>{escape(title)}</strong>{"".join(parts)}</div>'
 
 
@@ -67,9 +67,8 @@ def _cells(tag: str, texts: Sequence[str]) -> str:
 class Column:
     """Column of a table.
 
-    `label` is the heading without its unit, by default the name in words. `unit` is the SI unit of the values, empty
-    for text, "1" for a pure number. `shown` is the unit for people, by default the customary one. `meaning` explains
-    the quantity in a sentence.
+    `unit` is the SI unit of the values, empty for text, "1" for a pure number. `shown` is the unit
+    for people, by default the customary unit. `meaning` explains the quantity in a sentence.
     """
 
     name: str
@@ -80,7 +79,7 @@ class Column:
 
     @property
     def key(self) -> str:
-        """Name in files: the quantity and its SI unit, such as "force_N_per_m"."""
+        """Name and SI unit in files, such as "force_N_per_m"."""
         unit = "" if self.unit in ("", "1", "A/A") else "_" + self.unit.replace("/", "_per_")
         return self.name + unit
 
@@ -104,10 +103,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Table with a name for files and a title for people.
+    """Table with a name for files and a title.
 
-    If rows have units of their own, `row_units` are shown in the column "unit", and apply to the pure numbers before
-    it. Rows with a cell of the text `mark` stand out. `notes` are sentences below the table.
+    `row_units` are shown in the column "unit", and apply to the pure numbers before it. Rows with a
+    cell of the text `mark` stand out. `notes` are sentences below the table.
     """
 
     name: str
@@ -124,7 +123,7 @@ class Table:
         return [column.header for column in self.columns]
 
     def csv(self) -> str:
-        """Return the table as CSV with SI values in full precision and ASCII's minus sign."""
+        """Return a CSV in SI with full precision."""
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow(column.key for column in self.columns)
@@ -132,7 +131,7 @@ class Table:
         return buffer.getvalue().replace("−", "-")
 
     def records(self) -> list[dict[str, Value]]:
-        """Return the rows as mappings for JSON, with SI values in full precision."""
+        """Return the rows in SI as mappings for JSON."""
         keys = [column.key for column in self.columns]
         return [dict(zip(keys, row, strict=True)) for row in self.rows]
 
@@ -155,10 +154,10 @@ class Table:
         return f'<div class="wide">{html_table(self.headers, self.cells(), self.mark)}</div>{notes}'
 
     def text(self, width: int | None = None, *, title: bool = True) -> str:
-        """Return the table for a terminal of `width` characters, or of any width.
+        """Return the table for a terminal of `width` characters.
 
-        Numbers are never cut. In a narrow terminal headings and texts are wrapped. Columns that still do not fit follow
-        below, with the first columns repeated.
+        Numbers are never cut. In a narrow terminal headings and texts are wrapped. Columns that
+        still do not fit follow below, with the first columns repeated.
         """
         rows = self.cells()
         columns = [[header, *(row[k] for row in rows)] for k, header in enumerate(self.headers)]
@@ -188,8 +187,8 @@ class Table:
     def brief(self) -> Table:
         """Return the table without redundant columns.
 
-        Left out are columns that are empty or zero in every row, or repeat the numbers of an earlier column of the same
-        unit. A position keeps x and y unless they are zero.
+        They are empty or zero in every row, or repeat an earlier column of the same unit. A
+        position keeps x and y unless they are zero.
         """
         values = list(zip(*self.rows, strict=True))
         units = [column.unit for column in self.columns]
@@ -215,13 +214,11 @@ def text_table(headers: Sequence[str], rows: Sequence[Sequence[str]], title: str
 def dataset_table(
     name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
 ) -> Table:
-    """Make a table of variables of a dataset in SI, with their ``long_name`` and ``units``.
+    """Make a table of variables of a dataset in SI.
 
-    There is a row for each combination of their coordinates. The dimension that is named first changes slowest. Numbers
-    that are not finite are left empty. `shown` has units for people if the customary units do not fit, such as %.
-
-    Examples
-    --------
+    There is a row for each combination of their coordinates. The dimension that is named first
+    changes slowest. Numbers that are not finite are left empty. `shown` has units for people if the
+    customary units do not fit, such as %.
     >>> import xarray as xr
     >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
     >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})
@@ -246,7 +243,7 @@ def dataset_table(
 
 
 def cell(value: object) -> Value:
-    """Return a value of a table, empty for a number that is not finite."""
+    """Return a value of a table, empty if not finite."""
     if isinstance(value, (str, bool, int)):
         return value
     number = float(value)  # type: ignore[arg-type]
@@ -254,7 +251,7 @@ def cell(value: object) -> Value:
 
 
 def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
-    """Return the root mean square of finite numbers, empty without numbers."""
+    """Return the root mean square of finite numbers, if any."""
     import numpy as np
 
     return cell(np.hypot.reduce(values / np.sqrt(len(values)))) if len(values) else ""  # avoids squares that overflow
@@ -262,7 +259,7 @@ def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture with a unique name, a caption with units, and its data as URI."""
+    """Picture with name, caption, and its data as URI."""
 
     name: str
     caption: str
@@ -277,7 +274,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Group:
-    """Blocks in an element of a class of the style sheet, such as pictures side by side."""
+    """Blocks in one element, such as pictures side by side."""
 
     kind: str
     blocks: tuple[Block, ...]
@@ -306,9 +303,10 @@ Block = Union[str, Warn, Table, Picture, "Future[list[Picture]]", Group, Details
 
 @dataclass(frozen=True)
 class Section:
-    """Part of a report: a title, and paragraphs, tables and pictures in their order.
+    """Part of a report: title, paragraphs, tables and pictures.
 
-    `files` are tables for the files that are not among the blocks, or are shown there in a shorter form.
+    `files` are tables for the files that are not among the blocks, or are shown there in a shorter
+    form.
     """
 
     title: str
@@ -328,8 +326,6 @@ def html_blocks(blocks: Sequence[Block]) -> str:
 def html_text(text: str) -> str:
     """Return a paragraph's text as HTML.
 
-    Examples
-    --------
     >>> html_text("**3** limits, see `check` & [docs](https://a.b)")
     '<strong>3</strong> limits, see <code>check</code> &amp; <a href="https://a.b">docs</a>'
     """
@@ -339,7 +335,7 @@ def html_text(text: str) -> str:
 
 
 def fill(text: str, width: int | None) -> str:
-    """Wrap lines of words at a width, with further lines indented."""
+    """Wrap lines at a width, further lines indented."""
     if width is None:
         return text
     wrap = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
@@ -370,7 +366,7 @@ def _tables(blocks: Sequence[Block]) -> Iterator[Table]:
 
 
 def _unit(variable: xr.DataArray) -> str:
-    """SI unit of a variable, empty for text and truth values."""
+    """SI unit of a variable, empty for text."""
     return str(variable.attrs.get("units", "1")) if variable.dtype.kind in "fiu" else ""
 
 
@@ -383,7 +379,7 @@ def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
 
 
 def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int], list[int]]]:
-    """Return blocks of columns that fit into a width, each with the widths of its columns.
+    """Return blocks of columns that fit, with their widths.
 
     The first column is in every block, the second one too if the rows are not known by the first.
     """

@@ -1,9 +1,9 @@
 """Split work into blocks and run them on threads.
 
-Kernels release the interpreter's lock, so plain threads use every core. Numba's own threading layers are not used,
-because they abort when two Python threads meet in one parallel kernel (workqueue) or when a process forks (OpenMP).
-Meanwhile the linear algebra libraries get one thread each. With more threads, our small matrices would only wait for
-each other.
+Kernels release the interpreter's lock, so plain threads use every core. Numba's own threading
+layers are not used, because they abort when two Python threads meet in one parallel kernel
+(workqueue) or when a process forks (OpenMP). Meanwhile the linear algebra libraries get one thread
+each, since our small matrices would only wait for each other.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Value = TypeVar("Value")
 
 
 def cores() -> int:
-    """Return the number of processor cores this process may use, or ``COILARRAY_THREADS``."""
+    """Return the number of usable cores, or ``COILARRAY_THREADS``."""
     said = os.environ.get("COILARRAY_THREADS", "")
     if said.isdecimal() and int(said) > 0:
         return int(said)
@@ -37,7 +37,7 @@ def cores() -> int:
 
 
 def part_of(progress: Progress | None, number: int, parts: int) -> Progress | None:
-    """Return the progress callback of part `number`, from 0, of equal `parts`."""
+    """Return the progress of one of several equal parts."""
     if progress is None or parts < 2:
         return progress
     return lambda done, total: progress(number * total + done, parts * total)
@@ -51,9 +51,9 @@ def ranges(count: int, size: int) -> list[tuple[int, int]]:
 def run_blocks(
     work: Callable[[Item], Result], items: Iterable[Item], *, progress: Progress | None = None
 ) -> Sequence[Result]:
-    """Apply `work` to every item, on one thread per core; results in the order of the items.
+    """Apply `work` to every item, on one thread per core.
 
-    An exception in one block ends the whole run: blocks not yet begun are dropped and the exception is raised.
+    After an exception, blocks that have not begun are dropped.
     """
     todo = list(items)
     if not todo:
@@ -84,7 +84,8 @@ def run_blocks(
 def threads(count: int) -> Iterator[ThreadPoolExecutor]:
     """Open `count` threads for a ``with`` block.
 
-    After an exception work that has not begun is dropped, and begun work is waited for, except after an interrupt.
+    After an exception work that has not begun is dropped, and begun work is waited for, except
+    after an interrupt.
     """
     pool = ThreadPoolExecutor(max_workers=count)
     try:
@@ -97,10 +98,11 @@ def threads(count: int) -> Iterator[ThreadPoolExecutor]:
 
 @contextmanager
 def serial_algebra() -> Iterator[None]:
-    """Limit the linear algebra to one thread while the block, or the decorated function, runs.
+    """Limit the linear algebra to one thread in the block.
 
-    The last bits of results depend on the number of threads. In most builds the limit belongs to the whole process. If
-    blocks run in several threads at once, the first that ends may lift it for all.
+    The last bits of results depend on the number of threads. In most builds the limit belongs to
+    the whole process. If blocks run in several threads at once, the first that ends may lift it for
+    all.
     """
     with _controller("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
         yield
@@ -108,14 +110,17 @@ def serial_algebra() -> Iterator[None]:
 
 @cache
 def _controller(with_scipy: bool) -> ThreadpoolController:
-    """Find the linear algebra libraries once, in milliseconds. SciPy brings its own."""
+    """Find the linear algebra libraries once.
+
+    It takes milliseconds. SciPy brings its own.
+    """
     from threadpoolctl import ThreadpoolController  # slow to import, and a design is read without it
 
     return ThreadpoolController()
 
 
 class Recent(Generic[Value]):
-    """Last `size` results by key, shared by all threads of the process."""
+    """Last `size` results by key for all threads."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -123,7 +128,7 @@ class Recent(Generic[Value]):
         self._results: OrderedDict[Hashable, Future[Value]] = OrderedDict()
 
     def get(self, key: Hashable, compute: Callable[[], Value]) -> Value:
-        """Return the result of `compute` for a key; a second thread waits for the first.
+        """Return the result for a key, computed by one thread.
 
         An exception is raised to all waiting threads and not kept.
         """

@@ -1,19 +1,19 @@
-"""Executors of `concurrent.futures` for independent tasks: this process, local processes, or a Dask cluster.
+"""Executors for independent tasks, from processes to a cluster.
 
-Sweeps, optimizations, tolerances and calibrations take a number of local processes or any
-`concurrent.futures.Executor`, such as ``Client.get_executor()`` of Dask or the executor of mpi4py. Results do not
-depend on it. They agree to the last bit on machines of one kind, and to rounding elsewhere.
+Studies take a number of local processes or any `concurrent.futures.Executor`, such as
+``Client.get_executor()`` of Dask or the executor of mpi4py. Results agree to the last bit on
+machines of one kind, and to rounding elsewhere.
 
-A cluster of Dask is started as in its documentation (https://docs.dask.org/en/stable/deploying-cli.html), with the same
-coilarray on every machine::
+A cluster of Dask is started as in its documentation
+(https://docs.dask.org/en/stable/deploying-cli.html), with the same coilarray on every machine::
 
     dask scheduler --port 8786                                   # on one machine
     dask worker tcp://host:8786 --nworkers -1 --nthreads 1       # on every machine that computes: one worker a core
-    coilarray sweep gast2020 --vary array.pitch_mm=10:15:11 --quantity worst_k --cluster tcp://host:8786
+    coilarray sweep gast2020 --vary array.pitch_mm=10:15:11 --cluster tcp://host:8786
 
-The connection carries pickled Python and is neither encrypted nor authenticated by default. For the six coils of
-gast2020 a worker needs 0.25 GB for shapes and couplings, 0.3 GB for the circuit, 0.4 GB for responses and 0.5 GB for
-the error of positions.
+The connection carries pickled Python and is neither encrypted nor authenticated by default. For the
+six coils of gast2020 a worker needs 0.25 GB for shapes and couplings, 0.3 GB for the circuit, 0.4
+GB for responses and 0.5 GB for the error of positions.
 """
 
 from __future__ import annotations
@@ -66,10 +66,10 @@ _HERE = uuid.uuid4().hex  # differs on every machine
 def open_executor(workers: int | Executor = 1) -> Iterator[Executor]:
     """Open an executor for a ``with`` block.
 
-    `workers` is a number of local processes, which end with the block however it is left, or an executor, which stays
-    open. With 1 the tasks are computed in this process when they are submitted. Every worker computes with one thread.
-    Local processes load the calling script, which must open the executor under ``if __name__ == "__main__":``. Raises
-    ClusterError for a number outside 1 to `MOST_WORKERS`.
+    Local processes end with the block however it is left. A given executor stays open. With 1 the
+    tasks are computed in this process when they are submitted. Every worker computes with one
+    thread. Local processes load the calling script, which must open the executor under ``if
+    __name__ == "__main__":``.
     """
     if isinstance(workers, Executor):
         with one_thread() if isinstance(workers, ThreadPoolExecutor) else nullcontext():
@@ -90,11 +90,10 @@ def open_executor(workers: int | Executor = 1) -> Iterator[Executor]:
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Executor]:
-    """Connect to a Dask scheduler at ``tcp://host:port`` for a ``with`` block.
+    """Connect to a Dask scheduler at ``tcp://host:port``.
 
-    With ``tls://`` the certificates of Dask's configuration are used. Raises ClusterError for another address, or if no
-    scheduler or no worker answers within `ANSWER_WITHIN`, and MissingDependencyError without the package
-    ``distributed``.
+    With ``tls://`` the certificates of Dask's configuration are used. ClusterError is raised if no
+    scheduler or no worker answers within `ANSWER_WITHIN`.
     """
     dask = import_extra("distributed", "Dask clusters", package="distributed", extra="cluster")
     scheme, _, host = address.partition("://")
@@ -119,11 +118,11 @@ def dask_executor(address: str) -> Iterator[Executor]:
 
 
 def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[tuple[int, Any]]:
-    """Yield the number and the outcome of every item as soon as it is done.
+    """Yield every item's number and outcome when it is done.
 
-    An outcome is the result of the function, or the line of the CoilarrayError that it raised. The function is defined
-    in a module and returns no text. Items are read as workers become free. Tasks that have not begun when the iterator
-    is closed are cancelled. Raises ClusterError if workers are lost, and any other error of the function.
+    An outcome is the result of the function, or the line of the CoilarrayError that it raised. The
+    function is defined in a module and returns no text. Items are read as workers become free.
+    Tasks that have not begun when the iterator is closed are cancelled.
     """
     todo = enumerate(items)
     pending: dict[Future[Any], int] = {}
@@ -160,7 +159,7 @@ def _this_process() -> str:
 
 
 def _perform(payload: bytes, version: str, home: str) -> Any:
-    """Compute one task with one thread, in a process with the same version of coilarray."""
+    """Compute one task with one thread and the same version."""
     if home != _this_process():
         if version != code_version():
             raise ClusterError(
@@ -180,7 +179,7 @@ def _outcome(function: Callable[[Any], Any], item: Any) -> Any:
 
 
 def _result(future: Future[Any]) -> Any:
-    """Return the outcome of a task, or raise ClusterError if its worker was lost."""
+    """Return a task's outcome, unless its worker is lost."""
     try:
         return future.result()
     except BrokenExecutor:
@@ -205,7 +204,7 @@ def _lost() -> ClusterError:
 
 
 class _Watch:
-    """Number of tasks in flight on an executor, and the workers of a cluster."""
+    """Tasks in flight on an executor, and a cluster's workers."""
 
     def __init__(self, executor: Executor) -> None:
         count = getattr(executor, "_max_workers", None)
@@ -216,7 +215,7 @@ class _Watch:
         self._alone_since: float | None = None
 
     def look(self) -> None:
-        """Raise ClusterError if a scheduler of Dask, or all of its workers, are lost."""
+        """Raise ClusterError if Dask's scheduler or workers are lost."""
         if self._client is None:
             return
         try:
@@ -232,7 +231,7 @@ class _Watch:
 
 
 class _ThisProcess(Executor):
-    """Executor that computes a task in this process when it is submitted."""
+    """Executor that computes each task when it is submitted."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -256,7 +255,7 @@ class _Processes(ProcessPoolExecutor):
             return super().submit(fn, *args, **kwargs)
 
     def end(self) -> None:
-        """End all processes at once, as `kill_workers` does from Python 3.14 on."""
+        """End all processes, as `kill_workers` from Python 3.14 on."""
         processes = list((self._processes or {}).values())
         self.shutdown(wait=False, cancel_futures=True)
         for process in processes:
@@ -266,7 +265,7 @@ class _Processes(ProcessPoolExecutor):
 
 
 def _begin() -> None:
-    """Prepare a local process, which ends with the process that started it."""
+    """Prepare a local process, which ends with its parent."""
     collect_seldom()
     parent = parent_process()
 
@@ -282,8 +281,8 @@ def _begin() -> None:
 def starting() -> Iterator[None]:
     """Start processes safely within a ``with`` block.
 
-    The processes never get Ctrl-C, and never import a file of the working folder as a module. Python searches the
-    modules of multiprocessing itself in this folder first, and only then takes over this process's path. Its tracker
+    They never get Ctrl-C, and never import a file of the working folder, in which Python searches
+    the modules of multiprocessing before it takes over this process's path. Python's tracker
     silently clears the semaphores of a program that is interrupted while processes start.
     """
     ignored = [os.environ["PYTHONWARNINGS"]] if os.environ.get("PYTHONWARNINGS") else []
@@ -294,13 +293,14 @@ def starting() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Delay Ctrl-C while the block runs. A process that is started in the block never gets it."""
+    """Delay Ctrl-C, which new processes in the block never get."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     resource_tracker.ensure_running()  # otherwise it starts with the first process, and unblocks the signal for it
     came: list[int] = []
-    # another thread may take the signal in spite of the mask, but only the main thread runs Python's handler
+    # another thread may take the signal in spite of the mask, but only the main thread runs
+    # Python's handler
     handler = signal.getsignal(signal.SIGINT)
     here = current_thread() is main_thread() and callable(handler)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -318,7 +318,7 @@ def _no_interrupt() -> Iterator[None]:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Compute with one thread while the block runs: the linear algebra and `coilarray.compute.threads`."""
+    """Compute with one thread while the block runs."""
     with _environment(dict.fromkeys(_THREAD_VARIABLES, "1")):
         import scipy.linalg  # noqa: F401 - loads every library there is to limit
 

@@ -7,7 +7,7 @@ The scan examines the cells of the table. Around the centre θ_c of a cell the m
 linear, and a step u away from the centre, in sizes of the cell, costs |u|². The minimum over u has
 a closed form,
 
-    min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,   e = W (δ − model(θ_c)),   Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
+    min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,   e = W (δ − model(θ_c)),  Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
 
 so that the scan also finds narrow valleys that pass between the centres. The refinement is the
 method of Levenberg and Marquardt with Nielsen's rule for the damping (K. Madsen, H. B. Nielsen, O.

@@ -136,7 +136,7 @@ class Seen(NamedTuple):
 def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:
     """Return the coils that the converter sees through switches.
 
-    A coil conducts direct current itself. Coils with only one end on the converter count as open, and so
+    A coil conducts direct current. Coils with only one end on the converter count as open, and so
     do idle coils that are connected to each other.
 
     >>> what_is_seen([WiredSwitch((0, 0), "INA"), WiredSwitch((0, 1), "INB")], ["coil1"]).state.measured
