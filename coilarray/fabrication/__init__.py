@@ -1,1 +1,1 @@
-"""Files of boards: written for fabrication and other programs, and read back."""
+"""Files of boards: written for fabrication, and read back."""

@@ -1,4 +1,4 @@
-"""Copper of a board that was made elsewhere, with assumptions for values missing in its files."""
+"""Copper of a board's files, with assumptions for missing values."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILO
 
 @dataclass(frozen=True)
 class Track:
-    """Straight piece of trace with round or flat ends.
+    """Straight piece of a trace or arc, in m.
 
-    Arcs are divided into such pieces. `layer`: name of the copper layer in the stack-up. `start`, `end`: ends of the
-    centre line in m, in the frame of the board (x right, y up). `width`: width in m. `net`: name of the net; none if
-    the file names no net. `where`: place in the file for messages: "file:line" or "file".
+    `layer` is a copper layer of the stack-up, and x points right, y up. `net` is None if the file
+    names no net. `where` is "file:line" or "file", for messages.
     """
 
     layer: str
@@ -33,13 +32,12 @@ class Track:
 
 @dataclass(frozen=True)
 class Hole:
-    """Drilled and plated hole of a via or a pad.
+    """Plated hole of a via or a pad, in m.
 
-    `x`, `y`: centre in m. `drill`: diameter of the hole in m; for a slot it is the smaller side. `pad`: diameter of the
-    pad in m; for a pad that is not round it is the smaller side. `layers`: copper layers that it joins, top to bottom.
-    `kind`: kind of hole; a net may begin and end at a pad. `number`: number of a pad in its footprint ("1", "A4");
-    empty for vias, and if the file has no number. `shapes`: the pad in m on the layers where it exists; empty for a
-    disc of `pad` on all layers. `net` and `where` are as in `Track`.
+    Slots and pads that are not round have their smaller side as `drill` and `pad`. `layers` are the
+    copper layers that it joins, top to bottom. `number` is the number of a pad in its footprint
+    ("1", "A4"), empty for vias. `shapes` are the pad on its layers, empty for a disc on all. A net
+    may begin and end at a hole of the kind "pad".
     """
 
     x: float
@@ -54,18 +52,17 @@ class Hole:
     shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)
 
     def copper(self, layer: str) -> BaseGeometry:
-        """Return the copper on one layer in m. It is the pad, or the barrel alone if the layer has no pad."""
+        """Pad on one layer in m, or the barrel alone."""
         size = self.drill if self.shapes else self.pad
         return self.shapes[layer] if layer in self.shapes else disc(self.x, self.y, size)
 
 
 @dataclass(frozen=True)
 class SurfacePad:
-    """Pad without a hole.
+    """Pad without a hole, with lengths in m.
 
-    `x`, `y`: centre in m. `size`: smaller side or diameter in m; a track that ends within half of it from the centre is
-    joined to the pad. `shape`: area that it covers, in m; by default a disc of diameter `size`. `layer`, `net` and
-    `where` are as in `Track`, `number` is as in `Hole`.
+    `size` is the smaller side or diameter. A track that ends within half of it from the centre is
+    joined to the pad. `shape` is a disc by default.
     """
 
     x: float
@@ -85,11 +82,9 @@ class SurfacePad:
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper that is not a track.
+    """Copper in m that is not a track.
 
-    It is a filled zone, a region, a polygon, a drawn line or text. `shape`: the copper in m; for a zone without fill it
-    is the outline. `what`: name for messages: "a filled zone", "a drawn line". `layer`, `net` and `where` are as in
-    `Track`.
+    A zone without fill has its outline as `shape`. `what` names it in messages: "a filled zone".
     """
 
     layer: str
@@ -103,12 +98,10 @@ class CopperArea:
 class BoardCopper:
     """Conductors of a board as its file has them.
 
-    `source`: name of the file or folder, for messages. `stackup`: layers of the board, with the layer names of the
-    file. `tracks`: tracks in the order of the file. `holes`: plated holes only. `pads`: pads without a hole. `assumed`:
-    dotted keys of the design's [stackup] table that are missing in the file, with the assumed value and the reason.
-    `areas`: copper that cannot be followed as a path; it is refused if a coil touches it or shares its net. `edge`:
-    x_min, y_min, x_max, y_max in m of the board's outline, if the file has an outline. `notes`: sentences for the user
-    about the reading of the file.
+    `assumed` has dotted keys of the design's [stackup] table that are missing in the file, with the
+    assumed value and the reason. `areas` cannot be followed as a path, and are refused if a coil
+    touches them or shares their net. `edge` is x_min, y_min, x_max, y_max in m of the outline, if
+    known. `notes` are sentences for the user about the reading of the file.
     """
 
     source: str
@@ -129,8 +122,8 @@ Slab = tuple[float | None, float | None]
 def united(parts: Sequence[Slab]) -> Slab:
     """Return one dielectric equivalent to several in series.
 
-    It has the same thickness and the same capacitance between two copper layers. If a part has no thickness, the result
-    has none, and the permittivity is computed for equal parts.
+    It has the same thickness and capacitance. If a part has no thickness, the result has none, and
+    the permittivity is computed for equal parts.
 
     >>> thickness, epsilon_r = united([(0.1e-3, 4.0), (0.3e-3, 3.0)])
     >>> round(thickness, 9), round(epsilon_r, 9)
@@ -155,9 +148,8 @@ def completed_stackup(
 ) -> Stackup:
     """Make a stack-up, with usual values where some are missing.
 
-    The layers are given top to bottom. Assumed values are recorded in `assumed`, as in `BoardCopper`. `copper` are
-    thicknesses in m, `board` is the thickness of the whole board if known, and `files` is "the files do". Raises
-    GeometryError as `Stackup` does, or if the board is too thin for its copper.
+    Layers are given top to bottom, thicknesses in m. `board` is the thickness of the whole board.
+    Assumed values are recorded in `assumed`, as in `BoardCopper`. `files` is "the files do".
     """
     if None in copper:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"

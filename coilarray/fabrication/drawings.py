@@ -1,7 +1,4 @@
-"""Drawings of a board: SVG for screens and DXF for other programs.
-
-Lengths are in mm. DXF is written through ezdxf.
-"""
+"""Drawings of a board in mm: SVG and DXF."""
 
 from __future__ import annotations
 
@@ -36,23 +33,19 @@ _TEXT_HEIGHT = 1.5  # mm
 _BASELINE = "0.5"  # mm below the middle of the text: half the height of a capital
 _LAMINATE = "#F4F1E8"
 _MARGIN = 0.5  # mm of paper around the board
-# Okabe & Ito (2008), "Color Universal Design": neighbouring layers differ strongly, for eyes of any colour vision
+# Okabe & Ito (2008), "Color Universal Design": neighbouring layers differ strongly, for eyes of any
+# colour vision
 _LAYER_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9", "#CC79A7", "#009E73")
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 
 
 def write_svg(array: Array, path: Path, *, title: str = "") -> None:
-    """Write the board as an SVG drawing.
+    """Write the board as an SVG drawing in its size.
 
-    It has the size of the board. The name of the file ends in ``.svg``, and it is written completely or not at all.
-    `title` is the title of the drawing.
-
-    Raises OutputError if the suffix is different, or the file cannot be written.
-
-    Inside the group ``board`` coordinates are in mm, with y upwards and the origin of the design. Its groups, from the
-    back to the front, are layers in Inkscape: ``outline``, ``copper-<n>``, ``drills`` and ``names``. ``copper-<n>`` is
-    the n-th copper layer, with the lowest first. It has a path for each coil, with the name as its title, filled by the
-    even-odd rule. The same board gives the same bytes.
+    Inside the group ``board`` coordinates are in mm, with y upwards and the origin of the design.
+    Its groups, from the back to the front, are layers in Inkscape: ``outline``, ``copper-<n>``,
+    ``drills`` and ``names``. ``copper-<n>`` is the n-th copper layer, with the lowest first. It has
+    a path for each coil, with the name as its title, filled by the even-odd rule.
     """
     require_suffix(path, ".svg")
     write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
@@ -61,7 +54,7 @@ def write_svg(array: Array, path: Path, *, title: str = "") -> None:
 def svg_text(array: Array, *, title: str = "", coarse: bool = False) -> str:
     """Return the drawing of `write_svg` as an ``svg`` element.
 
-    A `coarse` drawing, for the screen, is accurate to a three-thousandth of the board and much shorter.
+    A `coarse` drawing, for the screen, is accurate to a three-thousandth of the board.
     """
     outline = board_outline(array)
     within = max(np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0)) / _ON_SCREEN if coarse else 0.0
@@ -147,20 +140,15 @@ _NOT_IN_NAMES = '<>/\\":;?*|=`'
 def write_dxf(array: Array, path: Path) -> None:
     """Write the board as a DXF drawing in mm.
 
-    The name of the file ends in ``.dxf``, and it is written completely or not at all.
+    x points to the right, y upwards, from the origin of the design. The layers:
 
-    Raises OutputError if the suffix is different, DXF cannot hold the names of the copper layers, or the file cannot be
-    written. Raises MissingDependencyError if ezdxf is not installed or broken.
-
-    x points to the right, y upwards, and the origin is the origin of the design. The layers:
-
-    - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width.
-      A polyline inside another is a hole. Cutters, field solvers and CAM programs read this layer. Drilled holes are
-      not cut out.
-    - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, arcs as arcs, for
+    - ``copper_<layer>``: copper of each coil, traces and pads united, as closed polylines without
+      width, for cutters, field solvers and CAM programs. A polyline inside another is a hole.
+      Drilled holes are not cut out.
+    - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, for
       programs that route. Switched off and not plotted, because it shows the same copper again.
-    - ``drill``: a circle for each hole, with its diameter. Holes that are not through the whole board lie on layers of
-      their own, named by the copper they pierce, such as ``drill_L1_L2``.
+    - ``drill``: a circle for each hole, with its diameter. Blind holes lie on layers named by the
+      copper they pierce, such as ``drill_L1_L2``.
     - ``outline``: edge of the board.
     - ``silk``: names of the coils at their centres.
     """
@@ -196,7 +184,8 @@ def _drawing(array: Array) -> Drawing:
     for placement in array.placements:  # centre lines with widths and arcs
         for k, (line, widths, layer) in enumerate(placement.traces()):
             pieces = list(pieces_of(line, placement.coil.arcs_of(k)))
-            # a vertex carries width and bulge of the piece that begins there, but no piece begins at the last vertex
+            # a vertex carries width and bulge of the piece that begins there, but no piece begins
+            # at the last vertex
             begun = np.array([(widths[piece.first] * _MM, piece.bulge) for piece in pieces])
             begun = np.vstack((begun, (begun[-1, 0], 0.0)))
             places = _in_mm(line[[piece.first for piece in pieces] + [len(line) - 1]])

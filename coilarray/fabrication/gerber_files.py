@@ -1,4 +1,4 @@
-"""Files of a zip or folder of fabrication data, read through gerbonara with the lines of their objects."""
+"""Files of fabrication data, read through gerbonara with line numbers."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
 class DataFile:
     """Gerber, Excellon or job file.
 
-    `label` is its place for messages: path of the zip or folder, and name in it. `function` has the fields of the X2
-    attribute .FileFunction, from the file or from the rules for its name. It is empty if neither gives a function.
+    `label` is its place for messages. `function` has the fields of the X2 attribute .FileFunction,
+    from the file or from the rules for its name, otherwise none.
     """
 
     label: str
@@ -55,10 +55,8 @@ class DataFile:
 def find_files(path: Path) -> list[DataFile]:
     """Find the Gerber, Excellon and job files of a board.
 
-    The zip or folder may hold other files. The functions of the layers come from the X2 attributes if at least one
-    copper file has one. Otherwise they come from gerbonara's rules for the names given by the usual programs. Raises
-    BoardError if the path is neither a zip nor a folder, an archive is damaged, a file named as a layer holds no layer,
-    or two files hold the same layer.
+    The functions of the layers come from the X2 attributes if at least one copper file has one,
+    otherwise from gerbonara's rules for the names given by the usual programs.
     """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
@@ -77,7 +75,7 @@ def find_files(path: Path) -> list[DataFile]:
 
 
 def gerbonara(module: str) -> ModuleType:
-    """Import one of gerbonara's modules. Raises MissingDependencyError, in one line, if it is missing or broken."""
+    """Import a module of gerbonara, or raise MissingDependencyError."""
     loaded = sys.modules.get(f"gerbonara.{module}")  # needed for every object
     if loaded is not None and sys.modules.get("gerbonara") is not None:
         return loaded
@@ -85,7 +83,7 @@ def gerbonara(module: str) -> ModuleType:
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield label and bytes of every file. The files are in the order of their names."""
+    """Yield label and bytes of every file, by name."""
     try:
         if path.is_dir():
             for file in (path, *sorted(path.rglob("*"))):
@@ -113,7 +111,7 @@ def _hidden(name: Path | PurePosixPath) -> bool:
 
 
 def _recognized(label: str, data: bytes) -> DataFile | None:
-    """Recognize a Gerber, Excellon or job file. None for other files."""
+    """Recognize a Gerber, Excellon or job file, or None."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -174,11 +172,10 @@ _MM = 1e-3
 
 
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
-    """Read the stack-up from a job file.
+    """Read the stack-up from a job file, if any.
 
-    The file may be missing. Assumed values are returned as in `BoardCopper`. Layers are named as in the job file,
-    otherwise L1, L2, …. `source` is the zip or folder, for messages. Raises BoardError if the file is not JSON, the
-    number of layers differs, or thicknesses are impossible.
+    Assumed values are returned as in `BoardCopper`. Layers are named as in the job file, otherwise
+    L1, L2, …. `source` is the zip or folder, for messages.
     """
     document: Any = {}
     if job is not None:
@@ -224,7 +221,8 @@ def _positive(node: Any, key: str, unit: float = 1.0) -> float | None:
     return float(value) * unit
 
 
-# Warnings of gerbonara 1.5 for things that it then skips or gets wrong, or words in its own way, and our wording.
+# Warnings of gerbonara 1.5 for things that it then skips or gets wrong, or words in its own way,
+# and our wording.
 _REFUSED = {
     "File may be truncated": "the file ends without M02, it is truncated",
     "Unknown statement found": "the statement is not supported",
@@ -251,10 +249,9 @@ _WIDEST = 10.0  # m, of an aperture or a hole
 
 @dataclass(frozen=True)
 class Stroke:
-    """Round aperture drawn along straight pieces.
+    """Round aperture drawn along straight pieces, in m.
 
-    It has two points, or more on an arc. Points and width are in m. `net` is the net by the attribute .N, and `where`
-    is "file:line", here and in the other objects.
+    It has two points, or more on an arc. `net` is the attribute .N, and `where` is "file:line".
     """
 
     points: tuple[Point, ...]
@@ -270,11 +267,11 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Flash:
-    """Aperture put down once at a place in m.
+    """Aperture put down once, in m.
 
-    `size` is the smaller side of its rectangle, or the diameter of a round aperture. `shape` is the covered area in m.
-    For an aperture that is not round it is the rectangle. `function` is the first field of the aperture's X2 attribute
-    .AperFunction, and `pin` the number of the pad from the attribute .P. Both are empty if missing.
+    `size` is the smaller side of its rectangle, or the diameter of a round aperture. `shape` is a
+    rectangle if it is not round. `function` is the first field of the attribute .AperFunction, and
+    `pin` the number of the pad from the attribute .P, or "".
     """
 
     x: float
@@ -306,10 +303,10 @@ class Clear:
 
 @dataclass(frozen=True)
 class DrilledHole:
-    """Hole of a drill file, in m.
+    """Hole of a drill file in m.
 
-    For a slot it is the middle. `function` is the last field of the tool's attribute .AperFunction, such as "ViaDrill".
-    It is empty if missing. `plated` is None if the file does not specify it.
+    For a slot it is the middle. `function` is the last field of the tool's attribute .AperFunction,
+    such as "ViaDrill", or "". `plated` is None if the file does not specify it.
     """
 
     x: float
@@ -346,11 +343,7 @@ def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
 
 
 def parse_drills(file: DataFile) -> list[DrilledHole]:
-    """Read the holes of a drill file.
-
-    It is an Excellon file, or a Gerber file in its place. Raises BoardError as `parse_gerber` does, and for coordinates
-    without a unit and tools without a diameter.
-    """
+    """Read the holes of an Excellon or Gerber file."""
     if file.kind == "gerber":
         return [
             DrilledHole(*_middle(item.points), item.width, "", None, item.where)
@@ -412,7 +405,7 @@ def _refusing(label: str, parse: Callable[[], None]) -> None:
 
 
 def _parted(label: str, text: str) -> tuple[str, str, str]:
-    """Split gerbonara's 'file:line "statement": reason'. The parts are ":line", " (statement)" and the reason."""
+    """Split gerbonara's 'file:line "statement": reason' into three parts."""
     match = re.fullmatch(r':(\d+) "(.*?)": (.*)', text.removeprefix(label), re.DOTALL)
     if match is None:
         return "", "", text
@@ -423,7 +416,7 @@ def _parted(label: str, text: str) -> tuple[str, str, str]:
 
 
 def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Stroke | Flash | Region:
-    """Convert an object of gerbonara. The result is a stroke, flash or region."""
+    """Convert gerbonara's object to a stroke, flash or region."""
     objects, apertures = gerbonara("graphic_objects"), gerbonara("apertures")
     net = _ESCAPE.sub(lambda match: chr(int(match[1], 16)), attributes.get(".N", ("",))[0])
     named = None if net in _NO_NET else net
@@ -449,7 +442,7 @@ def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> St
 
 
 def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: str) -> Flash:
-    """Make a flash of an aperture. The place is in m."""
+    """Make a flash of an aperture in m."""
     function = dict(aperture.attrs or ()).get(".AperFunction", ("",))[0]
     if isinstance(aperture, gerbonara("apertures").CircleAperture):
         size = _diameter(aperture, where)
@@ -478,13 +471,16 @@ def _way(item: Any) -> Iterator[Point]:
 
 
 def _arc(start: Point, end: Point, centre: Point, *, clockwise: bool) -> list[Point]:
-    """Points on an arc about a centre. It is the whole circle if the arc ends at its beginning."""
+    """Points on an arc about a centre.
+
+    It is the whole circle if the arc ends at its beginning.
+    """
     first = math.atan2(start[1] - centre[1], start[0] - centre[0])
     last = math.atan2(end[1] - centre[1], end[0] - centre[0])
     turn = 2 * math.pi if start == end else (last - first) % (2 * math.pi)
     if clockwise:
         turn = -turn if start == end else turn - 2 * math.pi
-    radius = 0.5 * (math.dist(start, centre) + math.dist(end, centre))  # they differ by the file's rounding
+    radius = 0.5 * (math.dist(start, centre) + math.dist(end, centre))  # equal but for rounding
     half = first + turn / 2
     middle = centre[0] + radius * math.cos(half), centre[1] + radius * math.sin(half)
     return [(x, y) for x, y in arc_points(start, middle, end).tolist()]
@@ -534,5 +530,5 @@ def _diameter(tool: Any, where: str) -> float:
 
 
 def _in_metre(unit: Any) -> float:
-    """Return the number of a unit's lengths in a metre. Dividing by it keeps 35 mm equal to the 0.035 m of a design."""
+    """Lengths of a unit in a metre, for exact divisions."""
     return 1e3 / float(unit.this_in_mm)

@@ -1,4 +1,4 @@
-"""Boards in fabrication data: a zip or folder of Gerber and Excellon files of any origin."""
+"""Boards in zips or folders of Gerber and Excellon files."""
 
 from __future__ import annotations
 
@@ -35,20 +35,16 @@ _LAYER = re.compile(r"L0*([1-9]\d*)")
 def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """Read the conductors of a board from fabrication data.
 
-    `path` is a zip or folder with a Gerber file for every copper layer and, from two layers on, Excellon files. A given
-    `stackup` replaces the stack-up of the job file, and must have the same number of copper layers. The copper is in
-    the frame of the files. Nets come from the attribute .N, and are None without it. `assumed` lists the values that
-    neither a job file nor `stackup` gives.
+    `path` is a zip or folder with a Gerber file for every copper layer and, from two layers on,
+    Excellon files. A given `stackup` replaces the stack-up of the job file. Nets come from the
+    attribute .N. `assumed` lists the values that neither a job file nor `stackup` gives.
 
-    Raises BoardError with file, line and reason if the path is not a zip or folder, a file is damaged or foreign,
-    copper layers are missing, a board of two layers or more has no plated hole, or data cannot be read as tracks.
-    Raises MissingDependencyError if gerbonara is not installed.
-
-    Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled through them, otherwise
-    surface pads. Regions are areas, which are no path for a current. A plated hole is a terminal's pad if an attribute
-    marks it as such or the solder mask is open over it. Otherwise it is a via. Holes reach the layers given by the
-    file's function, by default all. Clear shapes may cut regions, but not tracks and pads. A hole has one pad size, the
-    smallest of its layers. A hole without a pad is left out with a note, or refused if a track leads into it.
+    Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled
+    through them, otherwise surface pads. Regions are areas, which are no path for a current. A
+    plated hole is a terminal's pad if an attribute marks it as such or the solder mask is open over
+    it. Otherwise it is a via. Holes reach the layers given by the file's function, by default all.
+    Clear shapes may cut regions, but not tracks and pads. A hole has one pad size, the smallest of
+    its layers. A hole without a pad is left out with a note, or refused if a track leads into it.
     """
     files = find_files(path)
     copper = _copper_files(files, path)
@@ -106,7 +102,10 @@ class _Bore:
 
     @property
     def pads(self) -> dict[str, list[Flash]]:
-        """Flashes on each layer that are wider than the hole. Narrower flashes only mark the hole."""
+        """Flashes by layer that are wider than the hole.
+
+        Narrower flashes only mark the hole.
+        """
         found: dict[str, list[Flash]] = {}
         for layer, flash in self.lands:
             if flash.size > self.hole.diameter:
@@ -147,7 +146,7 @@ def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> It
 
 
 def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) -> list[_Bore]:
-    """Collect the plated holes of all drill files. Each has the flashes that surround it on its layers."""
+    """Collect the plated holes with the flashes around them."""
     tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
     bores = []
     for file in files:
@@ -166,7 +165,7 @@ def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) ->
 def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
     """Copper layers that a drill file's holes reach.
 
-    They are given by its function, such as Plated,1,4,PTH. Without a function the holes reach all layers.
+    They are given by its function, such as Plated,1,4,PTH. By default it is all layers.
     """
     ends = file.function[1:3]
     if len(ends) < 2:
@@ -181,7 +180,7 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
 
 
 def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
-    """Whether a hole has a pad. Raises BoardError if it has no pad and a track ends in it."""
+    """Whether a hole has a pad, refusing tracks without one."""
     if bore.pads:
         return True
     hole = bore.hole
@@ -193,12 +192,12 @@ def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
 
 
 def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
-    """Make the hole of a bore. It has pads and a kind."""
+    """Make the hole of a bore with pads and kind."""
     pads = bore.pads
     flashes = [flash for on_layer in pads.values() for flash in on_layer]
     net = next((flash.net for flash in flashes if flash.net is not None), None)
     pin = next((flash.pin for flash in flashes if flash.pin), "")
-    x, y = flashes[0].x, flashes[0].y  # more precise than the drill file, which is often rounded more
+    x, y = flashes[0].x, flashes[0].y  # less rounded than the drill file
     size = min(max(flash.size for flash in on_layer) for on_layer in pads.values())
     kind = "pad" if pin else _kind(bore.hole, flashes, openings)
     shapes = {layer: shapely.union_all([flash.shape for flash in on_layer]) for layer, on_layer in pads.items()}
@@ -206,7 +205,7 @@ def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
 
 
 def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -> Literal["via", "pad"]:
-    """Kind of a plated hole. It follows from attributes or the solder mask."""
+    """Kind of a plated hole by attributes or solder mask."""
     functions = {hole.function, *(pad.function for pad in pads)}
     if functions & {"ComponentDrill", "ComponentPad"}:
         return "pad"
@@ -217,7 +216,7 @@ def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:
-    """Bounds of the board's outline. None if there is no file of the outline."""
+    """Bounds of the board's outline, if a file has it."""
     points = [
         point
         for file in files

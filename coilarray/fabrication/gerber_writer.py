@@ -1,4 +1,4 @@
-"""Fabrication data in one zip: Gerber X2 layers, Excellon drills and a Gerber job file."""
+"""Fabrication data in one zip: Gerber, Excellon, job file."""
 
 from __future__ import annotations
 
@@ -38,30 +38,26 @@ def write_gerbers(
 ) -> None:
     """Write the fabrication data as one zip.
 
-    The name of the zip ends in ``.zip``, and it is written completely or not at all. The names of the files in it begin
-    with `name`, the name of the project, and `revision` is the project's revision. `check` is called with the path of
-    the finished zip before it is moved to its place. If it raises, nothing is changed.
+    `name` is the project, with which the names of the files begin. `check` is called with the path
+    of the finished zip before it is moved to its place. If it raises, nothing is changed.
 
-    Raises OutputError if the suffix is different, the name is empty, or a file cannot be written. Raises
-    MissingDependencyError if gerbonara is not installed.
+    The files are in mm, with the origin of the design, and named as in KiCad:
 
-    The files are in mm, with the origin of the design. They are named as in KiCad:
-
-    - a Gerber X2 file for each copper layer, with traces as strokes with round apertures and pads as flashes. Every
-      object has its net, the coil's name. Pads of terminals also have the coil and their number, 1 where the path
-      begins.
-    - solder masks with an opening as large as each pad of a terminal on the outer layers. Board houses widen it to
-      their registration. Vias are covered.
+    - a Gerber X2 file for each copper layer, with traces as strokes and pads as flashes. Every
+      object has its net, the coil's name. Pads of terminals also have their number, 1 where the
+      path begins.
+    - solder masks with an opening as large as each pad of a terminal on the outer layers. Board
+      houses widen it to their registration. Vias are covered.
     - the names of the coils on top, where they fit.
     - the edge of the board.
-    - Excellon files of the plated holes, one for each span of layers. A terminal that reaches one layer of several
-      only is a pad without a hole.
+    - Excellon files of the plated holes, one for each span of layers. A terminal that reaches only
+      one layer of several is a pad without a hole.
     - a Gerber job file with the stack-up.
 
-    Traces are strokes and arcs, not regions. Board houses edit and check traces as strokes, and readers recover the
-    path. Their ends and corners are round, whereas the outlines of `coilarray.geometry.copper` are mitred. At a corner
-    of the angle θ the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the trace. For a
-    hexagonal coil of 30 turns with 0.1 mm traces this is 2e-4 of its copper.
+    Board houses edit and check traces as strokes, and readers recover the path. Their ends and
+    corners are round, whereas the outlines of `coilarray.geometry.copper` are mitred. At a corner
+    of the angle θ the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the
+    trace. For a hexagonal coil of 30 turns with 0.1 mm traces this is 2e-4 of its copper.
 
     No file has a date, so equal designs give equal bytes.
     """
@@ -114,7 +110,7 @@ class _Project:
 
 
 class _Layer:
-    """Text of a Gerber layer as it grows. A round aperture is defined at its first use."""
+    """Text of a Gerber layer and its round apertures."""
 
     def __init__(self) -> None:
         self._apertures: dict[tuple[str, str], int] = {}
@@ -129,9 +125,9 @@ class _Layer:
     def stroke(
         self, start: FloatArray, end: FloatArray, width: float, function: str = "", middle: FloatArray | None = None
     ) -> None:
-        """Draw a straight stroke or an arc.
+        """Draw a stroke, or an arc through `middle`, in mm.
 
-        An arc passes through `middle`. All points are in mm. Consecutive strokes share the point between them.
+        Consecutive strokes share the point between them.
         """
         self._select(width, function)
         if self._at != _coordinates(start):
@@ -145,7 +141,7 @@ class _Layer:
         self._body.append("G01*")
 
     def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
-        """Flash a disc. The place is in m, the diameter in mm."""
+        """Flash a disc (place in m, diameter in mm)."""
         self._select(diameter, function)
         self._operation(_mm((x, y)), "D03")
 
@@ -160,7 +156,7 @@ class _Layer:
 
     def _select(self, diameter: float, function: str) -> None:
         key = (f"{diameter:.{_DIGITS}f}", function)
-        number = self._apertures.setdefault(key, len(self._apertures) + 10)  # smaller ones are reserved
+        number = self._apertures.setdefault(key, len(self._apertures) + 10)  # 0 to 9 are reserved
         if number != self._selected:
             self._body.append(f"D{number}*")
             self._selected = number
@@ -256,7 +252,7 @@ def _silk(array: Array) -> _Layer:
 
 
 def _drill_files(array: Array, project: _Project) -> Iterator[_File]:
-    """Yield an Excellon file of plated holes for each span of layers."""
+    """Yield an Excellon file of plated holes for each span."""
     names = array.stackup.names
     spans: dict[tuple[int, int], list[Drill]] = {}
     for hole in drills(array):
@@ -321,5 +317,5 @@ def _field(text: str) -> str:
 
 
 def _mm(lengths: npt.ArrayLike) -> FloatArray:
-    """Convert lengths to mm, rounded for the file. Negative zeros are avoided."""
+    """Convert lengths to rounded mm, without negative zeros."""
     return np.round(np.asarray(lengths, dtype=np.float64) * _MM, _DIGITS) + 0.0

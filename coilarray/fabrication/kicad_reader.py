@@ -1,4 +1,4 @@
-"""Read the copper of a KiCad board, ``.kicad_pcb`` of KiCad 6 and newer.
+"""Copper of KiCad boards, version 6 and newer.
 
 The area of a text or dimension is a rectangle around it.
 """
@@ -50,23 +50,20 @@ _DRAWN = {
     "curve": "a drawn curve",
 }
 GRAPHICS = tuple(f"{kind}_{shape}" for kind in ("gr", "fp") for shape in _DRAWN)
-ToBoard = Callable[[float, float], Point]  # from the numbers of the file, in mm, to the frame of the board, in m
+ToBoard = Callable[[float, float], Point]  # from mm of the file to m on the board
 
 
 def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """Read the conductors of a KiCad board.
 
-    The copper is in the frame of the design. The auxiliary origin of the file ("drill and place file origin") is
-    (0, 0), and y points up. Arcs are divided into pieces within 0.9 µm of them. A given `stackup` replaces the board's
-    own, and must have the same number of copper layers. `assumed` lists the values that the file lacks: thicknesses and
-    permittivities if it has no stack-up.
+    The origin is the auxiliary origin of the file ("drill and place file origin"), and y points up.
+    Arcs are divided into pieces within 0.9 µm of them. A given `stackup` replaces the board's own.
+    `assumed` lists the values that the file lacks.
 
-    Raises BoardError with file, line and reason if the file is not a KiCad board, is truncated, comes from KiCad 5 or
-    older, or holds impossible values.
-
-    A file of a format newer than KiCad 9's is read as far as it is understood, with a sentence in `notes`. Unknown
-    objects with a net or on copper are put among the areas, so that no coil can contain them unnoticed. Texts and
-    dimensions are put there too, as rectangles around them. Teardrops are left out, also with a note.
+    A file of a format newer than KiCad 9's is read as far as it is understood, with a sentence in
+    `notes`. Unknown objects with a net or on copper are put among the areas, so that no coil can
+    contain them unnoticed. Texts and dimensions are put there too. Teardrops are left out with a
+    note.
     """
     root = read_sexpr(path)
     if root.name != "kicad_pcb":
@@ -85,7 +82,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         notes.append(
             f"The board has KiCad's format {number:.0f}; formats newer than KiCad 9 ({NEWEST_VERSION}) are untested."
         )
-    nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none from KiCad 10 on
+    nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none in KiCad 10
     origin = root.child("setup", "aux_axis_origin")
     board = _Board(read_layers(root, stackup), nets, (0.0, 0.0) if origin is None else pair(origin))
     tracks: list[Track] = []
@@ -101,7 +98,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
             tracks += board.tracks(node)
         elif node.name == "via":
             holes.append(board.via(node))
-        elif node.name == "zone" and node.child("attr", "teardrop"):  # which only widens the end of a track at a pad
+        elif node.name == "zone" and node.child("attr", "teardrop"):  # widens a track's end
             teardrops += 1
         elif node.name == "footprint":
             to_board = board.footprint(node)
@@ -127,7 +124,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 class _Board:
     """Context for reading the nodes of one file.
 
-    It holds the copper layers, the names of the nets by number, and the origin of the design on KiCad's sheet in mm.
+    It holds the copper layers, the nets by number, and the origin on KiCad's sheet in mm.
     """
 
     layers: KicadLayers
@@ -157,7 +154,7 @@ class _Board:
         return to_board
 
     def net(self, node: Node) -> str | None:
-        """Return the net of a node. It is given by its name or number. Numbers refer to the board's table."""
+        """Return the net of a node by name or number."""
         net = node.child("net")
         if net is None:
             return None
@@ -185,7 +182,7 @@ class _Board:
             yield Track(layer, first, last, width, net, node.where)
 
     def via(self, node: Node) -> Hole:
-        """Return a via as a hole through its layers. They are all layers from the first to the last that it names."""
+        """Return a via as a hole through its layers."""
         x, y = self.to_board(*pair(node.need("at")))
         ends = self.layers.all(node)
         if len(ends) < 2 and len(self.layers.names) > 1:
@@ -247,7 +244,7 @@ class _Board:
                 yield CopperArea(layer, shapely.Polygon(), net, f"an unknown ({node.name} …)", node.where)
 
     def zone(self, zone: Node, names: tuple[str, ...]) -> Iterator[tuple[str, BaseGeometry, str]]:
-        """Yield layer, shape and kind of filled areas. A zone without fill gives its outline."""
+        """Yield layer, shape and kind of filled areas or outlines."""
         fills = list(zone.children("filled_polygon"))
         for fill in fills:
             name = self.layers.one(fill) if fill.child("layer") else next(iter(names), None)
@@ -292,8 +289,8 @@ def _positive(node: Node) -> float:
 class KicadLayers:
     """Copper layers of a board, top to bottom.
 
-    The stack-up has the names that the user gave the layers, otherwise KiCad's own. `names` maps KiCad's layers (F.Cu,
-    In1.Cu, …, B.Cu) to the layers of the stack-up. `assumed` are assumed values as in `BoardCopper`.
+    The stack-up has the names that the user gave the layers, otherwise KiCad's own. `names` maps
+    KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to them.
     """
 
     stackup: Stackup
@@ -301,9 +298,9 @@ class KicadLayers:
     assumed: dict[str, str]
 
     def one(self, node: Node) -> str | None:
-        """Return a node's copper layer.
+        """Return a node's copper layer, or None.
 
-        It stands in (layer …) or (layers …). Mask layers are ignored. None if there is no copper layer.
+        It stands in (layer …) or (layers …). Mask layers are ignored.
         """
         if node.child("layers") is None:
             node.need("layer")
@@ -313,7 +310,7 @@ class KicadLayers:
         return found[0] if found else None
 
     def all(self, node: Node) -> tuple[str, ...]:
-        """Return the copper layers of a node, top to bottom. They stand in its (layers …) or (layer …)."""
+        """Return the copper layers of a node, top to bottom."""
         words = {word for found in node.children("layers", "layer") for word in found.words}
         if "*.Cu" in words:
             return self.stackup.names
@@ -331,8 +328,7 @@ class KicadLayers:
 def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
     """Read the copper layers of a board and their thicknesses.
 
-    A given stack-up is used instead of the board's. Raises BoardError if there is no copper layer, the stack-up has
-    other layers, or thicknesses are impossible.
+    A given stack-up replaces the board's.
     """
     table = root.need("layers")
     user_names = {}
@@ -413,7 +409,7 @@ _FARTHEST = 1e4  # mm; KiCad itself ends at 2147
 
 
 def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Return the area of a drawn shape. It is in m, and the shape may lie on any layer."""
+    """Area in m of a drawn shape on any layer."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
     # a line of no width is not copper, unless its inside is filled
@@ -424,7 +420,7 @@ def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
 
 
 def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
-    """Return the line that a drawn shape follows, in m. Closed shapes end at their beginning."""
+    """Line in m that a drawn shape follows."""
     kind = node.name.split("_")[1]
     if kind == "poly":
         points = list(_points(node, to_board))
@@ -466,7 +462,7 @@ def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
 
 
 def _points(node: Node, to_board: ToBoard) -> Iterator[Point]:
-    """Yield the points of a node's (pts …). They are in m, with arcs divided."""
+    """Yield the points of a node's (pts …) in m, arcs divided."""
     points = node.need("pts")
     for item in points.children("xy", "arc"):
         if item.name == "xy":
@@ -494,14 +490,10 @@ def _filled(node: Node, kind: str) -> bool:
 
 
 def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
-    """Return the area of a pad.
-
-    It is in m, in the frame of the board. A pad of unknown shape gives its rectangle. `to_board` transforms points from
-    the footprint's frame.
-    """
+    """Area in m of a pad, a rectangle by default."""
     place = pad.need("at")
     x0, y0 = to_board(*pair(place))
-    turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0  # on the sheet, not in the footprint
+    turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0  # on the sheet
     c, s = math.cos(turn), math.sin(turn)
 
     def of_pad(x: float, y: float) -> Point:
@@ -537,17 +529,16 @@ def _flat(pad: Node) -> BaseGeometry:
 
 
 _TEXTS = {"gr_text": 0, "fp_text": 1, "property": 1}  # with the index of the text among the words
-_NO_COPPER = ("generated", "image", "layer", "pad", "zone")  # their copper stands elsewhere in the file
+_NO_COPPER = ("generated", "image", "layer", "pad", "zone")  # copper elsewhere in the file
 _PLACES = ("at", "start", "mid", "end", "center", "xy")
 _LETTER = 1.2  # largest width of KiCad's letters over the size of the font
 _LINE = 1.7  # distance of lines over the size
 
 
 def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
-    """Yield rectangles around other objects.
+    """Yield rectangles in m around other objects, and their kind.
 
-    They are in m, with the kind of the object. The objects are texts, text boxes, dimensions and unknown nodes, unless
-    they are hidden. `to_board` transforms points from the frame of the node.
+    The objects are texts, text boxes, dimensions and unknown nodes.
     """
     hidden = any(
         "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
@@ -560,7 +551,7 @@ def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, 
         return
     what = {"gr_text_box": "a text box", "fp_text_box": "a text box", "dimension": "a dimension"}.get(node.name)
     height = node.child("height")
-    margin = 0.0 if height is None else abs(height.number()) / _PER_M  # from a dimension's line to its object
+    margin = 0.0 if height is None else abs(height.number()) / _PER_M  # to a dimension's object
     around = shapely.MultiPoint([to_board(x, y) for x, y in _places(node)]).envelope
     yield around.buffer(max(margin, 1e-9)), what or f"an unknown ({node.name} …)"
 
@@ -568,7 +559,7 @@ def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, 
 def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
     """Rectangle around a text.
 
-    Around a text that is not centred it reaches to both sides, because the text may be mirrored or turned over.
+    Around a text that is not centred it reaches to both sides, because the text may be mirrored.
     """
     effects = node.child("effects") or node
     size, stroke = effects.child("font", "size"), effects.child("font", "thickness")

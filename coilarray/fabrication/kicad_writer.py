@@ -64,7 +64,7 @@ def node(name: str, *items: str) -> str:
 
 
 def block(name: str, head: Iterable[str], children: Iterable[str]) -> str:
-    """Write an expression with each child on its own lines. The children are indented by two spaces."""
+    """Write an expression with each child indented on its own lines."""
     lines = [f"({' '.join((name, *head))}"]
     for child in children:
         lines += [f"  {line}" for line in child.split("\n")]
@@ -103,12 +103,12 @@ def mm(nm: int) -> str:
 
 
 def length(metres: float) -> str:
-    """Write a length in mm, rounded to 1 nm. `metres` is the length in m."""
+    """Write a length in m as mm, rounded to 1 nm."""
     return mm(int(nanometres(metres)))
 
 
 def at(name: str, point: npt.ArrayLike) -> str:
-    """Write the position ``(name x y)`` of a point. The point is in nm. The point is on the sheet."""
+    """Write the position ``(name x y)`` of a point in nm."""
     x, y = np.asarray(point).tolist()
     return node(name, mm(x), mm(y))
 
@@ -117,8 +117,9 @@ def at(name: str, point: npt.ArrayLike) -> str:
 class Drawing:
     """Mapping of a design into one file.
 
-    `root` begins the identifiers of the file's pieces. `layers` are KiCad's names of the stack-up's copper layers. `x0`
-    and `y0` are the origin of the design on the sheet in nm. The sheet's y axis points down.
+    `root` begins the identifiers of the file's pieces. `layers` are KiCad's names of the copper
+    layers. `x0` and `y0` are the design's origin on the sheet in nm. The sheet's y axis points
+    down.
     """
 
     root: str
@@ -127,7 +128,7 @@ class Drawing:
     y0: int = 0
 
     def points(self, xy: npt.ArrayLike) -> IntArray:
-        """Transform points of the design to the sheet, in nm. The points have the shape (…, 2), in m."""
+        """Transform points (…, 2) in m to the sheet in nm."""
         return np.asarray(nanometres(xy) * np.array([1, -1]) + np.array([self.x0, self.y0]))
 
     def within(self, part: str) -> Drawing:
@@ -135,20 +136,18 @@ class Drawing:
         return replace(self, root=f"{self.root}/{part}")
 
     def layer(self, name: str) -> str:
-        """Write the ``(layer …)`` of a copper layer. The layer belongs to the stack-up."""
+        """Write the ``(layer …)`` of a copper layer."""
         return on_layer(self.layers[name])
 
     def identifier(self, *parts: object) -> str:
-        """Write the ``(tstamp …)`` of a piece. The piece is named by the parts. It is the same for the same design."""
+        """Write the ``(tstamp …)`` of a piece, equal for equal designs."""
         return node("tstamp", str(uuid.uuid5(_NAMESPACE, "/".join(map(str, (self.root, *parts))))))
 
 
 def copper_names(stackup: Stackup) -> dict[str, str]:
     """KiCad's name of each copper layer, top to bottom.
 
-    The names are F.Cu, In1.Cu, …, B.Cu. A single layer is F.Cu.
-
-    Raises OutputError for an odd number of layers above one, more than 32, or a name that KiCad cannot hold.
+    The names are F.Cu, In1.Cu, …, B.Cu.
 
     >>> copper_names(Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,)))
     {'L1': 'F.Cu', 'L2': 'B.Cu'}
@@ -175,12 +174,12 @@ _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM)
 
 
 def _winding(array: Array, alike: Sequence[Placement]) -> str:
-    """Footprint of equal coils, in the frame of their shape, named after the first of them.
+    """Footprint of equal coils, named after the first of them.
 
-    Pads 1 and 2 are the terminals. A footprint has no vias: they are pads V1, V2, … without a net, under the solder
-    mask. The winding is drawn as lines on the copper layers. The footprint is a net tie, KiCad's word for a part that
-    joins nets on purpose. KiCad's check then allows different nets at the terminals, as a coil has in a circuit. All
-    holes go through the board, because pads of a footprint have no blind holes.
+    Pads 1 and 2 are the terminals. A footprint has no vias: they are pads V1, V2, … without a net,
+    under the solder mask, and all go through the board. The winding is drawn as lines on the copper
+    layers. The footprint is a net tie, a part that joins nets on purpose. KiCad's check then allows
+    different nets at the terminals, as a coil has in a circuit.
     """
     name = alike[0].name
     placement = replace(alike[0].at_origin(), name="REF**")
@@ -220,8 +219,8 @@ def _winding(array: Array, alike: Sequence[Placement]) -> str:
 def terminal_footprint(array: Array, placement: Placement, label: Label | None, net: str, drawing: Drawing) -> str:
     """Write the footprint with a coil's terminals and its label.
 
-    The label, if any, is the coil's name on the board. `net` is the ``(net …)`` of the pads. `drawing` is the coil's
-    part of the board's drawing. The footprint belongs to no library, because the tracks of the board are the winding.
+    `net` is the ``(net …)`` of the pads. The footprint belongs to no library, because the tracks of
+    the board are the winding.
     """
     children = [
         drawing.identifier("footprint"),
@@ -258,7 +257,7 @@ def _attributes(placement: Placement, *more: str) -> str:
 
 
 def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> str:
-    """Write the coil's name as reference. It is on the silk screen if it fits."""
+    """Write the coil's name, on the silk screen if it fits."""
     if label is None:
         return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
     place = drawing.points((label.x, label.y)) - drawing.points((placement.x, placement.y))
@@ -277,7 +276,7 @@ def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: 
 
 
 def _outline(placement: Placement, drawing: Drawing) -> str:
-    """Outline of the winding for the assembly drawing. There is no courtyard, since coils of an array may overlap."""
+    """Outline of the winding, without a courtyard as coils may overlap."""
     points = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
     style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"))
     return node("fp_poly", points, *style, drawing.identifier("outline"))
@@ -286,8 +285,8 @@ def _outline(placement: Placement, drawing: Drawing) -> str:
 def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
     """Yield pads 1 and 2 at the path's ends.
 
-    A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the solder mask, that
-    adds no copper. For KiCad's check it marks the intended end of the track.
+    A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the
+    solder mask. For KiCad's check it marks the intended end of the track.
     """
     coil = placement.coil
     origin = drawing.points((placement.x, placement.y))
@@ -310,7 +309,10 @@ def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawi
 
 
 def _through(stackup: Stackup) -> str:
-    """Copper layers of a hole through the board. The back of a board of one copper layer stays empty."""
+    """Copper layers of a hole through the board.
+
+    The back of a board of one copper layer stays empty.
+    """
     return quoted("*.Cu" if len(stackup.names) > 1 else "F.Cu")
 
 

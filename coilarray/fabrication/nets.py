@@ -1,4 +1,4 @@
-"""Net check on copper itself: which pieces are connected through the plated holes, and whether they are the coils."""
+"""Check of nets on copper itself: which pieces are connected."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
 
 # Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
 _TOUCHING = 1e-8
-# A barrel reaches copper that begins this far from its wall: polygons of round holes lie up to 0.3 µm off the circle.
+# A barrel reaches copper that begins this far from its wall: polygons of round holes lie up to 0.3
+# µm off the circle.
 _BARREL_MARGIN = 1e-6
-# Segments a quarter of a stroke's round end: within 1.2e-3 of its radius, 1 µm for a trace of 1.6 mm.
+# Segments a quarter of a stroke's round end: within 1.2e-3 of its radius, 1 µm for a trace of 1.6
+# mm.
 _STROKE_QUADRANT = 16
-# Corners sharper than this have their mitre cut off by some outlines, so a round end may stand out there.
+# Corners sharper than this have their mitre cut off by some outlines, so a round end may stand out
+# there.
 _SHARP = np.cos(np.radians(100.0))
 
 
 @dataclass(frozen=True)
 class Barrel:
-    """Plated wall of a hole.
-
-    `x`, `y`: centre in m. `drill`: diameter of the hole in m. `layers`: copper layers that it joins.
-    """
+    """Plated wall of a hole, with lengths in m."""
 
     x: float
     y: float
@@ -51,10 +51,9 @@ Place = Sequence[float] | FloatArray
 class NetFault:
     """Difference between the copper of a file and its coils.
 
-    `kind`: "bridge": several coils in one piece; "cut": a terminal cut off; "missing": copper or a hole missing beside
-    an unbroken path; "foreign": copper or a hole that the design does not have. `coils`: the coils concerned; empty for
-    copper that touches no coil. `layer`: copper layer of the place; for a hole it is the uppermost layer. `x`, `y`:
-    place in m. `text`: one line with the place in mm.
+    `kind` is "bridge" for several coils in one piece, "cut" for a terminal cut off, "missing" for
+    copper or a hole missing beside an unbroken path, and "foreign" for copper or a hole that the
+    design does not have. `x` and `y` are in m. A hole has its uppermost layer.
     """
 
     kind: FaultKind
@@ -70,9 +69,8 @@ def connected_pieces(
 ) -> tuple[dict[str, BaseGeometry], ...]:
     """Sort copper into connected pieces.
 
-    Copper is connected on a layer by touching, and between layers through plated holes. `layers`: copper of each layer
-    in m, in any number of parts, which may overlap. A hole joins the layers it names if copper meets its wall. Returns
-    the united copper of each piece, on every layer where it has copper.
+    Copper in m is connected on a layer by touching, and between layers through plated holes if it
+    meets their wall. The parts of a layer may overlap.
 
     >>> import shapely
     >>> layers = {"top": [shapely.box(0, 0, 1e-3, 1e-4), shapely.box(1e-3, 0, 2e-3, 1e-4)],
@@ -106,8 +104,7 @@ def connected_pieces(
 def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
     """Copper and holes of a board, as input of `check_nets`.
 
-    The board comes from any reader. Tracks have round ends and pads are round. The copper is given by outlines in m,
-    for every layer of the stack-up.
+    Tracks have round ends and pads are round.
     """
     layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
     ways = shapely.linestrings(np.array([(track.start, track.end) for track in board.tracks]).reshape(-1, 2, 2))
@@ -129,16 +126,13 @@ def check_nets(
 ) -> tuple[NetFault, ...]:
     """Compare the copper of a file with its coils.
 
-    Returns bridges first, then cuts, missing and foreign copper. There is no fault if both terminals of every coil are
-    in one piece, no two coils are in one piece, all copper and holes of every coil are present, also if they carry no
-    current, and nothing else is present.
+    Returns bridges first, then cuts, missing and foreign copper. All copper of a coil must be
+    present, also if it carries no current. `tolerance` is the length in m by which shapes may
+    differ, because of rounding and polygons of arcs in files.
 
-    `layers`: copper of the file in m by name of the layer; a layer that is left out has no copper. `holes`: plated
-    holes of the file. `tolerance`: length in m by which shapes may differ, because of rounding and polygons of arcs in
-    files. Raises GeometryError if the stack-up does not have a layer.
-
-    Corners and ends of traces may be mitred, round or flat, anything between the two outlines of `_Coil`. Copper that
-    joins neighbouring turns of one coil is foreign: the pieces alone would not show it.
+    Corners and ends of traces may be mitred, round or flat, anything between the two outlines of
+    `_Coil`. Copper that joins neighbouring turns of one coil is foreign: the pieces alone would not
+    show it.
     """
     for layer in layers:
         array.stackup.index(layer)
@@ -180,7 +174,7 @@ def check_nets(
 
 
 def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
-    """Make a fault. The place in mm is appended to the text."""
+    """Make a fault, with its place in mm appended."""
     return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {place_in_mm(*place)}")
 
 
@@ -188,8 +182,9 @@ def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, te
 class _Coil:
     """Least and most copper of one coil on each layer.
 
-    `least` must be covered: the rectangles of the segments and the rings of the pads, narrower by the tolerance. `most`
-    may be covered: the mitred outline with round ends and the full pads, wider by the tolerance.
+    `least` must be covered: the rectangles of the segments and the rings of the pads, narrower by
+    the tolerance. `most` may be covered: the mitred outline with round ends and the full pads,
+    wider by the tolerance.
     """
 
     name: str
@@ -201,7 +196,7 @@ class _Coil:
 
     @staticmethod
     def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
-        """Make the outlines of a placement. `tolerance` is in m."""
+        """Make the outlines of a placement with a tolerance (m)."""
         own = tuple(drill for drill in design_holes if drill.net == placement.name)
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
@@ -226,7 +221,7 @@ class _Coil:
         )
 
     def cut(self, pieces: Sequence[Mapping[str, BaseGeometry]]) -> NetFault | None:
-        """Find where the path leaves the first terminal's piece. None if both terminals are in one piece."""
+        """Find where the path leaves the first terminal's piece."""
         begin, end = self.lines[0][0], self.lines[-1][-1]
         first, last = self.line_layers[0], self.line_layers[-1]
         piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
@@ -273,7 +268,7 @@ class _Coil:
 def _bridge(
     piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
 ) -> NetFault:
-    """Fault of several coils in one piece. It is where two of them meet, or at foreign copper."""
+    """Fault of several coils in one piece, where they meet."""
     names = tuple(coil.name for coil in owners)
     shared = (
         (layer, place)
@@ -304,7 +299,7 @@ def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], t
 
 
 def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
-    """Whether two holes are the same. A hole of a file is compared with a drilled hole of the design."""
+    """Whether a hole of a file is a designed hole."""
     return (
         drill.drilled
         and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance)
@@ -314,7 +309,7 @@ def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
 
 
 def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]:
-    """Find a point in m inside every large part. A part is large if its area is above `smallest` in m²."""
+    """Point in m inside every part above `smallest` (m²)."""
     points = [part.representative_point() for part in parts if part.area > smallest]
     return [(point.x, point.y) for point in points]
 
@@ -325,7 +320,10 @@ def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
 
 
 def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:
-    """Discs where round strokes may exceed the mitred outline. They lie at ends, sharp corners and changes of width."""
+    """Discs where round strokes may exceed the mitred outline.
+
+    They lie at ends, sharp corners and changes of width.
+    """
     step = np.diff(line, axis=0)
     along = step / np.hypot(*step.T)[:, None]
     sharp = (along[:-1] * along[1:]).sum(axis=1) < _SHARP

@@ -1,4 +1,4 @@
-"""S-expressions, the text of KiCad's files, read into nodes that know their lines."""
+"""S-expressions of KiCad's files as nodes that know their lines."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from coilarray.compute.files import text_of_file
 from coilarray.errors import BoardError
 
-_TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+|"', re.DOTALL)  # the last: quotes that are never closed
+_TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+|"', re.DOTALL)  # last: an open quote
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
 
 
 class Quoted(str):
-    """String that stood in quotes. ``"1"`` is a name, whereas ``1`` is a number."""
+    """String in quotes: ``"1"`` is a name, ``1`` a number."""
 
     __slots__ = ()
 
@@ -25,8 +25,8 @@ class Quoted(str):
 class Node:
     """List ``(name item …)`` of an s-expression.
 
-    It has its first word, empty if missing, and the following items in order. Words that stood in quotes are `Quoted`.
-    `where` is "file:line" of its opening parenthesis.
+    `name` is empty if it has no first word. Words that stood in quotes are `Quoted`. `where` is
+    "file:line" of its opening parenthesis.
     """
 
     name: str
@@ -39,18 +39,18 @@ class Node:
         return tuple(item for item in self.items if isinstance(item, str))
 
     def children(self, *names: str) -> Iterator[Node]:
-        """Yield the inner lists of some names. They are in order."""
+        """Yield the inner lists of some names, in order."""
         return (item for item in self.items if isinstance(item, Node) and item.name in names)
 
     def child(self, *names: str) -> Node | None:
-        """Return the first list of this name, or None. Several names are followed one inside another."""
+        """Return the first list of a name, or nested names."""
         found: Node | None = self
         for name in names:
             found = None if found is None else next(found.children(name), None)
         return found
 
     def need(self, name: str) -> Node:
-        """Return the first list of this name inside this list. Raises BoardError if there is no such list."""
+        """Return the first list of a name, or raise BoardError."""
         found = self.child(name)
         if found is None:
             raise BoardError(f"{self.where}: ({self.name} …) must have a ({name} …).")
@@ -64,7 +64,7 @@ class Node:
         return words[index]
 
     def number(self, index: int = 0) -> float:
-        """Return a word as a finite number. Raises BoardError if it is not a finite number."""
+        """Return a word as a finite number, or raise BoardError."""
         word = self.text(index)
         try:
             value = float(word)
@@ -76,10 +76,9 @@ class Node:
 
 
 def read_sexpr(path: Path) -> Node:
-    """Read an s-expression from a file of UTF-8 text.
+    """Read the only s-expression of a file of UTF-8 text.
 
-    The file holds a single outermost list. Raises BoardError if it cannot be read, is not text, ends too early, or
-    holds anything beside the list.
+    Raises BoardError if the file cannot be read, ends too early, or has more than one list.
     """
     try:
         text = text_of_file(path)

@@ -1,4 +1,4 @@
-"""Places for the names of the coils on the silk screen."""
+"""Places for the coils' names on the silk screen."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from coilarray.geometry.copper import board_outline, disc, drills
 
 # Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
 _SIZES = (1.0e-3, 0.8e-3)
-# The widest letters of KiCad's stroke font are this many heights wide with their gap, descenders included so high.
+# The widest letters of KiCad's stroke font are this many heights wide with their gap, descenders
+# included so high.
 _LETTER_WIDTH = 1.2
 _LETTER_HEIGHT = 1.8
 # Clearance in m of ink from pads and other names, and from the edge of the board.
@@ -25,7 +26,7 @@ _STEP = 0.5e-3
 
 @dataclass(frozen=True)
 class Label:
-    """Position and letter height of a coil's name, in m. The position is the middle of the text on the board."""
+    """Middle and letter height of a coil's name, in m."""
 
     x: float
     y: float
@@ -33,10 +34,10 @@ class Label:
 
 
 def silk_labels(array: Array) -> tuple[Label | None, ...]:
-    """Place the names of the coils.
+    """Place the coils' names near their centres.
 
-    Each name is as near to the coil's centre as possible. A name keeps clear of all pads, other names and the edge. It
-    is None if it does not fit within the coil's winding.
+    A name keeps clear of all pads, other names and the edge. It is None if it does not fit within
+    the coil's winding.
     """
     holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
     inside = board_outline(array).buffer(-_EDGE, join_style="mitre")

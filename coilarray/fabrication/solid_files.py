@@ -1,7 +1,4 @@
-"""Solids as files: STL for slicers, GLB for viewers, STEP for mechanical design.
-
-GLB is in m, the others are in mm. STEP is written through Open CASCADE.
-"""
+"""Solids as files: STL and STEP (mm), GLB (m)."""
 
 from __future__ import annotations
 
@@ -45,13 +42,10 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
-    """Write solids to one file.
+    """Write `solids` in m to one file.
 
-    The suffix determines the format.
-
-    `solids`: solids in m, as made by `coilarray.geometry.solids`. `path`: file name; ``.stl`` holds all solids in one
-    mesh, in mm, as slicers expect; ``.glb`` holds a scene of named and coloured nodes, in m and with y up, as glTF
-    demands. Raises OutputError if the suffix is different, there are no solids, or the file cannot be written.
+    STL holds all solids in one mesh, in mm, as slicers expect. GLB holds a scene of named and
+    coloured nodes, in m and with y up, as glTF demands.
     """
     import trimesh  # slow to import
 
@@ -73,25 +67,20 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
     write_bytes(path, scene.export(file_type="glb"))
 
 
-# Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by accident.
+# Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by
+# accident.
 _ON_CIRCLE = 1e-9
 _SHORTEST = 1e-9  # m; edges below 0.1 nm do not exist for Open CASCADE
 _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
 
 def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
-    """Write a board and its sheets as STEP.
+    """Write a board and its sheets as STEP in mm.
 
-    Lengths are in mm. The format is AP214. The name of the file ends in ``.step`` or ``.stp``, and it is written
-    completely or not at all. `name` is the name of the assembly. `sheets` are in order from the board upwards, and
-    their names differ.
-
-    Raises OutputError if the suffix is different, or the file cannot be written. Raises MissingDependencyError if
-    cadquery-ocp-novtk is not installed or broken. Raises GeometryError if two sheets have the same name.
-
-    The file is an assembly of named and coloured parts, with the keys of `coilarray.geometry.solids` and z = 0 at the
-    top of the top copper. Barrels, drilled holes and the free edges of pads are true cylinders. Everything else has
-    flat faces, also the arcs of traces, as made by `faceted_prisms`.
+    The file is an assembly of named and coloured parts, with the keys of
+    `coilarray.geometry.solids` and z = 0 at the top of the top copper. Barrels, drilled holes and
+    the free edges of pads are true cylinders. Everything else has flat faces, also the arcs of
+    traces, as made by `faceted_prisms`.
     """
     require_suffix(path, ".step", ".stp")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
@@ -132,10 +121,10 @@ def faceted_prisms(array: Array) -> dict[str, Prism]:
 
 
 def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
-    """Index of the circle from which each outline edge comes.
+    """Index (n,) of the circle from which each outline edge comes.
 
-    The index is −1 for other edges. The array has the shape (n,). `corners`, shape (n, 2), are in m, with the first
-    corner not repeated. Edge k begins at corner k. `circles`, shape (m, 3), are centres and radii in m.
+    It is −1 for other edges. Edge k begins at corner k of `corners` (n, 2) in m. `circles` (m, 3)
+    are centres and radii in m.
     """
     x, y, radius = circles.T
     offset = np.hypot(corners[:, :1] - x, corners[:, 1:] - y) - radius
@@ -150,7 +139,7 @@ def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
 
 
 def _part(prism: Prism, circles: FloatArray) -> Any:
-    """Make the solid of a prism. It is a compound if the outline is in several pieces."""
+    """Make the solid of a prism, or a compound."""
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Compound
 
@@ -181,7 +170,7 @@ def _solid(outline: shapely.Polygon, prism: Prism, circles: FloatArray) -> Any:
 
 
 def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
-    """Make the closed wire of a ring. It has an arc for every run of edges of one circle."""
+    """Make the closed wire of a ring with arcs."""
     from OCP.BRep import BRep_Builder
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex
     from OCP.gp import gp_Pnt
