@@ -4,7 +4,7 @@ import os
 
 
 def start() -> None:
-    """Load the command line and run it; Ctrl-C ends it in one line from here on."""
+    """Run the command line, which Ctrl-C ends in one line."""
     try:
         from coilarray.cli.main import run
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""Exceptions of the package, each of which says in one line what to change, and checks of numbers."""
+"""Exceptions of the package, and checks of numbers."""
 
 from __future__ import annotations
 
@@ -14,13 +14,10 @@ _LISTED = 120  # characters of a list of names
 
 
 class CoilarrayError(Exception):
-    r"""Base of every error that this package raises on purpose; the command line prints it in one line.
+    r"""Base of all errors that this package raises on purpose.
 
-    Whatever a bad file puts into the text, it is one line of printable characters, and what is longer than 500 is cut
-    in the middle.
+    A text is one line of printable characters, cut in the middle beyond 500.
 
-    Examples
-    --------
     >>> str(CoilarrayError("x must be a number; got a\nb."))
     'x must be a number; got a b.'
     """
@@ -35,16 +32,16 @@ class CoilarrayError(Exception):
 
 
 def shown(value: object) -> str:
-    """Write a value for a message, cut where it is long."""
+    """Write a value for a message, cut if long."""
     text = repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 
 def listed(names: Iterable[str]) -> str:
-    """Write names as a list for a message; of a long one the first, and how many there are.
+    """Write names as a list for a message.
 
-    Examples
-    --------
+    A long list has its first names and their number.
+
     >>> listed(["x", "y"]), listed(["quantity"] * 50)[-43:]
     ('x, y', 'quantity, quantity, quantity, … (50 in all)')
     """
@@ -57,83 +54,86 @@ def listed(names: Iterable[str]) -> str:
 
 
 class GeometryError(CoilarrayError, ValueError):
-    """A shape that cannot exist: what, which value, what is allowed."""
+    """A shape that cannot exist."""
 
 
 class DesignError(CoilarrayError, ValueError):
-    """A design file that cannot be read: the file, the key, what was given, what is allowed."""
+    """A design file that cannot be read."""
 
 
 class RuleViolationError(CoilarrayError):
-    """A design that breaks a fabrication rule: layer, feature and margin."""
+    """A design that breaks a fabrication rule."""
 
 
 class NetworkError(CoilarrayError, ValueError):
-    """A circuit that has no solution, or a state that names what is not there: which state, which coil."""
+    """A circuit without a solution, or an unknown state."""
 
 
 class ElastomerError(CoilarrayError, ValueError):
-    """An indentation that cannot be, or a contact that does not converge: what, which value, what is allowed."""
+    """An impossible indentation, or a contact that does not converge."""
 
 
 class MetalError(CoilarrayError, ValueError):
-    """A body of metal or ferrite whose effect is not computed: which value, what is allowed."""
+    """A metal or ferrite body whose effect is not computed."""
 
 
 class LocalizeError(CoilarrayError, ValueError):
-    """A response or reading that gives no position: which coil or value, what is allowed."""
+    """A response or reading that gives no position."""
 
 
 class BoardError(CoilarrayError, ValueError):
-    """A board file that cannot be read or holds no coil: the file, the place in it, and the reason."""
+    """A board file that is unreadable or holds no coil."""
 
 
 class GoalError(CoilarrayError, ValueError):
-    """A quantity, goal, sweep or tolerance that cannot be: which name or value, what is allowed."""
+    """An impossible quantity, goal, sweep or tolerance."""
 
 
 class ClusterError(CoilarrayError):
-    """Workers that do not answer or were lost for good: which address or process, and what to do."""
+    """Workers that do not answer or were lost for good."""
 
 
 class HardwareError(CoilarrayError):
-    """A port, wiring, setting or recording that cannot be used, or a board that fails: which one, and what was met."""
+    """A failing board, port, wiring, setting or recording."""
 
 
 class OutputError(CoilarrayError):
-    """A result that cannot be written: the path and the reason."""
+    """A result that cannot be written."""
 
 
 class DamagedError(CoilarrayError):
-    """A file whose content is not what this package wrote, as its checksum shows: which file."""
+    """A file whose checksum shows that its content was changed."""
 
 
 class UnusualValueWarning(UserWarning):
-    """A value that is possible, but a thousand times more or less than usual: which one, and the likely one."""
+    """A possible value, yet a thousandfold off the usual."""
 
 
 class MemoryLimitError(CoilarrayError, MemoryError):
-    """Work needs more memory than is allowed. The message names both."""
+    """Work that needs more memory than is allowed."""
 
 
 class MissingDependencyError(CoilarrayError):
-    """A library or system package that a command needs and the machine lacks; the text names it."""
+    """A missing library or system package that a command needs."""
 
 
 def require_positive(what: str, value: float, unit: str = " m", error: type[Exception] = GeometryError) -> None:
-    """Raise an error unless a value is positive and at most `LARGEST`; `unit` stands behind it, " mm" of one in m."""
+    """Raise an error unless 0 < value ≤ `LARGEST`.
+
+    `unit` follows the value in the message. With " mm" a value in m is shown in mm.
+    """
     if not 0 < value <= LARGEST:
         shown = f"{value * 1e3:g}" if unit == " mm" else f"{value}"
         raise error(f"{what} must be positive and {_bound(value)}; got {shown}{unit}.")
 
 
 def require_finite(what: str, *values: float, error: type[CoilarrayError] = GeometryError) -> None:
-    """Raise an error unless all values are finite, up to `LARGEST`."""
+    """Raise an error unless values are finite, up to `LARGEST`."""
     for value in values:
         if not abs(value) <= LARGEST:
             raise error(f"{what} must be {_bound(value)}; got {value}.")
 
 
 def _bound(value: float) -> str:
-    """Say what a number that is beyond every limit must be."""
+    """Say in words the bound of a number."""
     return "of a size up to 1e30" if LARGEST < abs(value) < math.inf else "finite"

@@ -1,4 +1,4 @@
-"""A whole emulated board: converter, switches in a daisy chain, coils, an indenter, a temperature and a time."""
+"""A whole emulated board: converter, switches, coils and indenter."""
 
 from __future__ import annotations
 
@@ -35,17 +35,15 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
     from coilarray.response.interpolation import ResponseSpline
 
-_FALLING_EDGE_MODES = (1, 2)  # SPI modes in which data are stable at the falling edge, where the chip samples them
+_FALLING_EDGE_MODES = (1, 2)  # SPI modes with data stable at the falling edge, where the chip samples
 
 
 class EmulatedChain:
     """A daisy chain of packages behind one shift register.
 
-    The first device is at the far end of the chain and gets the first byte. `before_change` and `after_change` are
-    called when switches move. `readback` means that the end of the chain is wired back to the computer.
-
-    A bit is shifted in at every falling edge of the clock. When SYNC rises, each package latches its last eight bits.
-    After power-up all switches are open. Only power-up resets a package.
+    The first device is at the far end of the chain and gets the first byte. A bit is shifted in at
+    every falling edge of the clock. When SYNC rises, each package latches its last eight bits.
+    After power-up all switches are open. `readback` means that the end of the chain is wired back.
     """
 
     def __init__(
@@ -59,7 +57,7 @@ class EmulatedChain:
         self.devices = devices
         self.readback = readback
         self.bit_order = list(range(SWITCHES))
-        """Bit of the word that moves each switch of the netlist. Change it to emulate a board with another map."""
+        """Bit of the word that moves each switch. Change it to emulate a board with another map."""
         self._before_change, self._after_change = before_change, after_change
         self._stuck: dict[tuple[int, int], bool] = {}
         self._register = 0  # the far end of the chain first
@@ -87,8 +85,8 @@ class EmulatedChain:
     def transfer(self, data: bytes, *, mode: int = 1) -> bytes | None:
         """Shift bytes in with SYNC low, then let SYNC rise.
 
-        The bytes that left the far end are returned, or None if it is not wired back. In the SPI modes 0 and 3 data
-        change at the edge at which the chip samples them, so the chip takes the bit before.
+        Returns the bytes from the far end, or None if it is not wired back. In the SPI modes 0 and
+        3 data change at the edge at which the chip samples them, so the chip takes the bit before.
         """
         count = SWITCHES * len(data)
         sent = int.from_bytes(data)
@@ -156,9 +154,8 @@ class World(Protocol):
         """Refuse a place that the indenter cannot reach."""
 
     def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives at its resonance.
+        """Return the tank that the converter drives, None without oscillation.
 
-        None is returned if nothing oscillates. `state` has the measured coils and the terminations of the others.
         `temperature` is the board's temperature in °C.
         """
 
@@ -166,10 +163,8 @@ class World(Protocol):
 class EmulatedBoard:
     """Converter, switches and coils on one clock.
 
-    Notes
-    -----
-    A driver uses `bus` and `switches`. A test causes faults through `chip`, `chain`, `indenter` and `conditions`.
-    `misuse.notes` lists the driver's violations of the data sheets.
+    A driver uses `bus` and `switches`. A test causes faults through `chip`, `chain`, `indenter` and
+    `conditions`. `misuse.notes` lists the driver's violations of the data sheets.
     """
 
     def __init__(
@@ -263,27 +258,13 @@ def emulated_board(
     folder: Path | None = None,
     progress: Progress | None = None,
 ) -> EmulatedBoard:
-    """Make an emulated board of a design, with all its physics.
+    """Make an emulated board of a design.
 
-    Parameters
-    ----------
-    design : Design
-        Design with all the coils of the wiring.
-    wiring : Wiring
-        Wiring of the switches, or of coils to channels, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
-    conditions : Conditions, optional
-        Oscillator, temperature and noise of the converter. By default the noise follows from the design's `Readout`.
-    clock : Clock, optional
-        Clock of the board. A new `VirtualClock` by default.
-    seed : int
-        Seed of the noise.
-    strict : bool
-        Whether undocumented use of the converter raises UndocumentedUse. It is noted in any case.
-    folder : Path, optional
-        Folder of the store in which circuit and response table are kept, as in `coilarray.compute.store.open_store`.
-    progress : callable, optional
-        Called with (done, total) while a response table is computed. This happens when the indenter is pressed for the
-        first time and no table is stored.
+    By default the noise follows from the design's `Readout`. `strict` raises UndocumentedUse at
+    undocumented use of the converter. `folder` is the folder of the store, as in
+    `coilarray.compute.store.open_store`. `progress` is called with (done, total) while a response
+    table is computed. This happens when the indenter is pressed for the first time and no table is
+    stored.
     """
     # A board of other coils does not need the physics of a design, which takes a second to load.
     from coilarray.hardware.emulator.sensor_world import SensorWorld

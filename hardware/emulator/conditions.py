@@ -1,4 +1,4 @@
-"""Surroundings of an emulated board: time, temperature, clock, noise and indenter."""
+"""Surroundings of an emulated board: time, temperature, noise and indenter."""
 
 from __future__ import annotations
 
@@ -39,11 +39,10 @@ class VirtualClock:
 class PacedClock:
     """Clock of an emulated board in real time.
 
-    Time passes in `sleep` as exactly as on a board, at the pace of the computer's clock. A transfer of 0.1 ms is a
-    wait. A computer takes up to twice as long for such a short wait, and its computations in between would be counted
-    as well. Therefore the waits are added up, and the computer sleeps only if they are ahead of its own clock. If it
-    falls behind by more than `_BEHIND`, time goes on without the board. So a computer that is too slow has fewer scans
-    and not slower seconds.
+    A computer takes up to twice as long for a wait as short as 0.1 ms, a transfer. Therefore the
+    waits are added up, and the computer sleeps only if they are ahead of its own clock. If it falls
+    behind by more than `_BEHIND`, time goes on without the board. So a computer that is too slow
+    has fewer scans and not slower seconds.
     """
 
     def __init__(self) -> None:
@@ -65,14 +64,8 @@ class PacedClock:
 class Oscillator:
     """Internal oscillator of one converter.
 
-    Its frequency is 35 to 55 MHz, typically 43.4 MHz, and falls as it warms.
-
-    Parameters
-    ----------
-    frequency : float
-        Frequency at room temperature in Hz.
-    temperature_coefficient : float
-        Relative change of the frequency with temperature in 1/K.
+    Its `frequency` at room temperature in Hz is 35 to 55 MHz, typically 43.4 MHz. It changes with
+    temperature by `temperature_coefficient` in 1/K, relative.
     """
 
     frequency: float = INTERNAL_CLOCK
@@ -99,7 +92,7 @@ class Drift:
 class Conditions:
     """Surroundings of the converter, which may change at any time."""
 
-    oscillator: Oscillator = field(default_factory=Oscillator)  # internal oscillator of the converter
+    oscillator: Oscillator = field(default_factory=Oscillator)  # of the converter
     drift: Drift = field(default_factory=Drift)  # temperature of the board
     noise: float | None = None  # relative standard deviation of a frequency at full resolution
     clkin: float | None = None  # frequency at the pin CLKIN in Hz. None if the pin is grounded
@@ -120,8 +113,8 @@ LIFTED = Place(0.0, 0.0, 0.0)
 class Indenter:
     """Indenter on the emulated sensor.
 
-    `before_change` is called before it moves. `check` is called with every place on its path and refuses places that it
-    cannot reach.
+    `before_change` is called before it moves. `check` is called with every place on its path and
+    refuses places that it cannot reach.
 
     >>> indenter = Indenter()
     >>> indenter.follow([(0.0, 0.0, 0.0, 0.0), (1.0, 2e-3, 0.0, 1e-3)])
@@ -147,8 +140,8 @@ class Indenter:
     def follow(self, path: Sequence[tuple[float, float, float, float]]) -> None:
         """Move along straight lines through points in time.
 
-        Each point has a rising time in s by the board's clock, and x, y and depth in m. The indenter stands still
-        before the first and after the last time.
+        Each point has a rising time in s by the board's clock, and x, y and depth in m. The
+        indenter stands still before the first and after the last time.
         """
         for point in path:
             self._check(Place(*point[1:]))

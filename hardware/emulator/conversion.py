@@ -1,7 +1,7 @@
 """Waking, settling and counting of an emulated LDC1614.
 
-The module covers the chip's actions between its registers, and the errors that occur while it counts. `Setting` decodes
-the registers, `Resonator` is the tank that the converter drives, and `Run` counts its cycles.
+`Setting` decodes the registers, `Resonator` is the tank that the converter drives, and `Run` counts
+its cycles.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ AMPLITUDE_STOPS = 0.6
 _SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
 WATCHDOG = 5.2e-3
 """Time in s without oscillation after which the chip gives up and starts the sensor again."""
-# Assumed size of an effect that the data sheet only mentions. Clamps pull the frequency, and a small amplitude is
-# noisier.
+# Assumed size of an effect that the data sheet only mentions. Clamps pull the frequency, and a
+# small amplitude is noisier.
 _CLAMP_PULL = -1e-3
 _HIGH_CURRENT = 4.0  # 1.56 mA become about 6 mA
 _UNTOUCHED = 4  # conversions that are counted individually before unread ones are skipped
@@ -186,11 +186,11 @@ class Result:
 
 
 class Run:
-    """The chip from waking until sleep.
+    """The chip from waking until sleep, with fixed registers.
 
-    It is woken at a time in s. The registers are as they were at waking. `take` is called with every result at its
-    time. `note` is called with a text if the setting does not suit the sensor. Conversions are computed when `advance`
-    is called. Unread conversions overwrite each other. If there are many, only the first and the last few are counted.
+    `take` is called with every result at its time, and `note` with a text if the setting does not
+    suit the sensor. Unread conversions overwrite each other. If there are many, only the first and
+    the last few are counted.
     """
 
     def __init__(
@@ -213,8 +213,8 @@ class Run:
     def advance(self, until: float, *, changing: bool) -> None:
         """Simulate everything up to a time in s.
 
-        If something around the chip is about to change, a running conversion is counted up to now. Otherwise it is
-        counted only if it has ended or the watchdog may fire.
+        If something around the chip is `changing`, a running conversion is counted up to now.
+        Otherwise it is counted only if it has ended or the watchdog may fire.
         """
         while self._time < until:
             if not self._counting:
@@ -265,7 +265,7 @@ class Run:
         self._cycles = 0.0
         self._high = self._low = False
         self._least_amplitude = math.inf
-        self._counting = True  # last: Ctrl-C may come at any line, and the chip is then put to sleep
+        self._counting = True  # last: Ctrl-C at any line puts the chip to sleep
 
     def _count(self, until: float) -> None:
         """Count to the end of the conversion."""

@@ -1,8 +1,7 @@
 """Registers of an emulated LDC1614 and its I²C bus.
 
-The chip answers as at the present moment. The module follows the data sheet's register table and text (Texas
-Instruments SNOSCY9A), not any driver. `conversion` simulates the processes between the registers: waking, settling and
-converting.
+The module follows the data sheet's register table and text (Texas Instruments SNOSCY9A), not any
+driver. `conversion` simulates waking, settling and converting.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _INIT_DRIVE = 0x1F << 6
 _RESET_BIT = 1 << 15
 
 
-class UndocumentedUse(Exception):  # noqa: N818 - not an error of a board: a fault of the driver that no driver may catch
+class UndocumentedUse(Exception):  # noqa: N818 - a fault of the driver, which it may not catch
     """Use of a chip that its data sheet forbids."""
 
 

@@ -1,4 +1,4 @@
-"""Physics of an emulated board: resonance and losses of a design's coils under its elastomer."""
+"""Resonance and losses of an emulated board's coils."""
 
 from __future__ import annotations
 
@@ -31,18 +31,21 @@ from coilarray.response.map import inductance_changes
 from coilarray.response.setup import map_axes
 
 SPACING = 1.2e-3
-"""Largest distance of positions in m. For gast2020 the table's inductances are then wrong by 7e-7 (root of the mean
-square) and at most 2e-6 at 1 mm depth, where they change by up to 1.5e-3 (tests/hardware/test_emulator_world.py)."""
+"""Largest distance of positions in m.
+
+For gast2020 the table's inductances are then wrong by 7e-7 (root of the mean square) and at most
+2e-6 at 1 mm depth, where they change by up to 1.5e-3 (tests/hardware/test_emulator_world.py).
+"""
 _PLANES = 6
 _DEEPEST = 1.7  # relative to the deepest indentation of the design
 
 
 def table_axes(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose the axes of the table in m.
+    """Choose the table's depth, y and x in m.
 
-    They are depth, y and x, each of the shape (n,). x and y are at most `SPACING` apart. The axes cover all coils and
-    all positions of the design's own map, down to 1.7 times its depth. For a sample with edges they are only the map's
-    positions and depth.
+    x and y are at most `SPACING` apart. The axes cover all coils and all positions of the design's
+    own map, down to 1.7 times its depth. For a sample with edges they are only the map's positions
+    and depth.
     """
     setup = design.indentation
     if setup is None:
@@ -65,11 +68,11 @@ def response_table(
     frequency: float | None = None,
     progress: Progress | None = None,
 ) -> ResponseSpline:
-    """Return the change of the inductance matrix in H, dented minus flat, over x, y and depth.
+    """Change of the inductance matrix in H over the axes.
 
-    It is computed if the store does not have it, which takes 12 s for gast2020. `axes` are depth, y and x in m from the
-    map's origin, at least 3 of the first and 4 of the others. The default is `table_axes`. The material of an indenter
-    counts at a `frequency` in Hz. Its losses do not count.
+    It is dented minus flat, and computing it takes 12 s for gast2020. `axes` are depth, y and x in
+    m from the map's origin, at least 3 of the first and 4 of the others. The material of an
+    indenter counts at a `frequency` in Hz. Its losses do not count.
     """
     depth, y, x = table_axes(design) if axes is None else axes
     if min(len(y), len(x)) < LEAST_POSITIONS or len(depth) < LEAST_POSITIONS - 1:
@@ -92,14 +95,11 @@ _MOST_KEPT = 20_000  # resonators
 class SensorWorld:
     """Coils, switches, tank and elastomer of a design.
 
-    `table` returns the change of the inductance matrix over x, y and depth from the map's `origin`, in m on the board.
-    `copper` is the relative change of all resistances in 1/K.
-
-    Notes
-    -----
-    At room temperature and without an indentation it agrees with `coilarray.circuit.impedance.scan_design`. With an
-    indentation it solves the same network with the changed inductance matrix, as `coilarray.response.map.response_map`
-    does.
+    `table` returns the change of the inductance matrix over x, y and depth from the map's `origin`,
+    in m on the board. `copper` is the relative change of all resistances in 1/K. At room
+    temperature and without an indentation it agrees with `coilarray.circuit.impedance.scan_design`.
+    With an indentation it solves the same network with the changed inductance matrix, as
+    `coilarray.response.map.response_map` does.
     """
 
     def __init__(

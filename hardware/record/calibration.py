@@ -1,7 +1,8 @@
-"""Constants of a board: clock and tank capacitances, from a recording, and their TOML file.
+"""Clock and tank capacitances of a board, and their file.
 
-δ, a ratio of inductances, depends on neither. Clock and capacitance give L its scale. A file of `save_calibration` ends
-in a checksum of the whole file. A file that a person wrote has ``checksum = "none"`` instead.
+δ, a ratio of inductances, depends on neither. Clock and capacitance give L its scale. A file of
+`save_calibration` ends in a checksum of the whole file. A file that a person wrote has ``checksum =
+"none"`` instead.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ _NotNegative = Annotated[float, Field(ge=0)]
 class Channel(Table):
     """Tank of one state.
 
-    Losses and an error of the clock count as capacitance, so that the lossless L = 1/((2πf)² C) computed with it is
+    Losses and an error of the clock count as capacitance, so that the lossless L = 1/((2πf)² C) is
     right.
     """
 
@@ -60,8 +61,8 @@ class Channel(Table):
 class BoardCalibration(Table):
     """Constants of a board, as its file has them.
 
-    The capacitances follow from known inductances or from the simulated design. With the latter, measured and simulated
-    L agree by construction, which is not a test.
+    The capacitances follow from known inductances or from the simulated design. With the latter,
+    measured and simulated L agree by construction, which is not a test.
     """
 
     schema_: Literal[1] = Field(alias="schema", default=1)
@@ -69,7 +70,7 @@ class BoardCalibration(Table):
     kind: Literal["coilarray board calibration"] = "coilarray board calibration"
     """Kind of the file."""
     checksum: Literal["none"] | None = None
-    """Given if a person wrote or changed the file, which then needs no last line with a checksum."""
+    """Given if a person wrote or changed the file, which then needs no checksum."""
     source: _Text = ""
     """Command that made it."""
     made: _Text = ""
@@ -123,7 +124,7 @@ def calibrate_board(
     rest = series.frequency.values[at_rest(series)]
 
     def frequency_of(state: str) -> tuple[float, float]:
-        """Return the mean frequency of a state in Hz, and its relative standard error."""
+        """Mean frequency of a state in Hz with relative error."""
         if state not in recording.states:
             raise HardwareError(f"{recording.path} has no state {state!r}; there are {', '.join(recording.states)}.")
         values = rest[:, recording.states.index(state)]
@@ -167,11 +168,11 @@ def calibrate_board(
 
 
 def calibrated_response(recording: Recording, calibration: BoardCalibration, *, partial: bool = False) -> xr.Dataset:
-    """Return the measured response of a campaign with the constants of the board.
+    """Return the response of a campaign with the board's calibration.
 
-    Beside the attributes of `recorded_response` it has ``calibration``, the source of the calibration, and
-    ``calibration_board``, the calibrated board. If the calibration has capacitances, ``capacitance_from`` is their
-    origin.
+    Beside the attributes of `recorded_response` it has ``calibration``, the source of the
+    calibration, and ``calibration_board``. If the calibration has capacitances,
+    ``capacitance_from`` is their origin.
     """
     if calibration.emulated != recording.emulated:
         kinds = ("a real", "an emulated")

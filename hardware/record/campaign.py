@@ -1,8 +1,8 @@
 """Campaign of the same recorded sequence on a grid.
 
-It follows Gast & Zimmermann (2020, sect. 3.3). At every position the indenter is moved there without touching
-(baseline), pressed in slowly to a depth, held for a dwell (peak), and lifted slowly. A position counts when it was
-measured to its end, so an interrupted campaign continues with the missing positions.
+It follows Gast & Zimmermann (2020, sect. 3.3). At every position the indenter is moved there
+without touching (baseline), pressed in slowly to a depth, held for a dwell (peak), and lifted
+slowly. An interrupted campaign continues with the positions that were not measured to their end.
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ def design_campaign(
 ) -> Campaign:
     """Make the campaign of a design's [indentation].
 
-    It lies in the design's window for ellipses; for gast2020 it is the grid of the paper. Positions and depths in m and
-    the sequence of `Campaign` may be given instead.
+    It lies in the design's window for ellipses, for gast2020 in the grid of the paper. Positions
+    and depths in m and the sequence of `Campaign` may be given instead.
     """
     setup = design.indentation
     if setup is None:

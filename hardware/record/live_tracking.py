@@ -52,19 +52,17 @@ class LiveReading:
     waiting: int  # scans that the baseline still needs; 0 once it is complete
     location: Location | None  # of the indentation; None if it was not requested or cannot be found
     problem: str  # why there is no location although requested; otherwise empty
-    noise: float | None  # standard deviation of each δ alone that the location assumes; None without a baseline
+    noise: float | None  # standard deviation of each δ alone. None without a baseline
     rate: float | None  # scans per second over the latest scans, by the board's clock
     lost: int  # scans missing so far
     press: Press | None = None  # press during this scan, or press that has ended with it
     received: float | None = None  # arrival in s since the epoch by the computer's clock
     temperature: float | None = None  # of the board in °C, if known
-    common_noise: float | None = None  # standard deviation of δ that all states share; None if unknown
+    common_noise: float | None = None  # standard deviation common to all states. None if unknown
 
 
 class LiveTracker:
     """Tracker that converts scans into δ and positions.
-
-    Positions need the forward model of the board.
 
     Parameters
     ----------
@@ -73,15 +71,15 @@ class LiveTracker:
     baseline_scans : int
         Number of scans without an indentation whose mean is L_0.
     budget : NoiseBudget, optional
-        Budget of the board's states, as returned by `coilarray.hardware.scan.design_settings.board_budget`. It gives
-        the changes since L_0, both separate for each state and common. The noise of a scan is measured in the baseline.
-        Without a budget the noise of the model is used, and the measured noise is added to it.
+        Budget of the board's states, see `coilarray.hardware.scan.design_settings.board_budget`. It
+        gives the changes since L_0, separate and common. The noise of a scan is measured in the
+        baseline. Without a budget the measured noise is added to the noise of the model.
     noise : float, optional
-        Standard deviation of δ to assume beside the measured noise, independent from state to state. It replaces the
-        budget and the noise of the model.
+        Standard deviation of δ to assume beside the measured noise, independent from state to
+        state. It replaces the budget and the noise of the model.
     reference : sequence of str
-        Coils that nothing touches. Their mean δ is subtracted from all other states. Their own δ stays as it is, and
-        takes no part in locations and presses.
+        Coils that nothing touches. Their mean δ is subtracted from all other states. They take no
+        part in locations and presses.
     """
 
     def __init__(
@@ -184,12 +182,13 @@ class LiveTracker:
             self._noise = math.hypot(self._given, measured)
             return
         model, budget, references = self._whole, self._budget, len(self._reference)
-        # A difference scatters by both of its sides. All differences share the noise of the references.
+        # A difference scatters by both of its sides. All differences share the noise of the
+        # references.
         white = measured / math.sqrt(1 + 1 / references) if references else measured
         if budget is None:
             self._noise = white if model is None else math.hypot(model.noise, white)
         else:
-            white = white or float(budget.noise.max())  # noise below a step of the converter is not visible
+            white = white or float(budget.noise.max())  # unseen below a converter's step
             self._noise = math.hypot(white, float(budget.own_change.max()))
             self._common = self._common_of(budget, names)
         if model is not None:
@@ -239,7 +238,7 @@ class LiveTracker:
 
     def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
         """Locate the indentation."""
-        from coilarray.localize.inverse import locate  # takes a second to load and is not needed without a model
+        from coilarray.localize.inverse import locate  # slow, only with a model
 
         delta = {name: value for name, value in self._touchable(states).items() if name in model.states}
         if len(delta) < model.unknowns:

@@ -1,6 +1,7 @@
 """Recordings as datasets, and their correction by reference coils.
 
-The datasets are the response of a campaign, in the form of simulations, and the time series of all scans.
+The datasets are the response of a campaign, in the form of simulations, and the time series of all
+scans.
 """
 
 from __future__ import annotations
@@ -60,33 +61,31 @@ def recorded_response(
 ) -> xr.Dataset:
     """Return the measured response of a campaign.
 
-    It has the form of a simulated response from `coilarray.response.map.response_map`.
+    It has the form of a simulated response from `coilarray.response.map.response_map`. L_0 is
+    measured again at every position before the indenter touches, as in the paper (eq. 2), so that a
+    slow drift does not affect δ.
 
     Parameters
     ----------
     recording : Recording
         Recording of a campaign.
     capacitances : mapping of str to float, or float, optional
-        Capacitance of the tank in F, by state. The recorded values by default. It affects ``base_inductance`` only.
+        Capacitance of the tank in F, by state. The recorded values by default. It affects
+        ``base_inductance`` only.
     clock : float, optional
-        Clock of the converter in Hz if it is known better than while measuring. It affects ``base_inductance`` only.
+        Clock of the converter in Hz. It affects ``base_inductance`` only.
     partial : bool
         Whether to accept positions that are not measured yet. They are NaN.
 
     Returns
     -------
     xarray.Dataset
-        ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the mean over the repeats. ``base_inductance`` (state) is
-        the mean L_0 in H. Coordinates are in m. ``delta_std`` (depth, y, x, state) is the standard deviation of one
-        repeat. It comes from the repeats if there are several. Otherwise it is the same for all positions and comes
-        from the differences of successive baselines (NaN for a single position). ``doubtful`` (depth, y, x, state)
-        marks readings outside the specification of the data sheet. The attributes name the equipment, and ``emulated``
-        is 0 for a real board.
-
-    Notes
-    -----
-    L_0 is measured again at every position before the indenter touches, as in the paper (eq. 2), so that a slow drift
-    does not affect δ.
+        ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the mean over the repeats.
+        ``base_inductance`` (state) is the mean L_0 in H. Coordinates are in m. ``delta_std``
+        (depth, y, x, state) is the standard deviation of one repeat. Without repeats it is the same
+        for all positions and comes from the differences of successive baselines (NaN for a single
+        position). ``doubtful`` (depth, y, x, state) marks readings outside the specification of the
+        data sheet. ``emulated`` is 0 for a real board.
     """
     if recording.campaign is None:
         raise HardwareError(f"{recording.path} holds no campaign, only a time series.")
@@ -104,7 +103,8 @@ def recorded_response(
         deviation = np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)
         found_from = "repeats"
     else:
-        # Differences of successive L_0, in which a drift cancels: von Neumann's estimate. δ is a difference as well.
+        # Differences of successive L_0, in which a drift cancels: von Neumann's estimate. δ is a
+        # difference as well.
         step = (
             np.sqrt(np.mean(np.diff(baselines, axis=0) ** 2, axis=0) / campaign.scans) if len(baselines) > 1 else np.nan
         )
@@ -138,7 +138,10 @@ def recorded_response(
 def _measured(
     recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
 ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    """Return L_0, L_peak and doubt over (repeat, depth, y, x, state), and L_0 of every scan."""
+    """Give L_0, L_peak and doubt, and L_0 by scan.
+
+    The first three have the shape (repeat, depth, y, x, state).
+    """
     series = recorded_series(recording, capacitances=capacitances, clock=clock)
     series = series.isel(scan=np.flatnonzero(series.finished.values))
     if (series.place.values >= campaign.size).any():
@@ -170,22 +173,14 @@ def recorded_series(
 ) -> xr.Dataset:
     """Return every scan of any recording in time order.
 
-    Parameters
-    ----------
-    baseline : int
-        Number of first scans at rest whose mean is L_0 of δ.
-    capacitances, clock
-        Constants of the board, see `recorded_response`.
-
-    Returns
-    -------
-    xarray.Dataset
-        Over ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN if the verdict is bad;
-        ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``. Coordinates of
-        a scan: ``time`` in s from the first scan, by the board's clock within a session; ``received`` in s since the
-        epoch; ``session``, ``sequence``, ``stage``; ``place``, its number in the campaign, −1 if none; ``finished``,
-        whether it belongs to a position that was measured to its end; ``depth``, ``y``, ``x`` in m, NaN if unknown;
-        ``temperature`` in °C if the recording has temperatures, likewise.
+    `baseline` is the number of first scans at rest whose mean is L_0. Over ``scan`` and ``state``
+    the dataset has ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN if the verdict is
+    bad, ``verdict`` (0 good, 1 doubtful, 2 bad), and the raw words ``msb``, ``lsb``, ``status`` and
+    ``fault``. Coordinates of a scan are ``time`` in s from the first scan (by the board's clock
+    within a session), ``received`` in s since the epoch, ``session``, ``sequence``, ``stage``,
+    ``place`` (its number in the campaign, −1 if none), ``finished`` (whether its position was
+    measured to its end), and ``depth``, ``y``, ``x`` in m and ``temperature`` in °C, NaN if
+    unknown.
     """
     if baseline < 1:
         raise HardwareError(f"baseline must be at least 1 scan; got {baseline}.")
@@ -252,8 +247,9 @@ def at_rest(series: xr.Dataset) -> BoolArray:
 def response_csv(response: xr.Dataset) -> str:
     """Return a measured response as CSV.
 
-    The columns are depth_m, y_m, x_m, state, delta, delta_std for every position and state. The last column is a
-    checksum of the lines up to there, and the last line has a checksum of all lines.
+    The columns are depth_m, y_m, x_m, state, delta, delta_std for every position and state. The
+    last column is a checksum of the lines up to there, and the last line has a checksum of all
+    lines.
     """
     in_metres = response[["delta", "delta_std"]].rename(depth="depth_m", y="y_m", x="x_m")
     table = in_metres.to_dataframe(dim_order=["depth_m", "y_m", "x_m", "state"])
@@ -263,9 +259,8 @@ def response_csv(response: xr.Dataset) -> str:
 def series_csv(series: xr.Dataset) -> str:
     """Return a time series as CSV for ``coilarray locate``.
 
-    The columns are time_s and δ of every state, empty if unknown. If the series has temperatures, ``temperature_C``
-    follows, nan if unknown. The last column is a checksum of the lines up to there, and the last line has a checksum of
-    all lines.
+    The columns are time_s and δ of every state, empty if unknown, ``temperature_C`` if known, and
+    checksums as in `response_csv`.
     """
     table = series.delta.to_pandas()
     table.index = series.time.to_index().rename("time_s")
@@ -304,17 +299,10 @@ def _number(value: float | None) -> float:
 def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str]) -> dict[str, FloatArray]:
     """Return δ less the mean δ of the reference coils.
 
-    `delta` has δ of every state by name, a number of one scan or an array over scans, NaN if unknown. δ of the other
-    states is returned. It is NaN if a state or any reference has no value: a mean over fewer references would jump by
-    their noise.
+    Only the other states are returned. δ is NaN if a state or any reference has no value: a mean
+    over fewer references would jump by their noise. A drift d multiplies every L by 1 + d, so that
+    δ becomes δ + d + δ d. The last term, 10⁻⁸ for d = 10⁻⁵ and δ = 10⁻³, remains.
 
-    Notes
-    -----
-    A drift d multiplies every L by 1 + d, so that δ becomes δ + d + δ d. The last term, 10⁻⁸ for d = 10⁻⁵ and δ = 10⁻³,
-    remains.
-
-    Examples
-    --------
     >>> left = less_reference({"coil1": [5e-6, 7e-4 + 9e-6], "far": [5e-6, 9e-6]}, ["far"])
     >>> np.round(left["coil1"], 9)
     array([0.    , 0.0007])
@@ -325,10 +313,10 @@ def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str])
 
 
 def response_less_reference(response: xr.Dataset, reference: Sequence[str]) -> xr.Dataset:
-    """Return a response less the reference coils.
+    """Return a response less its reference coils.
 
-    The response is measured or simulated. The mean δ of the reference coils is subtracted from δ of the other states.
-    If the response has ``delta_std``, the noise of the mean is added to it.
+    The mean δ of the reference coils is subtracted from the other states, and its noise is added to
+    ``delta_std``.
     """
     others = list(referenced_names(tuple(response.state.values.tolist()), reference, HardwareError))
     mean = response.delta.sel(state=list(reference)).mean("state", skipna=False)

@@ -1,8 +1,8 @@
 """Writing of recordings, with the temperature beside the scans.
 
-A scan is in the file as soon as it is added, and a kill at any moment leaves the file intact. A scan is one transaction
-in SQLite's write-ahead log, so a kill loses only a scan that was not added yet. Once a second, and at the end of every
-position, the log is also flushed to disk. A power cut loses only the scans after the last flush.
+A scan is one transaction in SQLite's write-ahead log, so a kill loses only a scan that was not
+added yet. Once a second, and at the end of every position, the log is also flushed to disk. A power
+cut loses only the scans after the last flush.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def file_temperature(path: Path) -> float:
 def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
     """Read a file once a second in the background.
 
-    The returned function gives the temperature in °C, or None if it is outdated. Later the temperature is None while
-    the file cannot be read.
+    The returned function gives the temperature in °C, or None if it is outdated or can no longer be
+    read.
     """
     latest = (file_temperature(path), time.monotonic())
     ended = threading.Event()
@@ -139,10 +139,10 @@ class Recorder:
     def start(
         self, session: RecordedSession, campaign: str | None = None, thermometer: Thermometer | None = None
     ) -> None:
-        """Begin a session.
+        """Begin a session of a recording.
 
-        The first session creates the recording, and later sessions continue it. `campaign` is its plan as JSON.
-        `thermometer` returns the temperature in °C of every scan, if known.
+        The first session creates the recording, later sessions continue it. `campaign` is its plan
+        as JSON. `thermometer` returns the temperature in °C, if known.
         """
 
         def write(connection: sqlite3.Connection) -> int:
@@ -239,7 +239,7 @@ class Recorder:
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
         """Run a write as one transaction."""
         connection = self._connection
-        with held_signals(), writing(self.path, sqlite3.Error):  # Ctrl-C comes before a write or after it
+        with held_signals(), writing(self.path, sqlite3.Error):  # no Ctrl-C within a write
             connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
             try:
                 connection.execute("BEGIN IMMEDIATE")
@@ -293,7 +293,7 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
                 _log_ahead(path, connection)
             yield recorder
         finally:
-            with suppress(sqlite3.Error):  # one file is left, which opens anywhere, unless it is read
+            with suppress(sqlite3.Error):  # one file is left, unless it is read
                 connection.execute("PRAGMA journal_mode = DELETE")
             connection.close()
             if not (there or recorder.started):
@@ -315,7 +315,7 @@ def record_stream(
     interval: float = 0.0,
     progress: Progress | None = None,
 ) -> int:
-    """Record a number of scans, or for a time in s."""
+    """Record a number of scans, or for a time (s)."""
     count, first = 0, None
     with closing(reader.scans(interval)) as stream:
         for scan in stream:

@@ -69,7 +69,7 @@ class RecordedScan:
     scan: RawScan
     session: int  # index in `Recording.sessions`
     stage: str  # part of the measurement: "stream", "single", "baseline" or "peak"
-    position: int | None  # number of the attempt at a place; `Recording.positions` holds the finished attempts
+    position: int | None  # number of the attempt at a place, see `Recording.positions`
     place: GridPlace | None
     depth: float | None  # of the indenter in m if known; 0 if it does not touch
     temperature: float | None  # in °C, if a thermometer was given and its reading known
@@ -213,10 +213,9 @@ def _place(row: Mapping[str, Any]) -> GridPlace:
 
 @contextmanager
 def open_recording(path: Path) -> Iterator[Recording]:
-    """Open a recording for reading.
+    """Open a recording for reading, without disturbing its writer.
 
-    A program that writes it at the same time is not disturbed. The structure of the file is checked at once, and its
-    contents on reading.
+    The structure of the file is checked at once, its contents on reading.
     """
     with closing(connect_to_read(path)) as connection:
         check_database(connection, path, "integrity_check(1)")
@@ -229,12 +228,12 @@ def iso_time(seconds: float) -> str:
 
 
 def summarize_recording(recording: Recording) -> dict[str, Any]:
-    """Read a whole recording of any kind and summarize it in plain SI values, for JSON.
+    """Summarize a whole recording in plain SI values for JSON.
 
-    ``lost_scans`` are the scans of streams that the board numbered but that never arrived. ``seconds`` and
-    ``rate_per_s`` leave out the pauses between sessions; the rate is null for a campaign. ``relative_noise`` is the
-    relative standard deviation of L at rest. It comes from differences of successive scans, in which a drift cancels
-    and which have twice the variance of a reading.
+    ``lost_scans`` are numbered by the board but never arrived. ``seconds`` and ``rate_per_s`` leave
+    out the pauses between sessions. ``relative_noise`` is the relative standard deviation of L at
+    rest, from differences of successive scans, in which a drift cancels and which have twice the
+    variance of a reading.
     """
     from coilarray.hardware.record.campaign import Campaign
 
@@ -243,7 +242,7 @@ def summarize_recording(recording: Recording) -> dict[str, Any]:
     reasons: list[Counter[str]] = [Counter() for _ in names]
     sums = {name: np.zeros(len(names)) for name in ("readings", "frequency", "inductance", "steps", "squares")}
     last = np.full(len(names), np.nan)
-    spans: list[list[float]] = [[] for _ in recording.sessions]  # time of the first and the last scan
+    spans: list[list[float]] = [[] for _ in recording.sessions]  # first and last time
     counts, lost = [0] * len(spans), 0
     before = (-1, 0)  # session and number of the last scan of a stream
     for one in recording.scans():

@@ -1,9 +1,9 @@
-"""SQLite file of a recording.
+"""SQLite file of a recording, with its tables and checksums.
 
-The module has its tables, its marks against other files, its checksums, and its errors in one line. Every row has a
-checksum of its values and its number. The checksum of a scan includes its samples and its temperature. Scans are
-numbered from 1 without a gap, and SQLite's own check notices lost pages and lost entries of a page. Therefore every
-single flipped bit that removes or changes data of a result is noticed.
+Every row has a checksum of its values and its number. The checksum of a scan includes its samples
+and its temperature. Scans are numbered from 1 without a gap, and SQLite's own check notices lost
+pages and lost entries of a page. Therefore every single flipped bit that removes or changes data of
+a result is noticed.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def sign_row(connection: sqlite3.Connection, table: str, number: int) -> None:
 
 
 def table_rows(connection: sqlite3.Connection, path: Path, table: str) -> list[dict[str, Any]]:
-    """Return the rows of a table by column names, checked by their checksums."""
+    """Return the rows of a table, checked by their checksums."""
     found = connection.execute(f"SELECT * FROM {table} NOT INDEXED ORDER BY id")
     names = [column[0] for column in found.description]
     rows = [dict(zip(names, row, strict=True)) for row in found]
@@ -216,7 +216,7 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
         except sqlite3.OperationalError:
             if waiting:
                 raise
-            return _connected(path, "mode=ro&immutable=1")  # otherwise SQLite makes a file beside it
+            return _connected(path, "mode=ro&immutable=1")  # or SQLite makes another file
 
 
 @contextmanager

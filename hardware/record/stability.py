@@ -20,19 +20,14 @@ _MOST_GAPS = 10  # places of scans in time for each scan
 
 
 def allan_deviation(values: FloatArray, factors: Sequence[int]) -> FloatArray:
-    """Compute the overlapping Allan deviation of columns of equidistant values.
+    """Overlapping Allan deviation of equidistant values (n, columns).
 
-    `values` (n, columns) are NaN if a value is missing. `factors` are the numbers of neighbouring values that are
-    averaged. The result has the shape (factors, columns), and is NaN if too many values are missing.
+    The result has the shape (factors, columns), NaN if too many values are missing. The method is
+    the overlapping Allan variance of W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP
+    1065 (2008). σ²(m) is half the mean square of the differences of neighbouring means of m values,
+    over all places without a missing value. White noise falls with the root of m, a random walk
+    grows with it, and a steady drift grows with m.
 
-    Notes
-    -----
-    The method is the overlapping Allan variance of W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065
-    (2008). σ²(m) is half the mean square of the differences of neighbouring means of m values, over all places without
-    a missing value. White noise falls with the root of m, a random walk grows with it, and a steady drift grows with m.
-
-    Examples
-    --------
     >>> noise = np.random.default_rng(0).standard_normal((4096, 1))
     >>> np.round(allan_deviation(noise, [1, 2, 4]), 2).ravel()
     array([1. , 0.7, 0.5])
@@ -64,20 +59,22 @@ def stability(
     states : sequence of str
         Names of the states.
     expected : array_like, shape (states,), optional
-        Expected standard deviation of one scan, from `coilarray.circuit.noise_budget.NoiseBudget.scan_noise`.
+        Expected standard deviation of one scan, from
+        `coilarray.circuit.noise_budget.NoiseBudget.scan_noise`.
 
     Returns
     -------
     xarray.Dataset
-        Over ``state`` and ``tau``, the averaging time in s: ``deviation``, the overlapping Allan deviation of δ, NaN if
-        a state has too few values. Over ``state``: ``scan_noise``, the deviation of single scans, which for white noise
-        is their standard deviation; ``drift`` and ``drift_error``, change of δ in 1/s by a straight line; ``expected``
-        if it is given. Attributes ``period`` in s, from scan to scan, and ``scans``.
+        Over ``state`` and ``tau``, the averaging time in s: ``deviation``, the overlapping Allan
+        deviation of δ, NaN if a state has too few values. Over ``state``: ``scan_noise``, the
+        deviation of single scans, ``drift`` and ``drift_error``, the change of δ in 1/s by a
+        straight line, and ``expected`` if it is given. Attributes ``period`` in s, from scan to
+        scan, and ``scans``.
 
     Notes
     -----
-    The converter measures one coil after the other, so it sees each state for a part of the time only. White noise is
-    not affected by this. Noise that is faster than a scan is aliased.
+    The converter measures the coils in turn. White noise is not affected by this. Noise that is
+    faster than a scan is aliased.
     """
     t, values = np.asarray(time, dtype=np.float64), np.asarray(delta, dtype=np.float64)
     if t.ndim != 1 or values.shape != (len(t), len(states)):

@@ -1,12 +1,12 @@
 """Stages that move the indenter.
 
-A stage is a person, a machine that takes G-code over a serial port, or the emulator. A campaign gives every stage x and
-y from the map's origin, and a depth that is 0 where the indenter just touches. Instructions, limits, and the
-coordinates of a machine are positions on the board, for the user.
+A stage is a person, a machine that takes G-code over a serial port, or the emulator. A campaign
+gives every stage x and y from the map's origin, and a depth that is 0 where the indenter just
+touches. Instructions, limits, and the coordinates of a machine are positions on the board.
 
-Most machines restart when their port is opened and then no longer know their position. Such a machine is not moved
-before it has homed itself. A person confirms its first move, which is slow. Only this move shows that its zero is at
-contact.
+Most machines restart when their port is opened and then no longer know their position. Such a
+machine is not moved before it has homed itself. A person confirms its first move, which is slow,
+because only this move shows that its zero is at contact.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _TRAVEL = 20e-3  # m/s, of the emulated stage between positions
 _SLOW = 5e-3  # m/s, of the first move of a machine
 _WAIT = {"grbl": "G4 P0.01", "marlin": "M400"}  # answered when all earlier movements are over
 _HOME = {"grbl": "$H", "marlin": "G28"}
-_REFUSALS = ("error", "alarm", "!!", "resend")  # beginnings of the answers of GRBL and Marlin to a failed line
-_GREETING = re.compile(r"grbl|marlin|for help\]|(start|reset|powerup)$", re.IGNORECASE)  # of a started machine
+_REFUSALS = ("error", "alarm", "!!", "resend")  # GRBL's and Marlin's answers to a failed line
+_GREETING = re.compile(r"grbl|marlin|for help\]|(start|reset|powerup)$", re.IGNORECASE)  # at start
 _LONGEST_LINE, _MOST_AT_ONCE = 512, 4096  # bytes to keep of an unfinished line
 _MOST_BYTES = 65536  # of answers to one line
 _QUIET = 0.3  # s after the greeting, for its last lines
@@ -63,14 +63,14 @@ class Stage(Protocol):
         """Lift off after a failure if this needs no person."""
 
     def close(self) -> None:
-        """Release the machine. Never raises."""
+        """Release the machine without ever raising."""
 
 
 class PersonStage:
     """A person who moves the indenter by hand.
 
-    `ask` shows an instruction and returns when it was carried out. The instruction gives places on the board, where the
-    map has its `origin` in m.
+    `ask` shows an instruction and returns when it was carried out. The map has its `origin` in m on
+    the board.
     """
 
     def __init__(self, ask: Callable[[str], None], origin: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -151,7 +151,7 @@ class StageLimits:
     x: tuple[float, float]  # least and greatest position on the board in m
     y: tuple[float, float]  # m
     depth: float  # greatest depth below the point of contact in m
-    clearance: float = 2e-3  # height above contact in m at which the indenter travels and baselines are measured
+    clearance: float = 2e-3  # height in m above contact, for travels and baselines
 
     def __post_init__(self) -> None:
         """Raise HardwareError for an empty or too large range."""
@@ -166,10 +166,10 @@ class StageLimits:
 class GcodeStage:
     """A machine with three axes that takes G-code in mm.
 
-    It answers every line by ``ok``, like GRBL and Marlin. Its work origin must be set: x and y of the board, z = 0
-    where the indenter just touches, z upwards. Only ``G21``, ``G90``, ``G0``, ``G1``, the command that waits for the
-    end of a movement and, with `home`, the homing command are ever sent. Except for homing, nothing moves before the
-    first call of `move`.
+    It answers every line by ``ok``, like GRBL and Marlin. Its work origin must be set: x and y of
+    the board, z = 0 where the indenter just touches, z upwards. Only ``G21``, ``G90``, ``G0``,
+    ``G1``, the command that waits for the end of a movement and, with `home`, the homing command
+    are ever sent. Except for homing, nothing moves before the first call of `move`.
     """
 
     def __init__(
@@ -202,7 +202,7 @@ class GcodeStage:
                     f"a person must confirm the first move at the first use of the stage at {port.name}; "
                     "leave out --yes this once."
                 )
-            # most machines announce their start when the port is opened; the whole announcement is read
+            # most machines announce their start, and the whole announcement is read
             greeted = any(_GREETING.search(answer) for answer in self._answers(now() + greeting))
             for _ in self._answers(now() + _QUIET):
                 pass
@@ -274,7 +274,7 @@ class GcodeStage:
                 self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
 
     def close(self) -> None:
-        """Release the port. Never raises."""
+        """Release the port without ever raising."""
         self._port.close()
 
     def _go(self, line: str, seconds: float) -> None:
