@@ -1,10 +1,10 @@
-"""Pictures of boards, fields and results.
+"""Pictures of boards, fields and results, flat and in 3-D.
 
-Scenes in three dimensions, and flat plots. Every ``plot_…`` draws into the Matplotlib axes `ax`, by
-default new ones, and returns them. Every ``…_figure`` returns a figure, which its method ``savefig`` writes to a file.
+Every ``plot_…`` draws into the Matplotlib axes `ax`, by default new ones, and returns them. Every
+``…_figure`` returns a figure, which its method ``savefig`` writes to a file.
 
-Importing it loads neither VTK nor Matplotlib. The module of a name, as listed in ``__init__.pyi``, is imported when the
-name is first used.
+Importing it loads neither VTK nor Matplotlib. Modules of the names in ``__init__.pyi`` are imported
+at first use.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
 """PyVista for functions that draw in three dimensions.
 
-They import it from here when they are called. If it is not installed, MissingDependencyError names the extra that
-brings it.
+They import it from here when they are called. If it is not installed, MissingDependencyError names
+the extra that brings it.
 """
 
 from __future__ import annotations

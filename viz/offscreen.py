@@ -1,4 +1,4 @@
-"""Test in a child process, which a failure ends, whether this machine can render in 3-D."""
+"""Test in a child process whether this machine can render."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coilarray.compute.extras import not_installed
 from coilarray.errors import MissingDependencyError
 
 NO_RENDERING = "COILARRAY_NO_RENDERING"
-"""Environment variable. The value 1 makes `rendering_problem` answer as on a machine that cannot render."""
+"""Environment variable that makes `rendering_problem` report a problem if 1."""
 
 _WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
 _OFF_SCREEN_WINDOW = "vtkEGLRenderWindow"
@@ -50,13 +50,12 @@ _lock = threading.Lock()
 
 
 def rendering_problem() -> str | None:
-    """Explain why pictures in 3-D cannot be made.
+    """Explain in a line why 3-D pictures are impossible.
 
-    The explanation has one line. It is None if this machine can render.
-
-    The first call starts a child process that renders a sphere, which takes about a second. Later calls return the same
-    result at once. It may be called from any thread. If no screen answers and the user has not chosen otherwise, a
-    successful test also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in this process, so that VTK renders through EGL.
+    The first call starts a child process that renders a sphere, which takes about a second. Later
+    calls return the same result at once. It may be called from any thread. If no screen answers and
+    the user has not chosen otherwise, a successful test also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in
+    this process, so that VTK renders through EGL.
 
     Returns
     -------
@@ -70,9 +69,7 @@ def rendering_problem() -> str | None:
 
 
 def window_problem() -> str | None:
-    """Explain why no window can be opened.
-
-    The explanation has one line. It is None if a window can be opened.
+    """Explain in one line why no window can be opened.
 
     Returns
     -------

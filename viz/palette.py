@@ -1,4 +1,4 @@
-"""Colours of all pictures, distinct with any colour vision, as the tests measure."""
+"""Colours of all pictures, distinct with any colour vision."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TypedDict
 import numpy as np
 import numpy.typing as npt
 
-# Okabe & Ito (2008), "Color Universal Design", https://jfly.uni-koeln.de/color/. Yellow is left out, because it is too
-# faint for thin lines on white.
+# Okabe & Ito (2008), "Color Universal Design", https://jfly.uni-koeln.de/color/. Yellow is left
+# out, because it is too faint for thin lines on white.
 BLUE = "#0072B2"
 VERMILLION = "#D55E00"
 GREEN = "#009E73"
@@ -22,7 +22,8 @@ METAL = "#7C828A"  # indenters and targets
 METALS = ("#A08050", "#5F7F9F", "#8F6F8F", "#6F8F6F")  # plates
 
 COILS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
-# After COILS each colour is as far as possible from all before it, in CIELAB and with any kind of cones missing.
+# After COILS each colour is as far as possible from all before it, in CIELAB and with any kind of
+# cones missing.
 MANY = (
     *COILS,
     "#8700F0", "#5A3C1E", "#C3C378", "#3C2DA5", "#870069", "#9687FF", "#F00F5A", "#F0B4B4", "#874B00", "#965AFF",
@@ -32,14 +33,15 @@ MANY = (
     "#FF96C3", "#1E4BC3", "#B40F69", "#3C4BFF", "#4BD2FF", "#3C87E1", "#B45A2D", "#A55AC3", "#3C875A", "#78C3C3",
     "#78A5FF", "#4B690F", "#B496C3", "#E1C33C", "#8778A5", "#D2964B", "#2D0FD2", "#005A5A",
 )  # fmt: skip
-"""Colours for up to 64 coils. The first 16 are distinct for every eye."""
-# Neighbours are alike, pairs of layers far apart. There are as many as layers of the thickest boards.
+"""Colours for 64 coils, 16 distinct for every eye."""
+# Neighbours are alike, pairs of layers far apart. There are as many as layers of the thickest
+# boards.
 LAYERS = (
     VERMILLION, ORANGE, BLUE, SKY, PURPLE, GREEN, "#8700F0", "#9687FF", "#5A3C1E", "#C3C378", "#870069", "#F0B4B4",
     "#3C2DA5", "#965AFF", "#874B00", "#F00F5A",
 )  # fmt: skip
 KINDS = (*COILS, WINE, INDIGO, OLIVE)
-"""Colours for areas of more than six kinds, which are the coils' colours and then three dark colours."""
+"""Colours for areas: the coils', then three dark ones."""
 LAMINATE = "#3F8F4F"
 BARREL = "#8C6D1F"
 SHEETS = ("#8FA3BF", "#7A3E8E", "#4A4A4A")  # light, dark, darker, distinct by lightness alone
@@ -51,11 +53,11 @@ SHADE = "#EDEDED"  # areas behind curves
 UNKNOWN = "#D0D0D0"  # parts of a map without a value
 
 SEQUENTIAL = "viridis"
-"""Map of values of one sign. It is perceptually uniform, and equally dark to light for any eye."""
+"""Perceptually uniform map of values of one sign."""
 POSITIVE, NEGATIVE = "YlOrRd", "YlGnBu_r"
-"""Maps of values of one sign from a pale zero, warm and cold like the two halves of `DIVERGING`."""
+"""Warm and cold maps from a pale zero."""
 DIVERGING = "RdBu_r"
-"""Map of values of both signs about a white zero, in Brewer's blue and red, which no colour blindness mixes up."""
+"""Map of both signs about white: Brewer's colour-blind safe RdBu."""
 
 _LINES = ("-", "--", ":")
 _NEARNESS = 3  # power of the distance with which coils may look alike
@@ -76,8 +78,8 @@ def cycled(colours: Sequence[str], names: Sequence[str]) -> dict[str, str]:
 def signed_colours(values: npt.ArrayLike, both: str = DIVERGING, share: float = 0.02) -> tuple[str, float, float]:
     """Colour map and its ends for values about zero.
 
-    The map is `both` if the values have both signs. Values of one sign have all colours of a map from zero. The other
-    sign is ignored up to this `share` of the largest value.
+    The map is `both` if the values have both signs. The other sign is ignored up to this `share` of
+    the largest value.
 
     Examples
     --------
@@ -96,8 +98,8 @@ def signed_colours(values: npt.ArrayLike, both: str = DIVERGING, share: float = 
 def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> dict[str, str]:
     """Give each of up to 64 coils its own colour.
 
-    Up to six coils have colours in order. More coils have colours by place, so that neighbours differ most. `centres`,
-    shape (coils, 2), may have any unit. Without them the coils are in a row.
+    Up to six coils have colours in order. More coils have colours by place, so that neighbours
+    differ most. `centres` (coils, 2) have any unit. Without them the coils are in a row.
 
     Examples
     --------
@@ -114,7 +116,8 @@ def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> 
 def _by_place(places: npt.NDArray[np.float64]) -> list[int]:
     """Choose different colours of `MANY` for places."""
     red, green, blue = np.array([[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in MANY]).T
-    # Lightness, and each of the two differences of colour that remain if one kind of cones is missing.
+    # Lightness, and each of the two differences of colour that remain if one kind of cones is
+    # missing.
     axes = (2 * (0.299 * red + 0.587 * green + 0.114 * blue), blue - (red + green) / 2, red - green)
     light, cold, warm = (axis[:, None] - axis for axis in axes)
     apart = np.minimum(np.hypot(light, cold), np.hypot(light, warm))
@@ -128,9 +131,7 @@ def _by_place(places: npt.NDArray[np.float64]) -> list[int]:
 
 
 def curve_look(k: int) -> CurveLook:
-    """Colour and line style of curve k.
-
-    Neighbours differ in both, and 18 curves are different.
+    """Colour and line style of curve k, 18 are different.
 
     Examples
     --------

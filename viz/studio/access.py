@@ -35,7 +35,7 @@ REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'none'"
 )
-"""Policy of a report: it runs no script, loads nothing, and has an origin of its own, without the studio."""
+"""Policy of a report: no scripts, nothing loaded, own origin."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,7 @@ def check_studio() -> None:
 
 
 def bind(address: Address) -> socket.socket:
-    """Bind the port of the studio.
-
-    A port that is in use or not allowed, or a host that is not on this computer, raises an OutputError.
-    """
+    """Bind the port of the studio, or raise an OutputError."""
     if not 0 <= address.port <= 65535:
         raise OutputError(f"--port must be 0 to 65535; got {address.port}.")
     try:
@@ -90,15 +87,17 @@ def bind(address: Address) -> socket.socket:
 
 
 def refusal(request: web.Request, address: Address, cookie: str) -> str:
-    """Explain why a request is refused, in a line that is empty if it is answered.
+    """Reason why a request is refused, empty if answered.
 
-    Other host names, scripts of other pages, and requests without the token, which a `cookie` holds, are refused.
+    Refused are other host names, scripts of other pages, and requests without the token, which a
+    `cookie` holds.
     """
     host = request.headers.get("Host", "")
     origin = request.headers.get("Origin")
     if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
         return _ANOTHER_PAGE
-    # Programs send no such header. A link of another site may open only the page itself, as a user does.
+    # Programs send no such header. A link of another site may open only the page itself, as a user
+    # does.
     site = request.headers.get("Sec-Fetch-Site", "none")
     opens = request.path == "/" and request.headers.get("Sec-Fetch-Dest") == "document"
     if site not in ("same-origin", "none") and not opens:
@@ -112,7 +111,7 @@ def refusal(request: web.Request, address: Address, cookie: str) -> str:
 
 
 def security_headers(host: str) -> dict[str, str]:
-    """Security headers of a response to a request that names a host."""
+    """Security headers of a response."""
     sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
     return {
         "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-cache",

@@ -1,4 +1,4 @@
-"""Design of a page: its file, its fields, its structure, and new designs."""
+"""File, fields and structure of a design, and new designs."""
 
 from __future__ import annotations
 
@@ -44,10 +44,7 @@ class DesignPanel(Panel):
         )  # fmt: skip
 
     def show(self, work: Work, *, typed: bool) -> None:
-        """Show a design.
-
-        `typed` is true if it comes from the fields, which then stay unchanged.
-        """
+        """Show a design, `typed` if from the fields, which stay."""
         state = self._session.state
         if not typed:
             groups: dict[str, list[dict[str, Any]]] = {}
@@ -98,7 +95,7 @@ class DesignPanel(Panel):
         session.take(work)
 
     def _save(self, name: str, title: str | None, replaced: str = "") -> None:
-        """Save under a name and a title, over another file if `replaced` names it."""
+        """Save with a title, over another file if `replaced`."""
         session = self._session
         name, work = name.strip(), session.work
         try:
@@ -204,9 +201,7 @@ class NewPanel(Panel):
 
 
 def choices_of(texts: Mapping[str, Any]) -> dict[str, Any]:
-    """Choices for a new design from texts of the page.
-
-    They are arguments of `coilarray.studies.create.new_design`. The sizes in the texts are in mm.
+    """Arguments of `coilarray.studies.create.new_design` from texts, sizes in mm.
 
     Examples
     --------
@@ -273,7 +268,7 @@ class BuildPanel(Panel):
         }  # fmt: skip
 
     def _build(self, step: str, *arguments: str | int | bool) -> None:
-        """Change the document of the design by one of the `structure.STEPS`."""
+        """Change the design's document by one of the `structure.STEPS`."""
         function = structure.STEPS.get(step)
         if function is not None:
             self._session.change(lambda work: function(work.opened.document, work.design, *arguments), "build_problem")

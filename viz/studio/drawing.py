@@ -1,4 +1,4 @@
-"""Boards as the studio draws them: from above as SVG, and in pieces for scenes."""
+"""Boards from above as SVG, and in pieces for scenes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from coilarray.viz.scenes.scene import Part, Scene
 from coilarray.viz.scenes.touch import first_states
 
 LEAST = 1e-4
-"""Smallest δ at which bars and colours of a measurement are full."""
+"""Least δ at which bars and colours are full."""
 RED = "#D55E00"
 """Colour of positions that are found."""
 
@@ -33,7 +33,7 @@ _NAME = 'text-anchor="middle" dominant-baseline="central" fill="#202020" stroke=
 
 @dataclass(frozen=True)
 class TopView:
-    """Drawing of a board from above in mm, whose y is minus the board's."""
+    """Board from above in mm, with y reversed."""
 
     left: float
     top: float
@@ -46,7 +46,7 @@ class TopView:
         return round(0.0022 * self.width, 3)
 
     def place(self, across: float, down: float) -> tuple[float, float]:
-        """Place on the board in m for a point that is given as shares of the drawing's sides.
+        """Place on the board in m from shares of sides.
 
         Examples
         --------
@@ -64,7 +64,7 @@ def top_view(design: Design) -> TopView:
 
 
 def drawing(design: Design, delta: Mapping[str, float | None], marks: str = "", least: float = 0.0) -> dict[str, Any]:
-    """Drawing of a board, its coils coloured by δ as by `colours_of_delta`, with marks over them, as SVG."""
+    """SVG of a board with coils coloured by δ."""
     view, array = top_view(design), design.array
     colours = coil_colours(array.names, array.centres)
     edges = [(x, y) for x in array.bounds[::2] for y in array.bounds[1::2]]
@@ -88,13 +88,13 @@ def drawing(design: Design, delta: Mapping[str, float | None], marks: str = "", 
 
 
 def polygon(points: npt.ArrayLike, look: str, kind: str = "polygon") -> str:
-    """Polygon or polyline through points on the board in m, shape (n, 2)."""
+    """Polygon or polyline through points (n, 2) in m."""
     corners = " ".join(f"{x:.3f},{-y:.3f}" for x, y in np.asarray(points) * 1e3)
     return f'<{kind} points="{corners}" {look}/>'
 
 
 def circle(x: float, y: float, radius: float, look: str) -> str:
-    """Circle at a place on the board in m, with its radius in mm."""
+    """Circle at a place in m, its radius in mm."""
     return f'<circle cx="{x * 1e3:.3f}" cy="{-y * 1e3:.3f}" r="{radius:.3f}" {look}/>'
 
 
@@ -119,16 +119,16 @@ def state_colours(design: Design) -> dict[str, str]:
 
 
 def _delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
-    """δ of the first state that measures each coil, or NaN."""
+    """δ of each coil's first measured state, or NaN."""
     states = first_states(design)
     return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) -> list[dict[str, Any]]:
-    """Bars of all δ.
+    """Texts of δ in 10⁻⁶, and lengths of their bars.
 
-    A bar has its text in 10⁻⁶ and its signed length in per cent of half the width. It is full at the largest δ, or at
-    `least` if this is more.
+    Lengths are in per cent of half the width, full at the largest δ or at `least`, whichever is
+    larger.
     """
     pairs = list(delta)
     largest = max([least, *(abs(value) for _, value in pairs if value is not None)]) or 1.0

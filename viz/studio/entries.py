@@ -1,4 +1,4 @@
-"""Entries of a design with a slider: labels, meanings, units and ranges."""
+"""Entries with a slider: labels, meanings, units and ranges."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GROUPS = {
     "indenter": "Indenter", "circuit": "Circuit", "stackup": "Board", "board": "Board", "field": "Field",
     "fab": "Limits of the board house",
 }  # fmt: skip
-"""Tables whose numbers have sliders with their headings, in the order of the panel."""
+"""Tables whose numbers have sliders, with headings, in shown order."""
 _NOT_OF = {"single": ("rows", "direction_deg"), "rings": ("rows",), "triangle": ("rows",)}
 """Keys of [array] that a lattice lacks."""
 _STEPS_IN_A_DECADE = 100
@@ -43,15 +43,7 @@ class Entry:
 
 
 def entries_of(file: DesignFile) -> tuple[Entry, ...]:
-    """List the numbers of a design in the shown order.
-
-    Examples
-    --------
-    >>> from coilarray.design.model import load_design_file
-    >>> pitch = next(e for e in entries_of(load_design_file("gast2020")) if e.key == "array.pitch_mm")
-    >>> pitch.label, pitch.unit, pitch.value, pitch.low, pitch.high, pitch.step
-    ('pitch', 'mm', 13.28, 6.6, 26.6, 0.1)
-    """
+    """List the numbers of a design in the shown order."""
     values, known = file.values, _keys()
     found: dict[str, list[Entry]] = {path: [] for path in _GROUPS}
     without = _NOT_OF.get(str(values.get("array.lattice")), ())
@@ -78,7 +70,7 @@ def entries_of(file: DesignFile) -> tuple[Entry, ...]:
 
 @cache
 def _keys() -> dict[str, Key]:
-    """Keys of a design; to collect them takes longer than all the rest of a change of an entry."""
+    """Keys of a design, stored because collecting them is slow."""
     return {key.dotted: key for key in reversed(keys_of(Document))}
 
 
@@ -124,7 +116,7 @@ def place_text(value: float) -> str:
 
 
 def text_of(value: float) -> str:
-    """Text of a value in its field, with all its significant digits.
+    """Text of a value with all its significant digits.
 
     Examples
     --------

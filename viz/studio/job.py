@@ -1,6 +1,7 @@
-"""Work of a page: steps in a thread, the newest request first, and jobs in processes.
+"""Work of a page: steps in threads, jobs in processes.
 
-A process reports its progress, can be stopped, and never outlives the studio.
+The newest request comes first. A process reports its progress, can be stopped, and never outlives
+the studio.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ from coilarray.compute.workers import starting
 from coilarray.errors import CoilarrayError
 
 QUIT, ZERO = "q", "z"
-"""Orders to a running task: end, and, to a watched board, measure the baseline again."""
+"""Orders to a task: end, or measure the baseline again."""
 
 PATIENCE = 0.5
-"""Default time in s for a process to end by itself after `Job.stop`."""
+"""Default time in s to end after `Job.stop`."""
 
 _FIRST_PART = 0.03  # share of a job before which no remaining time is shown
 _SOME_MINUTES = 90.0  # s
@@ -42,7 +43,7 @@ class Cancelled(Exception):  # noqa: N818 - it is no error
 
 
 class Link:
-    """Link of a task to its page, which the task may call as a `coilarray.compute.threads.Progress`."""
+    """Link of a task to its page, also a `Progress`."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection, self._sending = connection, threading.Lock()
@@ -54,13 +55,13 @@ class Link:
         self.send((done, total))
 
     def send(self, message: Any) -> None:
-        """Send a message to the page, or raise `Cancelled` after a stop."""
+        """Send a message to the page, or raise `Cancelled`."""
         if self._stopped.is_set():
             raise Cancelled
         self.pass_on("message", message)
 
     def orders(self) -> str:
-        """Take the letters of the orders since the last call, `QUIT` at every call after a stop."""
+        """Take all waiting orders, after a stop always `QUIT`."""
         return QUIT if self._stopped.is_set() else "".join(self._orders.popleft() for _ in range(len(self._orders)))
 
     def pass_on(self, kind: str, value: Any) -> None:
@@ -70,7 +71,7 @@ class Link:
             self._connection.send_bytes(data)
 
     def listen(self, patience: float) -> None:
-        """Take orders, and end the process some time after a stop or the studio's end."""
+        """Take orders, and end the process after a stop."""
         with suppress(EOFError, OSError):
             while (order := self._connection.recv()) != QUIT:
                 self._orders.append(order)
@@ -89,11 +90,11 @@ class Outcome:
 
 
 class Job:
-    """Function of a module that runs in a process of its own.
+    """Function of a module that runs in its own process.
 
-    It is called with pickled arguments and a `Link`, and starts at once. In a thread of the job, `on_message` is called
-    with every message of the function, and `on_end` once with the `Outcome`. After `QUIT` the process has `patience`
-    seconds to end by itself.
+    It gets pickled arguments and a `Link`. In a thread of the job, `on_message` gets every message,
+    and `on_end` once the `Outcome`. After `QUIT` the process has `patience` seconds to end by
+    itself.
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class Job:
         self._thread.start()
 
     def send(self, order: str) -> None:
-        """Send a letter to the function, see `Link.orders`; after `QUIT` the job ends, and nothing is sent."""
+        """Send an order of `Link.orders`, nothing after `QUIT`."""
         if not self._stopped.is_set():
             with suppress(OSError):
                 self._connection.send(order)
@@ -159,9 +160,9 @@ class Job:
 
 
 def time_left(part: float, since: float) -> str:
-    """Text of the likely remaining time of a job.
+    """Text of the likely remaining time, empty at first.
 
-    A part of the job, from 0 to 1, is done in some seconds. The text is empty at first.
+    `part`, from 0 to 1, is done after `since` in s.
 
     Examples
     --------
@@ -177,7 +178,7 @@ def time_left(part: float, since: float) -> str:
 
 
 def _serve(connection: Connection, task: bytes, patience: float) -> None:
-    """Call the function in a process that ends with the connection."""
+    """Call the function in a process, until the connection ends."""
     collect_seldom()
 
     def leave(number: int, _: object) -> None:

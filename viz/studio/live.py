@@ -1,7 +1,7 @@
-"""Tab of the live board, its emulator or a recording: history of δ, presses, the position, and a log.
+"""Tab of the live board, its emulator or a recording.
 
-The readings come from another process, several at once. The page requests a drawing after it has shown the last
-drawing. So a slow page drops drawings, never scans.
+The readings come from another process, several at once. The page requests a drawing after it has
+shown the last drawing. So a slow page drops drawings, never scans.
 """
 
 from __future__ import annotations
@@ -49,17 +49,7 @@ _KEPT = 2_000_000  # values of δ that are kept at most
 
 
 class History:
-    """δ of some states of the latest scans.
-
-    Examples
-    --------
-    >>> history = History(["L1"])
-    >>> for k in range(1000):
-    ...     history.add(0.01 * k, {"L1": 1e-3 if k == 500 else 0.0})
-    >>> times, least, largest = history.values(10.0)
-    >>> bool(largest[0].max() == 1e-3), len(times) <= BINS
-    (True, True)
-    """
+    """δ of some states of the latest scans."""
 
     def __init__(self, states: Sequence[str]) -> None:
         self.states = tuple(states)
@@ -68,7 +58,7 @@ class History:
         self._count, self._time, self._delta = 0, np.empty(most), np.empty((most, len(self.states)))
 
     def add(self, time: float, delta: Mapping[str, float | None]) -> None:
-        """Add a scan at a time in s that never falls."""
+        """Add a scan at a rising time in s."""
         if self._count == len(self._time):  # the older half is forgotten
             half = self._count // 2
             for kept in (self._time, self._delta):
@@ -80,7 +70,7 @@ class History:
         self._count += 1
 
     def values(self, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Read least and largest δ (state, time) over time, for the last `span` in s.
+        """Least and largest δ (state, time) of the last `span`.
 
         NaN is a time with scans but without a value of the state.
         """
@@ -94,7 +84,7 @@ class History:
 
 
 TAB, WINDOW = (520.0, 300.0), (1500.0, 400.0)
-"""Width and height of the drawing of the curves in the studio and in a separate window, in its own unit."""
+"""Width and height of the curves in studio and window."""
 
 _LEFT, _RIM, _TOP, _FOOT = 64.0, 10.0, 16.0, 44.0  # about the axes
 _LEAST_RANGE = 2e-6  # of δ, so that noise of a board at rest does not fill the picture
@@ -105,10 +95,7 @@ _TICKS = 6
 def curves(
     history: History, span: float, colours: Mapping[str, str], presses: Iterable[Press], size: tuple[float, float] = TAB
 ) -> dict[str, Any]:
-    """Curves of δ over the last `span` in s.
-
-    The axis of δ reaches from the least to the largest value shown.
-    """
+    """Curves of δ over the last `span` in s."""
     times, least, largest = history.values(span)
     stop = max(history.end, span)
     start = stop - span
@@ -160,7 +147,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def press_row(press: Press) -> list[str]:
-    """Return number, begin and duration in s, place and depth in mm, and δ in 10⁻⁶ of a press."""
+    """Return number, times in s, place in mm, δ in 10⁻⁶."""
     place, depth = "–", "–"
     if press.location is not None and press.location.modes:
         best = press.location.modes[0]
@@ -234,7 +221,7 @@ class LivePanel(Panel):
             return
 
         def file(name: str, given: str | None) -> str | None:
-            """Path of a recording of the folder, or of the command."""
+            """Path of a recording, of the folder or command."""
             return name if not name or name == given else str(session.setup.shelf.file(name, (_RECORDING,)))
 
         design = session.work.design
@@ -331,7 +318,7 @@ class LivePanel(Panel):
             self._session.redraw(moving=True)
 
     def _marks(self, presses: Iterable[Press]) -> str:
-        """Places of presses with their numbers, the trail of the present press, and the last position."""
+        """Numbered presses, trail of the present press, last position."""
         view, frame = top_view(self._design), self._frame
         marks = []
         for press in presses:

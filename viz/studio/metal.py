@@ -1,4 +1,4 @@
-"""Tab of metal: plates and a target are added and removed, and the target is moved by a slider."""
+"""Tab of metal: plates, and a target with a slider."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SIZES: Mapping[str, tuple[str, ...]] = {
     "infinite plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
 }  # fmt: skip
-"""Keys of the sizes of each shape of a new body."""
+"""Keys of the sizes of a new body by shape."""
 FIRST: Mapping[str, str] = {
     "kind": "target", "shape": "disc", "material": "aluminium", "thickness": "1", "distance": "0.5, 1, 2, 5, 10",
     "size": "20", "second": "10",
@@ -54,7 +54,7 @@ FIRST: Mapping[str, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """Effect of a design's target at several distances over a place in m."""
+    """Effect of a target at distances over a place (m)."""
 
     design: Design
     place: tuple[float, float]
@@ -69,8 +69,8 @@ class Moved:
 def moved(design: Design, place: tuple[float, float] | None) -> Moved:
     """Move a design's target through all distances.
 
-    It is over a place on the board in m, by default over its middle coil. A design without a target, or a case that is
-    not computed, raises a MetalError.
+    The default place is the middle coil. A design without a target, or a case that is not computed,
+    raises a MetalError.
     """
     at = target_place(design, design.array.middle_coil, place)
     return Moved(design, at, target_at(design, at, steps_of(design)))
@@ -100,15 +100,9 @@ def body_rows(design: Design) -> list[dict[str, str]]:
 
 
 def with_body(document: Document, form: Mapping[str, Any]) -> Document:
-    """Add a new body to the document of a design.
+    """Add a body to a document, or replace its target.
 
-    `form` has the texts of the fields, with the keys of `FIRST`. A new target replaces an old target. A text that is
-    not a number, or a shape that a plate cannot have, raises a DesignError.
-
-    Examples
-    --------
-    >>> with_body({}, {**FIRST, "kind": "plate below", "shape": "infinite plate", "distance": "3"})["plate"]
-    [{'name': 'plate1', 'material': 'aluminium', 'thickness_mm': 1.0, 'distance_mm': 3.0, 'side': 'below'}]
+    `form` has the texts of the fields, with the keys of `FIRST`.
     """
     given = {key: str(form.get(key, default)).strip() for key, default in FIRST.items()}
     kind, shape = given["kind"], given["shape"]

@@ -1,4 +1,4 @@
-"""Tab of numbers: the summary, couplings and inductances, the coils, and the margins to the rules."""
+"""Tab of numbers: summary, couplings, inductances, coils, and margins."""
 
 from __future__ import annotations
 
@@ -60,9 +60,10 @@ def margins_of(design: Design) -> tuple[Margin, ...]:
 
 
 def matrix_cells(numbers: Numbers, kind: str) -> tuple[list[list[dict[str, str]]], str]:
-    """Cells of the matrix of k, or of L and M in µH for the kind "L", and the largest magnitude of two coils.
+    """Cells of k, or of L and M in µH for "L".
 
-    A cell has its rounded `text`, all digits with name and unit, `full`, and the colours of the cell and of its `ink`.
+    The second result is the largest magnitude of two coils. A cell has its rounded `text`, all
+    digits with name and unit, `full`, and the colours of the cell and of its `ink`.
     """
     names, matrix = numbers.names, numbers.inductance if kind == "L" else coupling_matrix(numbers.inductance)
     alone = np.eye(len(matrix), dtype=bool)
@@ -134,7 +135,7 @@ class NumbersPanel(Panel):
         state.saved_line = "" if work.kept else f"{work.file} is not saved yet"
 
     def steps(self, design: Design) -> list[Step]:
-        """Make the steps after a change: the quick numbers, and the margins and the full numbers when it rests."""
+        """Compute quick numbers, and at rest margins and full numbers."""
 
         def numbers(accuracy: Accuracy) -> Callable[[], tuple[Design, Numbers]]:
             return lambda: (design, numbers_of(design, accuracy))
@@ -147,7 +148,7 @@ class NumbersPanel(Panel):
         ]
 
     def draw(self) -> None:
-        """Show the matrix that the page requests, as both take twice the time."""
+        """Draw the requested matrix alone, for speed."""
         if self._numbers is None:
             return
         numbers, state = self._numbers[1], self._session.state
@@ -158,7 +159,7 @@ class NumbersPanel(Panel):
         }  # fmt: skip
 
     def _show(self, found: tuple[Design, Numbers]) -> None:
-        """Show numbers of the design, and solve the circuit after the full ones."""
+        """Show numbers, and after the full numbers solve the circuit."""
         design, numbers = found
         before = self._numbers
         if numbers.accuracy == "screen" and before is not None and before[0] is design and before[1].accuracy == "full":

@@ -1,4 +1,4 @@
-"""Page of the studio: its panels, which show one session, and their Vue templates in ``html``."""
+"""Page of the studio: panels and templates in ``html``."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Page(Session):
         self.take(work)
 
     async def close(self) -> None:
-        """End all computations and processes of the page, and its server."""
+        """End all computations and processes, and the server."""
         from trame.app.core import AVAILABLE_SERVERS
         from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
@@ -87,7 +87,7 @@ class Page(Session):
         HELPERS_PER_SERVER.pop(self.key, None)
 
     def saved(self, work: Work) -> None:
-        """Show that the design is in a file now, maybe with another name or title."""
+        """Show a saved design, maybe of another name or title."""
         same = work.design is self.work.design
         self.work = replace(self.work, file=work.file)  # no other file is opened
         if not same:
@@ -143,7 +143,7 @@ class Page(Session):
             self.redraw()
 
     def _refuse_call(self, error: Exception) -> None:
-        """Show the error of a call of the page, with a traceback if it is of our own code."""
+        """Show a call's error, with traceback if our own."""
         frames = traceback.walk_tb(error.__traceback__)
         if any(str(frame.f_globals.get("__name__")).startswith("coilarray.") for frame, _ in frames):
             traceback.print_exception(error)
@@ -154,7 +154,7 @@ class Page(Session):
         from trame.ui.vuetify3 import VAppLayout
 
         def part(found: re.Match[str]) -> str:
-            """Part of the page, whose word in capitals stands for a value of the state."""
+            """Part of the page, with a value for its capitals."""
             name, value = found.groups()
             return self.scene.html if name == "view" else filled(template(name).replace("VALUE", value or ""))
 

@@ -1,4 +1,4 @@
-"""Tab of optimisations: runs of ``coilarray optimize`` are started, followed and read, never written."""
+"""Tab of optimisations: ``coilarray optimize`` started, followed, read, never written."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Run:
 
     @property
     def start(self) -> int | None:
-        """Index of the possible board from which the search began, or None."""
+        """Index of the possible board at the start, or None."""
         return next((k for k, point in enumerate(self.points) if point.start), None)
 
     @property
@@ -89,9 +89,7 @@ class Run:
 
 
 def axis_label(name: str) -> str:
-    """Label of an axis with the unit.
-
-    It names a quantity, a distance to its target, or an entry.
+    """Label with unit of a quantity, distance or entry.
 
     Examples
     --------
@@ -147,7 +145,7 @@ def run_folders(folder: Path) -> list[str]:
 
 
 def read_runs(folder: Path) -> tuple[Run, ...]:
-    """Read all studies of a folder with a ``points.jsonl``, or raise an OutputError."""
+    """Read the studies of a folder with a ``points.jsonl``."""
     return tuple(run_of(name, points) for name, points in read_studies(folder).items())
 
 
@@ -209,7 +207,7 @@ class RunsPanel(Panel):
         )
 
     def offer(self) -> None:
-        """Find the folders of runs and the goals that fit, if their tab is open."""
+        """List fitting runs and goals, if their tab is open."""
         session = self._session
         work = session.work
         if session.state.tab != "runs":
@@ -236,7 +234,7 @@ class RunsPanel(Panel):
         state.run_of = changed if of in ("", design.name) else " – of another design"
 
     def _start(self, goal: str, trials: str) -> None:
-        """Begin a search for a better design, or continue it, and show its points."""
+        """Begin or continue a search, and show its points."""
         session, state = self._session, self._session.state
         design = session.work.design
         folder = session.setup.shelf.folder / f"{design.name}-{goal}"
@@ -347,7 +345,7 @@ def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
 
 
 def _stamp(folder: Path) -> int:
-    """Read the time of the last change of a study, or 0."""
+    """Time of the last change of a study, or 0."""
     return (folder / FILE).stat().st_mtime_ns if (folder / FILE).is_file() else 0
 
 

@@ -1,4 +1,4 @@
-"""Web server of the studio: one session for each page, and an end without leftovers."""
+"""Web server of the studio, one session per page."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def serve(
     linger: float,
     ready: Callable[[str], None],
 ) -> None:
-    """Serve the studio until it is stopped.
+    """Serve the studio on a `bind` socket until stopped.
 
-    It is served on a socket of `bind`. `work` is the first design. The studio also ends if all pages have been closed
-    for `linger` seconds, unless this is 0. `ready` is called with the URL of the page once it can be opened.
+    It begins with the design `work`. It also ends if all pages have been closed for `linger`
+    seconds, unless this is 0. `ready` is called with the URL of the page once it can be opened.
     """
     logging.getLogger("wslink").setLevel(logging.CRITICAL + 1)  # a page itself shows the errors of its calls
     os.environ.setdefault("TRAME_ARGS", "")  # else trame would read our command line
@@ -109,7 +109,7 @@ class _Studio:
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        """Refuse requests that are not from our pages, and add the security headers."""
+        """Refuse requests of other pages, and add the security headers."""
         if self._stop.is_set():  # a page that is loaded again now would find nothing, without a message
             return web.Response(status=503, text="coilarray studio: it is ending.\n")
         headers = security_headers(request.headers.get("Host", ""))
@@ -135,7 +135,7 @@ class _Studio:
         return web.Response(text=text.replace("<head>", f"<head>{own}", 1), content_type="text/html")
 
     async def _open(self, request: web.Request) -> web.Response:
-        """Begin a session for a loaded page, with the last design of its tab."""
+        """Begin a session with its tab's last design."""
         if len(self._pages) >= _MOST_PAGES:
             return web.json_response({"error": _TOO_MANY}, status=503)
         tab = request.match_info["tab"]

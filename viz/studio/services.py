@@ -1,7 +1,8 @@
-"""Functions that the studio needs from outside `coilarray.viz`: reports, stored response tables and boards.
+"""Functions from outside `coilarray.viz`: reports, response tables and boards.
 
-`coilarray.viz` imports neither hardware nor reports, so the caller of the studio passes these functions. They run in
-processes of their own and are therefore functions of a module with plain arguments.
+`coilarray.viz` imports neither hardware nor reports, so the caller of the studio passes these
+functions. They run in processes of their own and are therefore functions of a module with plain
+arguments.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from coilarray.localize.presses import Press
 
 Document = Mapping[str, Any]
-"""Contents of a design file, from which `coilarray.design.model.build_design` makes the design."""
+"""Contents of a design file, for `coilarray.design.model.build_design`."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class BoardFrame:
 
 @dataclass(frozen=True)
 class Summary:
-    """Summary of a design. `converter` is False if it is unknown what a converter reads."""
+    """Summary of a design, `converter` False if unknown."""
 
     table: Table
     verdicts: Sequence[str]
@@ -69,16 +70,19 @@ class Summary:
 
 @dataclass(frozen=True)
 class Services:
-    """Functions that the caller of the studio provides. A missing function has no button, tab or table."""
+    """Functions of the caller, not offered if missing."""
 
-    # Returns the response of a design (document, name) at the positions of `coilarray.localize.forward.table_grid`.
+    # Returns the response of a design (document, name) at the positions of
+    # `coilarray.localize.forward.table_grid`.
     response_table: Callable[[Document, str, Progress], xr.Dataset] | None = None
     # Writes the report of a design (document, name) into a folder and returns its page.
     write_report: Callable[[Document, str, Path, Progress], Path] | None = None
-    # Opens a board or a recording, sends lists of frames, and leaves the board at rest. It follows the order `ZERO`.
+    # Opens a board or a recording, sends lists of frames, and leaves the board at rest. It follows
+    # the order `ZERO`.
     watch_board: Callable[[BoardRequest, Link], None] | None = None
     port: str = "emulator"  # port of the watched board, if the page does not name another port
-    # Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the board, if known.
+    # Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the
+    # board, if known.
     summarize: Callable[[Design, xr.Dataset, xr.Dataset | None], Summary] | None = None
     recording: str | None = None  # file of a recording that is replayed instead
     log: str | None = None  # file of a recording to be written

@@ -1,4 +1,4 @@
-"""What the panels of an open page share: its state and design, its computations and jobs, and its errors."""
+"""State, design, computations, jobs and errors of an open page."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class _Change(NamedTuple):
 
 
 class Session(ABC):
-    """State, design and work of one page, which shows them on its panels."""
+    """State, design and work of a page's panels."""
 
     def __init__(self, setup: Setup, work: Work) -> None:
         from trame.app import get_server
@@ -81,7 +81,8 @@ class Session(ABC):
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        # Numbers and scenes wait neither for each other nor for slow steps (circuit, summary, target).
+        # Numbers and scenes wait neither for each other nor for slow steps (circuit, summary,
+        # target).
         self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
@@ -120,7 +121,7 @@ class Session(ABC):
     # ---------------------------------------------------------------- the design
 
     def take(self, work: Work, *, typed: bool = False) -> None:
-        """Show another or a changed design, `typed` if it comes from the fields."""
+        """Show a design, `typed` if it comes from the fields."""
         if work.file != self.work.file:
             self._before.clear()
             self._after.clear()
@@ -133,11 +134,10 @@ class Session(ABC):
         self._show(work, typed=typed)
 
     def change(self, made: Callable[[Work], Document], problem: str = "", *, entry: str = "") -> None:
-        """Change the document of the design and show the design.
+        """Show the design with the document of `made`.
 
-        `made` makes the new document from the present design. If it is impossible, a line is shown as the value
-        `problem` of the state, or as the error of the field of an `entry`. Changes are made one after the other, and of
-        several changes of one entry only the last.
+        An error is the value `problem` of the state, or the error of the field of an `entry`.
+        Changes are made one after the other, and of several changes of one entry only the last.
         """
         change = _Change(made, problem, entry)
         self._changes.pop(entry, None)
@@ -146,7 +146,7 @@ class Session(ABC):
             self._changing = self.begin(self._make_changes)
 
     async def _make_changes(self) -> None:
-        """Make the changes that wait, unless the design is undone or another is opened meanwhile."""
+        """Make waiting changes, unless another design is shown meanwhile."""
         while self._changes:
             change = self._changes.pop(next(iter(self._changes)))
             begun = self.work
@@ -187,14 +187,14 @@ class Session(ABC):
         return design is self.work.design
 
     def arrived(self, name: str, design: Design) -> None:
-        """Remove the marks of stale or failed results of the current design."""
+        """Remove the marks of stale or failed results."""
         if self.is_current(design):
             self.state.stale = [one for one in self.state.stale if one != name]
             self.state.failures = {one: why for one, why in self.state.failures.items() if one != name}
         self._say_accuracy()
 
     def failed(self, name: str, design: Design, problem: str) -> None:
-        """Show beside the picture, in any tab, that results of the current design will not come."""
+        """Show in any tab that results will not come."""
         with self.state:
             self.arrived(name, design)
             if self.is_current(design):
@@ -202,7 +202,7 @@ class Session(ABC):
                 self._say_accuracy()
 
     def _say_accuracy(self) -> None:
-        """Show the accuracy of the numbers, "full accuracy" if all belong to the current design."""
+        """Show the accuracy, "full accuracy" if all numbers are current."""
         stale, accuracy = self.state.stale, self.state.accuracy
         if self.state.failures:
             shown = "not computed"
@@ -215,12 +215,12 @@ class Session(ABC):
         self.state.shown_accuracy = shown
 
     def say(self, problem: str) -> None:
-        """Show one line above the page, or remove it if it is empty."""
+        """Show a line above the page, or none if empty."""
         with self.state:
             self.state.problem = problem
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
-        """Let the page call a function or coroutine by name with checked arguments, and show its errors."""
+        """Let the page call a function with checked arguments."""
         strict = validate_call(config=_STRICT)(function)
 
         async def call(*arguments: Any) -> None:
@@ -239,7 +239,7 @@ class Session(ABC):
     # ---------------------------------------------------------------- its work
 
     def may_write(self, name: str) -> Path | None:
-        """Path of a file of the folder, or None, with a line on the page, if it is not from this page."""
+        """Path of a file to write, None if not ours."""
         path = self.setup.shelf.folder / name
         if path.exists() and path not in self._written:
             self.say(f"{name} is there already, and not from this page; rename or remove it first.")
@@ -247,7 +247,7 @@ class Session(ABC):
         return path
 
     def wrote(self, path: Path, line: str) -> None:
-        """Say that a file of the folder was written by this page, which may write it again."""
+        """Note a file that the page wrote, and may replace."""
         self._written.add(path)
         self.state.file_note = line
 
@@ -269,7 +269,7 @@ class Session(ABC):
         on_end: Callable[[Outcome], None],
         patience: float = PATIENCE,
     ) -> bool:
-        """Start a `Job` whose `on_message` and `on_end` are called on the page, unless one of its name runs."""
+        """Start a `Job` that calls the page, once per name."""
         if name in self._jobs:
             return False
 
@@ -294,8 +294,8 @@ class Session(ABC):
     ) -> bool:
         """Start a job with a progress bar.
 
-        At its end exactly one of `done`, `failed` and `cancelled` is called. Without `failed` a failure is shown above
-        the page, in whatever tab is open by then. Messages other than (done, total) go to `watch`.
+        At its end exactly one of `done`, `failed` and `cancelled` is called. Without `failed` a
+        failure is shown above the page. Messages other than (done, total) go to `watch`.
         """
         begun = time.monotonic()
 
@@ -342,7 +342,7 @@ class Session(ABC):
 
     @contextmanager
     def _showing_errors(self) -> Iterator[None]:
-        """Show an error of the block on the page, as no other code would see it."""
+        """Show an error of the block on the page."""
         try:
             yield
         except CoilarrayError as error:
@@ -353,7 +353,7 @@ class Session(ABC):
 
 
 class Panel:
-    """Panel of a page, with its first values and its functions by name."""
+    """Panel of a page: first values, functions by name."""
 
     def __init__(self, session: Session, values: Mapping[str, Any], **triggers: Callable[..., Any]) -> None:
         self._session = session

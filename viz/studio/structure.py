@@ -1,4 +1,4 @@
-"""Structure of a design in its document: coils, places and lattice, layers, leads and sheets."""
+"""Structure of a document: coils, lattice, layers, leads and sheets."""
 
 from __future__ import annotations
 
@@ -100,9 +100,7 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
 
 
 def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
-    """Entries and number of coils of a lattice.
-
-    The lattice of the kind has about `count` coils. The second result is its exact number of coils.
+    """Entries and exact count of a lattice of about `count` coils.
 
     Examples
     --------
@@ -126,7 +124,7 @@ def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
 
 
 def set_layers(document: Document, _: Design, text: str) -> Document:
-    """Set the number of copper layers of a board of the same thickness."""
+    """Set the number of copper layers, keeping the thickness."""
     stackup, number = document["stackup"], number_of("copper layers", text)
     if not (1 <= number <= 64 and number == (count := int(number))):
         raise DesignError(f"copper layers must be a whole number from 1 to 64; got {number:g}.")
@@ -146,7 +144,7 @@ def set_layers(document: Document, _: Design, text: str) -> Document:
 
 
 def on_its_layers(document: Document) -> Document:
-    """Lay coils on as many layers as they have, or raise DesignError."""
+    """Lay coils on as many layers as they have."""
     array, free = document["array"], document["array"]["lattice"] == "free"
     names = list(document["stackup"]["layers"])
     laid = [(place["coil"], tuple(place["layers"])) for place in array["placements"]] if free else [
@@ -189,14 +187,14 @@ def set_leads(document: Document, _: Design, there: bool) -> Document:
 
 
 def set_connector(document: Document, _: Design, edge: str) -> Document:
-    """Lead all coils to a connector at an edge, or remove the connector with the edge ``"none"``."""
+    """Lead all coils to a connector at an edge or "none"."""
     if edge == "none":
         return _changed(document, {key: table for key, table in document.items() if key != "connector"})
     return _changed(document, {**document, "connector": {**document.get("connector", {}), "side": edge}})
 
 
 def add_sheet(document: Document, _: Design) -> Document:
-    """Lay a sheet on the others, on a bare board with an indenter."""
+    """Lay a sheet on top, the first with an indenter."""
     sheets = list(document.get("elastomer", []))
     name = _free_name("sheet", [sheet["name"] for sheet in sheets])
     new = {table: values for table, values in _INDENTED.items() if not sheets and table not in document}
@@ -206,7 +204,7 @@ def add_sheet(document: Document, _: Design) -> Document:
 
 
 def remove_sheet(document: Document, _: Design, index: int) -> Document:
-    """Remove a sheet by its number from below, and the indenter with the last one."""
+    """Remove a sheet, with the last also the indenter."""
     changed = without_entry(document, "elastomer", index)
     if "elastomer" in changed:
         return changed
@@ -292,12 +290,12 @@ def _width(design: Design) -> float:
 
 
 def _free_name(word: str, names: Sequence[str]) -> str:
-    """First name of a word and a number that is not among the names."""
+    """First free name of a word and a number."""
     return next(name for k in range(1, len(names) + 2) if (name := f"{word}{k}") not in names)
 
 
 def _changed(before: Document, after: Document, *made_up: str) -> Document:
-    """Keep the reasons of assumed values that are as before, and mark others as made up by the studio."""
+    """Keep reasons of unchanged assumed values, and mark new ones."""
     old, new = dict(_entries(before)), dict(_entries(after))
     reasons = {}
     for key, why in before.get("assumed", {}).items():
@@ -311,7 +309,7 @@ def _changed(before: Document, after: Document, *made_up: str) -> Document:
 
 
 def _shifted_reasons(document: Document, path: str, index: int) -> dict[str, str]:
-    """Reasons of assumed values by their keys after a list has lost the entry of a number."""
+    """Reasons by key after a list has lost an entry."""
     reasons, begin = {}, f"{path}."
     for key, why in document.get("assumed", {}).items():
         first, dot, end = key.removeprefix(begin).partition(".")
@@ -322,7 +320,7 @@ def _shifted_reasons(document: Document, path: str, index: int) -> dict[str, str
 
 
 def _entries(table: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Go through the values and tables of a document by their dotted keys."""
+    """Values and tables of a document by their dotted keys."""
     for key, value in table.items() if isinstance(table, Mapping) else enumerate(table):
         yield f"{path}{key}", value
         if isinstance(value, Mapping | list):

@@ -1,4 +1,4 @@
-"""Sweeps and tolerance studies in the tab of runs: started, watched and stopped, and their rows."""
+"""Sweeps and tolerance studies in the tab of runs."""
 
 from __future__ import annotations
 
@@ -85,9 +85,7 @@ def spread_boards(
 
 
 def axis_text(entry: Entry) -> str:
-    """Values near the value of an entry, as text.
-
-    The text has the form that ``coilarray sweep --vary`` reads behind the key.
+    """Values near an entry's, as ``coilarray sweep --vary`` reads them.
 
     Examples
     --------
@@ -105,8 +103,8 @@ def axis_text(entry: Entry) -> str:
 def sweep_rows(result: SweepResult) -> tuple[list[str], list[dict[str, Any]]]:
     """Head and rows of a table of a sweep.
 
-    A row has `cells`, the `point` whose entries can be used, the `reason` why it has no values or no board, and whether
-    it has `broken` fabrication rules.
+    A row has `cells`, the `point` whose entries can be used, the `reason` why it has no values or
+    no board, and whether it has `broken` fabrication rules.
     """
     keys = [str(name) for name in result.values.data_vars if name != "reason"]
     columns = [result.values[key].values.ravel().tolist() for key in keys]
@@ -172,7 +170,7 @@ class StudiesPanel(Panel):
         )  # fmt: skip
 
     def show(self, work: Work, *, anew: bool) -> None:
-        """Offer the entries of a design, `anew` for another file or other coils."""
+        """Offer a design's entries, `anew` for other files or coils."""
         state = self._session.state
         state.study_old = self._of is not None and self._of.digest != work.design.digest
         if anew or not state.sweep_axes:

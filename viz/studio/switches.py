@@ -1,4 +1,4 @@
-"""Tab of switches: each coil is measured, grounded or open; the readings and the field are shown."""
+"""Tab of switches: each coil is measured, grounded or open."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 SETTINGS = ("measure", "ground", "open")
 """Connections of a coil."""
 SPACING = 1e-3
-"""Default distance of the points on the plane of the field in m."""
+"""Distance in m of the points on the field's plane."""
 
 
 @dataclass(frozen=True, eq=False)
 class UnitFields:
-    """B of one ampere in every coil alone, on a plane, lengths in m."""
+    """B of 1 A per coil on a plane in m."""
 
     x: FloatArray  # shape (nx,)
     y: FloatArray  # shape (ny,)
@@ -59,9 +59,7 @@ def kept_settings(array: Array, settings: Mapping[str, str]) -> dict[str, str]:
 
 
 def state_of(settings: Mapping[str, str]) -> ScanState:
-    """State of the multiplexer.
-
-    Several measured coils are in series. Without a measured coil it raises a NetworkError.
+    """State of the multiplexer, with several measured coils in series.
 
     Examples
     --------
@@ -78,7 +76,7 @@ def state_of(settings: Mapping[str, str]) -> ScanState:
 
 
 def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
-    """B of every coil on a plane, or GeometryError for too many points."""
+    """B of every coil on a plane of limited points."""
     x_min, y_min, x_max, y_max = design.array.bounds
     x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     conductors = design.array.conductors()
@@ -91,7 +89,7 @@ def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
 def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateResult) -> Scene:
     """Scene of a switch state.
 
-    The `fields` are None for a design with plates, because beside plates they differ at every frequency.
+    `fields` are None beside plates, where they differ at every frequency.
     """
     names = board.design.array.names
     first = names.index(result.state.measured[0][0])
@@ -141,7 +139,7 @@ class SwitchesPanel(Panel):
             state.switched, state.currents, state.switch_problem = "", [], problem
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Scene of the solved state or None, made in a thread."""
+        """Scene of the solved state or None, in a thread."""
         result = self._result
         if result is None or len(result.currents) != len(design.array.names):
             return None

@@ -1,4 +1,4 @@
-"""Tab of touching: the indenter is dragged over the board, and δ and the position are shown."""
+"""Tab of touching: a dragged indenter, with δ and position."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class TouchPanel(Panel):
         super().__init__(session, values, compute_table=self._compute, press=self._press, press_at=self._press_at)
 
     def show(self, design: Design, *, anew: bool) -> None:
-        """Show the board of a design, `anew` for another file or other coils."""
+        """Show a design's board, `anew` for other files or coils."""
         state = self._session.state
         state.can_touch, state.touch_work = design.indentation is not None, touch_work(design)
         table = self._tables.get(design.digest)
@@ -171,7 +171,7 @@ class TouchPanel(Panel):
 
 
 def touch_work(design: Design) -> str:
-    """Describe the response that must be computed before a touch, or return an empty text if nothing can press.
+    """Name the response to compute, empty without an indenter.
 
     Examples
     --------

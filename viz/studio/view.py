@@ -1,4 +1,4 @@
-"""Picture in 3-D: a scene that is drawn here, sent to the page as images, and turned there with the mouse."""
+"""Scene sent as images, and turned with the mouse."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.session import Panel, Session
 
 SIZE = (900, 560)
-"""Width and height of the picture in pixels before the page sends its own."""
+"""Width and height in pixels until the page sends its."""
 
 _SMOOTH_AFTER = 0.5  # s without a change before edges are smoothed
 _ENCODING = 0.003  # s between two tests if a picture is encoded
@@ -36,8 +36,7 @@ _HEIGHT = 900.0  # height in pixels of the picture for which letters are given
 class SceneView:
     """View of one scene at a time.
 
-    It is on the page of a trame `server`. `at_rest` is called with True after a smooth picture was sent, and with False
-    if it is out of date.
+    `at_rest` gets True after a smooth picture was sent, and False if it is out of date.
     """
 
     def __init__(self, server: Any, at_rest: Callable[[bool], None]) -> None:
@@ -63,7 +62,7 @@ class SceneView:
         self._window.AddObserver("WindowResizeEvent", lambda *_: self._later("resizing", 0.1, self._fit))
 
     def show(self, scene: Scene, sent: Callable[[], None] | None = None) -> None:
-        """Draw another scene with the user's camera, and call `sent` with its first picture."""
+        """Draw another scene with the user's camera, then call `sent`."""
         self._sent = sent or self._sent
         moved = self._scene is not None and not self._is_aimed()
         camera = self._camera()
@@ -122,7 +121,7 @@ class SceneView:
                 actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
-        """Aim at the scene from the side, or from where the user has turned it."""
+        """Aim from the side, or from the user's last direction."""
         if self._scene is not None:
             bounds, size = self._scene.bounds, self._size
             room = max(0.0, _RULER / size[0] - (1.0 - FILLED) / 2)
@@ -186,7 +185,7 @@ class SceneView:
             self.show(self._scene)
 
     def _later(self, name: str, seconds: float, function: Callable[..., None], *arguments: Any) -> None:
-        """Call a function after some seconds, unless it is requested again or forgotten."""
+        """Call a function later, unless requested again or forgotten."""
         self._forget(name)
         self._timers[name] = asyncio.get_running_loop().call_later(seconds, function, *arguments)
 
@@ -219,7 +218,7 @@ class SceneView:
 
 
 def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
-    """Scene with letters and lines for a narrow picture, without its notes."""
+    """Scene for a narrow picture, without its notes."""
     part = _part(size)
     parts = tuple(replace(one, line_width=one.line_width * part) for one in scene.parts)
     texts = tuple(replace(text, height=_letters(text, size)) for text in scene.texts)
@@ -238,7 +237,7 @@ def _part(size: tuple[int, int]) -> float:
 _STOPS = 24  # colours of a bar
 
 Maker = Callable[[Design, BoardParts], Scene | None]
-"""Makes a scene of a board in pieces in a thread, or None."""
+"""Function that makes a scene in a thread, or None."""
 
 
 class ScenePanel(Panel):
@@ -287,7 +286,7 @@ class ScenePanel(Panel):
             self._view.close()
 
     def _scene(self, design: Design, tab: str, sheets: bool) -> Scene:
-        """Compute a scene in a thread, with or without lifted sheets."""
+        """Compute a scene in a thread, maybe with lifted sheets."""
         if self._parts is None or self._parts.design is not design:
             self._parts = BoardParts(design, *board_in_pieces(design.array))
         scene = self._tabs[tab](design, self._parts) if tab in self._tabs else None

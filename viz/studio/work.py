@@ -1,4 +1,4 @@
-"""Design of a page as a value, and the folder of design files that a page may read and write."""
+"""Design of a page as a value, and its folder."""
 
 from __future__ import annotations
 
@@ -49,9 +49,7 @@ class Work:
         return f"The changes of {self.file} are not saved; Discard loses them."
 
     def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Set entries of the document as by `coilarray.design.vary.vary`, without making a board.
-
-        An unknown entry, or too many coils, raise a DesignError in one line that does not name the design.
+        """Document with other entries, without making a board.
 
         Examples
         --------
@@ -96,7 +94,7 @@ class Work:
 
 
 def work_on(opened: DesignFile, file: str) -> Work:
-    """Begin to work on a file, unless it is too large (DesignError)."""
+    """Begin to work on a file of limited size."""
     require_small(opened.design)
     return Work(opened, file, opened.document, opened.text)
 
@@ -134,7 +132,7 @@ class Shelf:
         return work_on(load_design_file(path), name)
 
     def save(self, work: Work, name: str) -> Work:
-        """Write a design, which is returned with its new file, or raise OutputError."""
+        """Write a design, and return it with its new file."""
         path, text = self.path(name), file_text(work.opened)
         parse_design_file(text, name)  # refuses a file that would not be readable
         write_text(path, text)
@@ -142,14 +140,14 @@ class Shelf:
         return replace(work, opened=opened, file=name, kept=opened.document, kept_text=text)
 
     def would_lose(self, work: Work, name: str) -> bool:
-        """Check if saving replaces another file or the changes of others, or raise the OutputError of `path`."""
+        """Whether saving replaces another file or changes of others."""
         path = self.path(name)
         return path.exists() and (
             name != work.file or path.read_text(encoding="utf-8", errors="replace") != work.kept_text
         )
 
     def files(self, suffix: str) -> list[str]:
-        """Names of the files of the folder with a suffix, the newest first."""
+        """Names of the files with a suffix, the newest first."""
         try:
             found = [path for path in self.folder.glob(f"*{suffix}") if _NAME.fullmatch(path.name)]
             return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
@@ -157,7 +155,7 @@ class Shelf:
             return []
 
     def file(self, name: str, suffixes: Sequence[str]) -> Path:
-        """Path of a file of the folder, or OutputError for its name."""
+        """Path of a file of the folder, its name checked."""
         if not (_NAME.fullmatch(name) and name.lower().endswith(tuple(suffixes))):
             raise OutputError(
                 f"a file must have a plain, short name that ends in {' or '.join(suffixes)}; got {name[:60]!r}."
