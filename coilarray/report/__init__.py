@@ -1,1 +1,1 @@
-"""Coupling report: a self-contained HTML page, with all numbers as CSV, JSON and netCDF."""
+"""Report of a board: HTML page, CSV, JSON and netCDF."""

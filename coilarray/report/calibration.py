@@ -24,7 +24,7 @@ _ESTIMATED = "estimated"
 
 
 def ranking_table(result: xr.Dataset) -> Table:
-    """Return all combinations of choices with their fits, the most probable first."""
+    """Return all combinations of choices, the most probable first."""
     evidence = (result.log_evidence - result.log_evidence[0]).assign_attrs(long_name="ln evidence − best", units="1")
     names: tuple[str, ...] = (
         "combination",
@@ -43,7 +43,7 @@ def ranking_table(result: xr.Dataset) -> Table:
 
 
 def unknown_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return the unknowns of a combination with value, error and 95 % interval."""
+    """Return a combination's unknowns with errors and 95 % intervals."""
     numbers = ("start", "value", "std", "low", "high")
     of = _own(result, combination)
     names = ("unknown", "unit", *numbers, "at_bound")
@@ -62,10 +62,11 @@ def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return the rms residuals of each state and quantity before and after the fit.
+    """Return the rms residuals of each state before and after.
 
-    They are in SI and relative to the measured numbers. Rows that are not fitted are predictions. For ellipses the last
-    row is for their ends x0 ± A on y = 0, of all states and as far as the window shows them.
+    They are in SI and relative to the measured numbers. Rows that are not fitted are predictions.
+    For ellipses the last row is for their ends x0 ± A on y = 0, of all states and as far as the
+    window shows them.
     """
     of = result.isel(combination=combination)
     of = of.isel(datum=np.flatnonzero(np.isfinite(of.measured) & np.isfinite(of.model)))
@@ -93,7 +94,7 @@ def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def _ends(of: xr.Dataset, window: Sequence[float]) -> tuple[float, float, float, int, bool]:
-    """Row of `misfit_table` for the ends of the ellipses on y = 0."""
+    """Row of `misfit_table` for the ellipses' ends."""
     names = ("before", "model", "measured")
     ends = []
     for state in np.unique(of.state.values):
@@ -108,7 +109,7 @@ def _ends(of: xr.Dataset, window: Sequence[float]) -> tuple[float, float, float,
 
 
 def residual_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return every measured or predicted number of a combination with its residual."""
+    """Return every number of a combination with its residual."""
     of = result.isel(combination=combination, drop=True)
     where = [name for name in ("quantity", "state", "level", "depth", "y", "x") if name in of.coords]
     names = (*where, "measured", "noise", "weight", "before", "model", "model_std", "residual")
@@ -116,7 +117,7 @@ def residual_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def calibration_tables(result: xr.Dataset) -> list[Table]:
-    """Return every table of the best combination, the long one last."""
+    """Return the tables of the best combination, the longest last."""
     makers = (ranking_table, unknown_table, correlation_table, misfit_table, residual_table)
     return [make(result) for make in makers]
 

@@ -1,4 +1,4 @@
-"""Tables of circuit and noise: states, windings, limits of the converter, sweep, noise budget."""
+"""Tables of states, windings, converter limits, sweep, and noise."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def state_current_table(scan: xr.Dataset) -> Table:
 
 
 def limit_table(scan: xr.Dataset) -> Table:
-    """Return the limits of an LDC1614 for every state, none without a converter."""
+    """Return the limits of an LDC1614 for every state."""
     four = DisplayUnit(digits=4)
     columns = (
         *map(Column, ("state", "limit")),
@@ -83,7 +83,7 @@ def limit_table(scan: xr.Dataset) -> Table:
 
 
 def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
-    """State, frequency, R_p, Q and self-resonance of all resonators in SI."""
+    """State, frequency, R_p, Q and self-resonance of all resonators."""
     if "readable" not in scan:
         return []
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
@@ -92,7 +92,7 @@ def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]
 
 
 def drive_table(scan: xr.Dataset) -> Table:
-    """Return the LDC1614's sensor drive and least settling count by state."""
+    """Return the LDC1614's drive and least settling count by state."""
     columns = (
         Column("state"),
         Column("idrive_code", "IDRIVE"),
@@ -119,7 +119,7 @@ _DRIFT = DisplayUnit("10⁻⁶/K", 1e6, 3, significant=True)
 
 
 def noise_table(budget: NoiseBudget) -> Table:
-    """Return the causes of noise, each for the state where it is the largest, and totals."""
+    """Return the causes of noise with worst states, and totals."""
     columns = (
         Column("cause"),
         Column("scan_noise", "noise of a scan", "1", _NOISE),

@@ -1,7 +1,7 @@
-"""Tables and page of a comparison of a measured with a simulated response.
+"""Page of a comparison of a measured and simulated response.
 
-The tables are made from the dataset that `coilarray.studies.comparison.compare_responses` returns. Cells are empty if
-a map does not determine the number.
+The tables are made from the dataset of `coilarray.studies.comparison.compare_responses`. Cells are
+empty if a map does not determine the number.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from coilarray.report.page import html_page, now, provenance_section
 
 
 def scale_table(comparison: xr.Dataset) -> Table:
-    """Return scale and shift of the simulated onto the measured map by depth and state."""
+    """Return the simulated map's scale and shift onto the measured."""
     shifts = {}
     for axis in ("x", "y"):
         for end in ("", "_std"):
@@ -35,7 +35,7 @@ def scale_table(comparison: xr.Dataset) -> Table:
 
 
 def remains_table(comparison: xr.Dataset) -> Table:
-    """Return rms residuals and correlations before and after the fit by depth and state."""
+    """Return rms residuals and correlations before and after the fit."""
     errors = ("noise", "rms_before", "rms_before_std", "rms_after", "rms_after_std")
     correlations = ("correlation_before", "correlation_before_std", "correlation_after", "correlation_after_std")
     five = DisplayUnit(digits=5)
@@ -44,10 +44,10 @@ def remains_table(comparison: xr.Dataset) -> Table:
 
 
 def ellipse_table(comparison: xr.Dataset) -> Table:
-    """Return measured minus simulated x0, A and B by depth and state.
+    """Return measured minus simulated x0, A and B.
 
-    They are over the levels of both maps. Levels that one of them does not determine are counted and left out. A state
-    without ellipses has one row, with the reason.
+    Levels that one of the maps does not determine are counted and left out. A state without
+    ellipses has one row, with the reason.
     """
     values, noise = (
         comparison[[name + end for name in PARAMETERS]].to_dataarray("parameter").assign_coords(parameter=[*PARAMETERS])
@@ -78,7 +78,7 @@ def ellipse_table(comparison: xr.Dataset) -> Table:
 
 
 def curve_table(comparison: xr.Dataset) -> Table:
-    """Return x0, A and B of both maps at every level, with standard deviations."""
+    """Return x0, A and B of both with standard deviations."""
     columns = {}
     for name in PARAMETERS:
         for source in comparison.source.values.tolist():
@@ -95,7 +95,7 @@ def curve_table(comparison: xr.Dataset) -> Table:
 
 
 def inductance_table(comparison: xr.Dataset) -> Table | None:
-    """Return L_0 of both responses by state, None if one has none."""
+    """Return L_0 of both responses by state, None without."""
     if "base_inductance" not in comparison:
         return None
     measured, simulated = (comparison.base_inductance.sel(source=one, drop=True) for one in ("measured", "simulated"))
@@ -120,7 +120,7 @@ def comparison_tables(comparison: xr.Dataset) -> list[Table]:
 
 
 def comparison_notes(comparison: xr.Dataset) -> list[str]:
-    """Return sentences about what was not compared, and the limits of the figures."""
+    """Return what was not compared, and limits of the figures."""
     said = comparison.attrs
     notes = []
     for side in comparison.source.values.tolist():
@@ -163,8 +163,8 @@ def write_comparison_page(
 ) -> None:
     """Write a comparison as a self-contained HTML page.
 
-    `names` are the names of the measured and of the simulated response on the page. `outlines` are the corners of the
-    coils in m from the map's origin, each of shape (m, 2).
+    `names` are of the measured and the simulated response. `outlines` are the corners of the coils
+    in m from the map's origin, each of shape (m, 2).
     """
     tables = {table.name: table for table in comparison_tables(comparison)}
     whose = [
@@ -229,7 +229,7 @@ def _provenance(attrs: Mapping[str, object]) -> dict[str, str]:
 
 
 def _problem(measured: str, simulated: str) -> str:
-    """Return why there are no ellipses, with the map unless it applies to both."""
+    """Return why there are no ellipses, and in which map."""
     if measured == simulated:
         return measured
     return "; ".join(f"{which}: {text}" for which, text in (("measured", measured), ("simulated", simulated)) if text)

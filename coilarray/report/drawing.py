@@ -1,7 +1,8 @@
 """Second process that draws pictures while this process computes.
 
-Python draws and computes on one core at a time. The process imports Matplotlib and PyVista while the caller imports and
-computes. It runs this module with ``python -m``, as a process of `multiprocessing` would run the caller's script again.
+Python draws and computes on one core at a time, and the import of Matplotlib and PyVista takes
+long. The process runs this module with ``python -m``, as a process of `multiprocessing` would run
+the caller's script again.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ _WORTH = 2  # tasks that the other process has done by the time this process has
 class Drawing:
     """Tasks of the drawing process, in order.
 
-    Tasks that it has not begun at the end, or cannot do, are done in this process. On a computer of one core there is
-    no drawing process.
+    Tasks that it has not begun at the end, or cannot do, are done in this process. On a computer of
+    one core there is no drawing process.
     """
 
     def __init__(self, process: subprocess.Popen[bytes] | None) -> None:
@@ -40,7 +41,7 @@ class Drawing:
         self._answers: list[Future[None]] = []
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
-        """Submit a function of a module, whose arguments and result are pickled."""
+        """Submit a module's function, with pickled arguments and result."""
         task: Task = (Future(), function, arguments)
         self._tasks.append(task)
         if self._process is not None:
@@ -78,7 +79,7 @@ def _fulfil(task: Task) -> None:
 
 
 def _ask(process: subprocess.Popen[bytes], task: Task) -> None:
-    """Let the process do a task, which stays undone if the process has ended or something cannot be pickled."""
+    """Let the process do a task, if it still can."""
     future, *question = task
     try:
         assert process.stdin is not None
@@ -98,8 +99,8 @@ def _ask(process: subprocess.Popen[bytes], task: Task) -> None:
 def drawing_beside() -> Iterator[Drawing]:
     """Draw in another process while the block runs.
 
-    There is no other process on a single core. It ends with the block. A block within this block draws in the same
-    process, which a command starts before its imports.
+    There is no other process on a single core. A block within this block draws in the same process,
+    which a command starts before its imports.
     """
     if _OPEN or cores() == 1:
         yield _OPEN[0] if _OPEN else Drawing(None)

@@ -36,7 +36,7 @@ _DPI = 130
 
 
 def board_picture(design: Design) -> list[Picture]:
-    """Show the board, drawn from above if this machine cannot render it."""
+    """Show the board, drawn from above if not rendered."""
     if viz.rendering_problem() is None:
         from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
 
@@ -47,7 +47,7 @@ def board_picture(design: Design) -> list[Picture]:
 
 
 def board_page(design: Design) -> str | None:
-    """Return a page on which the board can be turned, None without the extra 3d."""
+    """Return a page with a turnable board, None without PyVista."""
     from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
     from coilarray.viz.scenes.page import scene_page
 
@@ -61,12 +61,12 @@ def board_page(design: Design) -> str | None:
 
 
 def plotted(plot: str, name: str, caption: str, *arguments: Any, **options: Any) -> list[Picture]:
-    """Draw a picture by a function of `coilarray.viz`, given by its name."""
+    """Draw a picture by the name of a `coilarray.viz` function."""
     return [draw(name, caption, getattr(viz, plot)(*arguments, **options))]
 
 
 def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
-    """Draw the deepest dent in section and, if this machine can render, over a coil, and the force over depth."""
+    """Draw the deepest dent, and the force over depth."""
     deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
     caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
     pictures = [draw("dent_section", caption, viz.plot_dent(indentation, indenter))]
@@ -80,7 +80,7 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
 
 
 def response_line_pictures(response: xr.Dataset) -> list[Picture]:
-    """Draw δ along a line, and of one state for each depth."""
+    """Draw δ along a line, and one state by depth."""
     deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
     caption = f"δ along {along}, {deepest}; dotted lines are the centres of the coils."
@@ -96,7 +96,7 @@ def response_line_pictures(response: xr.Dataset) -> list[Picture]:
 
 
 def ellipse_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
-    """Draw A, B and x0 of the middle coil over δ, and two ellipses that intersect."""
+    """Draw A, B and x0 over δ, and two ellipses."""
     names = positions.model.names
     coil = design.array.middle_coil if design.array.middle_coil in names else names[0]
     beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
@@ -129,13 +129,13 @@ def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike
 
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
-    """Outline of every coil in m from the origin of a map, each of shape (m, 2)."""
+    """Coil outlines (m, 2) in m from a map's origin."""
     shifts = np.column_stack((response.coil_x, response.coil_y)) - design.array.centres
     return [outline + shift for outline, shift in zip(board_outlines(design).values(), shifts, strict=True)]
 
 
 def board_outlines(design: Design) -> dict[str, FloatArray]:
-    """Corners of every coil's outline in m on the board, each of shape (m, 2)."""
+    """Coil outlines (m, 2) in m on the board."""
     return {place.name: place.to_board(place.coil.outline) for place in design.array.placements}
 
 

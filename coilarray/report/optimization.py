@@ -1,4 +1,4 @@
-"""Page of an optimisation: before and after, convergence, Pareto front, boards."""
+"""Page of an optimisation: before and after, convergence, Pareto front."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _MOST_FRONTS = 3  # pictures of pairs of objectives
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Design that the page shows beside the start, with the name of its file."""
+    """Design beside the start, with the name of its file."""
 
     label: str
     trial: Trial
@@ -119,7 +119,10 @@ def _warnings(result: Optimization) -> list[Warn]:
 
 
 def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
-    """Return the best design, or both ends of a front and the point nearest to all optima."""
+    """Return the best design, or three of a front.
+
+    They are both ends, and the point nearest to all optima.
+    """
     labels = [Path(name).stem for name in design_names(result)]
     places = set(range(len(result.front)))
     if len(places) > 2:
@@ -175,7 +178,7 @@ def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
 
 
 def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
-    """List the variables that end at a bound of their range, which then decides."""
+    """List the variables that end at a bound."""
     lines = []
     for axis in result.axes:
         if axis.choices:
@@ -189,7 +192,10 @@ def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
 
 
 def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequence[str] = ()) -> Table:
-    """Return quantities before and after: those of `keys`, or of the goal and all cheap ones."""
+    """Return quantities before and after.
+
+    They are `keys`, or the quantities of the goal and all cheap ones.
+    """
     columns = (
         Column("quantity"),
         Column("unit"),
@@ -220,7 +226,7 @@ def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequenc
 
 
 def trial_table(result: Optimization) -> Table:
-    """Return the front, or the best trials of a single objective."""
+    """Return the front, or the best trials of one objective."""
     several = len(result.goal.objectives) > 1
     sign = -1 if result.goal.objectives[0].maximized else 1
     others = [t for t in result.trials if t.feasible and t.kind == "search" and t not in result.front]
@@ -315,7 +321,7 @@ def _wishes(result: Optimization) -> dict[str, str]:
 
 
 def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:
-    """Quantities of a trial, and the others that can be computed."""
+    """Quantities of a trial, and others that can be computed."""
     known = dict(trial.quantities)
     evaluation = Evaluation(design)
     for key in keys:

@@ -22,8 +22,8 @@ def html_page(
 ) -> str:
     """Return a self-contained page.
 
-    `lead` comes before the list of contents, `top` after it. `scene` is a page on which the board can be turned, shown
-    in place of the first picture of `top`.
+    `lead` comes before the list of contents, `top` after it. `scene` is a page with a turnable
+    board, in place of the first picture of `top`.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("coilarray.report", "."),

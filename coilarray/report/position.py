@@ -1,4 +1,4 @@
-"""Positions of a map by the paper's ellipse model, and tables of localization."""
+"""Positions of a map by the paper's ellipse model."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from coilarray.response.dataset import axis_label, in_ellipse_window, origin_of
 from coilarray.response.interpolation import PARAMETERS
 
 Place = tuple[float, float]
-"""Real x and y in m, as the map counts them."""
+"""Real x and y in m, from the map's origin."""
 
 
 @dataclass(frozen=True, eq=False)
 class MapPositions:
     """Positions from a map's ellipse model for its own readings.
 
-    `readings` are δ of every coil at every place of the grid. `found` are the places where the model has a position,
-    with A longer by `SEMIAXIS_ADDITION` as in the paper; the model itself has nothing added. Places count from the
-    map's `origin`, x and y in m on the board. `axis` names it for the label of x in mm.
+    `readings` are δ of every coil at every place of the grid. `found` are the places where the
+    model has a position, with A longer by `SEMIAXIS_ADDITION` as in the paper. `origin` is in m on
+    the board, and `axis` names it.
     """
 
     fits: xr.Dataset
@@ -42,7 +42,7 @@ class MapPositions:
 
     @property
     def error(self) -> xr.DataArray:
-        """Determined minus real x in m over y and x on the board, NaN without a position."""
+        """Determined minus real x in m (y, x), or NaN."""
         x, y = (sorted({place[k] for place in self.readings}) for k in (0, 1))
         values = np.full((len(y), len(x)), np.nan)
         for (at_x, at_y), position in self.found.items():
@@ -55,7 +55,7 @@ class MapPositions:
         return max(abs(position.x - x) for (x, _), position in self.found.items())
 
     def example(self) -> Place:
-        """Return the place beside the axis with the best known ellipses."""
+        """Return the off-axis place with the best known ellipses."""
 
         def rank(place: Place) -> tuple[bool, bool, float]:
             position = self.found[place]
@@ -65,13 +65,13 @@ class MapPositions:
         return max(self.found, key=rank)
 
     def ellipses(self, place: Place) -> dict[str, Ellipse]:
-        """Return the two intersecting ellipses of a place by their coils."""
+        """Return the two intersecting ellipses of a place by coil."""
         model = self.model.with_semiaxis_addition(SEMIAXIS_ADDITION)
         return {coil: model[coil].ellipse(self.readings[place][coil]) for coil in self.found[place].coils}
 
 
 def map_positions(response: xr.Dataset) -> MapPositions:
-    """Fit the ellipse model to the deepest map and locate the map's own places.
+    """Fit the ellipse model to the deepest map, and locate.
 
     Raises LocalizeError for fewer than two coils whose curves close, or without a position.
     """
@@ -104,7 +104,7 @@ def map_positions(response: xr.Dataset) -> MapPositions:
 
 
 def map_position_table(positions: MapPositions) -> Table:
-    """Return real and determined x of every place, and the coils used."""
+    """Return real and determined x by place, and used coils."""
     columns = (
         *(Column(name, unit="m") for name in ("x", "y", "determined_x", "error")),
         Column("case"),
@@ -131,7 +131,7 @@ _STATUS = {
 
 
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
-    """Return the coefficients of δ⁴ … δ⁰ of an ellipse model in m.
+    """Return the coefficients of δ⁴ … δ⁰ in m.
 
     If `compare`, the coefficients of Table A1 are below those of the same coil.
     """
@@ -148,11 +148,10 @@ def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
 
 
 def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) -> Table:
-    """Return steps, range of δ and misfits of the fits by coil.
+    """Return steps, range of δ and misfits by coil.
 
-    Misfits are root mean squares in m over the points of all ellipses, and of each polynomial over the steps. If
-    `compare`, they are also of each polynomial minus Table A1 over δ = 1e-4 … 1e-3. Undetermined steps and levels are
-    left out.
+    Misfits are root mean squares in m over the points of all ellipses, and of each polynomial over
+    the steps. If `compare`, they are also of each polynomial minus Table A1 over δ = 1e-4 … 1e-3.
     """
     whole = DisplayUnit("10⁻⁶", 1e6, 0)
     columns = (
@@ -190,7 +189,7 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
 
 
 def cause_table(distortion: xr.Dataset) -> Table:
-    """Return the rms loss in x0 without each cause, for every coil."""
+    """Return rms losses in x0 without each cause, by coil."""
     columns = {}
     for state in distortion.state.values.tolist():
         of = distortion.sel(state=state, drop=True)
@@ -201,7 +200,7 @@ def cause_table(distortion: xr.Dataset) -> Table:
 
 
 def indenter_table(distortion: xr.Dataset) -> Table:
-    """Return the mean changes of x0, A, B and peak by materials of the indenter."""
+    """Return changes of x0, A, B, peak by indenter material."""
     columns = (
         Column("indenter", "indenter of"),
         Column("coil"),
@@ -228,7 +227,7 @@ def indenter_table(distortion: xr.Dataset) -> Table:
 
 
 def residual_table(distortion: xr.Dataset) -> Table:
-    """Return predicted and published rms motion of x0 by coil, and the residual.
+    """Return predicted and published rms motion of x0, and residuals.
 
     Levels that the window of one of the two does not determine are counted and left out.
     """
@@ -257,7 +256,7 @@ def residual_table(distortion: xr.Dataset) -> Table:
 
 
 def distortion_table(distortion: xr.Dataset) -> Table:
-    """Return x0, A, B and every effect by coil and δ, predicted and published."""
+    """Return x0, A, B and every effect, predicted and published."""
     series = {"centre": distortion.centre}
     for key in ("x0", "A", "B"):
         for neighbours in distortion.neighbours.values.tolist():
@@ -277,12 +276,12 @@ def distortion_table(distortion: xr.Dataset) -> Table:
 
 
 def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) -> dict[str, object]:
-    """Return a location as a mapping for JSON, in SI units.
+    """Return a location for JSON, in SI units.
 
-    A refused reading has only ``error``. Other readings have ``status``, ``chi_square``, ``degrees_of_freedom``,
-    ``probability`` and ``modes``. The position of the best mode is repeated beside them: ``x_m``, ``y_m``, ``depth_m``
-    (or ``distance_m``) and their ``sigma_…_m``, null if the reading does not determine them. ``unread`` has the states
-    that the converter cannot read there.
+    A refused reading has only ``error``. In others the position of the best mode is beside
+    ``modes``: ``x_m``, ``y_m``, ``depth_m`` (or ``distance_m``) and their ``sigma_…_m``, null if
+    the reading does not determine them. ``unread`` has the states that the converter cannot read
+    there.
     """
     if location.verdict == "refused":
         return {"error": location.reason}
@@ -311,7 +310,7 @@ def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) 
 
 
 def position_table(records: Sequence[Mapping[str, Any]]) -> Table:
-    """Return every position that explains a reading, counted from 1, from `location_record`."""
+    """Return every numbered position that explains a reading."""
     columns = (
         Column("reading", unit="1"),
         Column("status"),

@@ -23,7 +23,7 @@ _NO_RING = 1e-6  # of the depth, below which a rise is rounding
 
 
 def indentation_table(indentation: xr.Dataset) -> Table:
-    """Return force, contact radius, u_z on the axis of every sheet and the ring by depth.
+    """Return force, contact radius, displacements and ring by depth.
 
     The force is in N, in plane strain in N/m. The ring is empty if the free surface rises nowhere.
     """
@@ -41,10 +41,10 @@ def indentation_table(indentation: xr.Dataset) -> Table:
 
 
 def response_table(response: xr.Dataset) -> Table:
-    """Return the largest δ with its place, and the lowest δ, by depth and state.
+    """Return the largest δ with place, and the lowest δ.
 
-    A remark marks a largest δ at the edge of the map or of zero, and positions that the converter cannot read, which
-    are left out. The share of an indenter of metal is beside it.
+    A remark marks a largest δ at the edge of the map or of zero, and positions that the converter
+    cannot read, which are left out. The share of an indenter of metal is beside it.
     """
     columns = (
         Column("depth", unit="m"),
@@ -85,7 +85,7 @@ def response_table(response: xr.Dataset) -> Table:
 
 
 def _ring(at: xr.Dataset) -> tuple[float, float]:
-    """Height and radius of the highest rise of the free surface, NaN if it does not rise."""
+    """Height and radius of the surface's highest rise, or NaN."""
     top = at.isel(interface=-1)
     r, rise = (top.r + top.displacement_r).values, top.displacement_z.values
     highest = int(rise.argmax())
@@ -121,7 +121,7 @@ def _with_change(response: xr.Dataset) -> xr.Dataset:
 
 
 def target_table(response: xr.Dataset) -> Table:
-    """Return distances and states, each where the target moves that state the most.
+    """Return distances and states where the target moves them most.
 
     The last column is the standard deviation of a distance from one reading.
     """
@@ -143,11 +143,11 @@ def target_table(response: xr.Dataset) -> Table:
 
 
 def path_drive_table(response: xr.Dataset) -> Table:
-    """Return the converter's drive over a map by state, no rows without a converter.
+    """Return the converter's drive over a map by state.
 
-    The amplitudes are for the drive current of the coil alone. The last columns have the single current that reads the
-    most positions and the coil alone, the positions that it reads, and the distances or depths that it reads where R_p
-    is the least.
+    The amplitudes are for the drive current of the coil alone. The last columns have the single
+    current that reads the most positions and the coil alone, the positions that it reads, and the
+    distances or depths that it reads where R_p is the least.
     """
     columns = (
         Column("state"), Column("drive_code", "IDRIVE of the coil alone"),
@@ -199,7 +199,7 @@ def range_table(response: xr.Dataset) -> Table:
 
 
 def target_coupling_table(response: xr.Dataset) -> Table:
-    """Return pairs of coils by distance, each where the target changes k the most."""
+    """Return pairs where the target changes k most, by distance."""
     free = coupling_matrix(response.inductance.values)
     columns = (
         Column("distance", unit="m"), Column("coil"), Column("other"), Column("x", unit="m"), Column("y", unit="m"),
@@ -234,9 +234,9 @@ _COMPARED = {
 
 
 def plate_table(design: Design, frequency: float) -> Table:
-    """Return place, material and skin depth (frequency in Hz) of the plates.
+    """Return place, material and skin depth of the plates.
 
-    If there are finite plates, it also has the errors of their ΔL and ΔR, by mesh and model.
+    For finite plates it also has the errors of their ΔL and ΔR, by mesh and model.
     """
     errors = board_circuit(design).plate_errors(frequency)
     columns: tuple[Column, ...] = (
@@ -271,14 +271,14 @@ def plate_table(design: Design, frequency: float) -> Table:
 
 
 def _errors(errors: Mapping[str, PlateError], name: str) -> tuple[Value, ...]:
-    """Cells of the errors of a plate, none if all plates are infinite."""
+    """Cells of a plate's errors, none if all are infinite."""
     if name in errors:
         return errors[name].inductance, errors[name].resistance
     return ("", "") if errors else ()
 
 
 def beside_plates_table(scan: xr.Dataset, without: xr.Dataset) -> Table:
-    """Return L, R, Q and f of all states with and without the plates."""
+    """Return L, R, Q, f with and without the plates."""
     rows: dict[str, xr.DataArray] = {}
     beside_q = str(scan.quality_factor.attrs["long_name"]).partition(",")[2]
     compared = _COMPARED | ({"quality_factor": f"Q,{beside_q}"} if beside_q else {})

@@ -1,4 +1,4 @@
-"""Sections of a design's report: what each needs, its tables and its pictures."""
+"""Sections of a design's report: needs, tables and pictures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
 from coilarray.response.target import target_map
 
-# the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per pixel
+# the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per
+# pixel
 _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
 _PLANE_POINTS = (100, 400)
@@ -44,7 +45,7 @@ _MANY = 8  # coils, of which matrices stand one below the other
 
 
 class Results:
-    """Results of a design that its sections are made of, computed beside the drawing of pictures."""
+    """Results for the sections, computed beside the drawing of pictures."""
 
     def __init__(
         self, file: DesignFile, distortion: xr.Dataset | None, drawing: Drawing, beside: ThreadPoolExecutor
@@ -73,11 +74,11 @@ class Results:
         return self._drawing.submit(function, *arguments)
 
     def plot(self, plot: str, name: str, caption: str, *arguments: object, **options: Any) -> Future[list[Picture]]:
-        """Draw a picture by a function of `coilarray.viz`, given by its name."""
+        """Draw a picture by the name of a `coilarray.viz` function."""
         return self.draw(partial(figures.plotted, **options), plot, name, caption, *arguments)
 
     def maps(self, name: str, where: str, response: xr.Dataset) -> tuple[Future[list[Picture]], ...]:
-        """Draw δ as maps with the outlines of the coils, none for a single row of places."""
+        """Draw δ as maps, none for a single row."""
         if min(response.sizes["x"], response.sizes["y"]) == 1:
             return ()
         caption = f"δ of each state over the {where}, with the outlines of the coils."
@@ -137,7 +138,7 @@ class Results:
 
     @cached_property
     def sheet_share(self) -> dict[str, float]:
-        """Least and largest share of the magnetic sheets in the coils' inductances."""
+        """Least and largest share of magnetic sheets in inductances."""
         coupling = self.coupling.result()
         share = np.diag(coupling.sheet_inductance) / coupling.open_inductance.values
         return {"least": float(share.min()), "most": float(share.max())}
@@ -295,7 +296,7 @@ def _circuit_section(r: Results) -> Section:
 
 
 def _elastomer_words(windings: Table) -> list[str]:
-    """Explain the columns about the elastomer's permittivity, if there are any."""
+    """Explain the columns about the elastomer's permittivity, if any."""
     names = {column.name for column in windings.columns}
     causes = {
         "elastomer_delta": "when the elastomer is laid on the board",
@@ -405,7 +406,7 @@ def _position(r: Results) -> Section | None:
 
 
 def _ellipse_blocks(r: Results) -> list[Block]:
-    """Fit the ellipse model of the paper to the map, and locate the map's own places."""
+    """Fit the paper's ellipse model, and locate the map's places."""
     if r.shown_or_none is None:
         raise LocalizeError("there is no response map.")
     response, compare = r.responding.result(), not difference_from_published(r.design)
@@ -485,7 +486,7 @@ SECTIONS: dict[str, Callable[[Results], Section | None]] = {
     "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Metal": _plates, "Response": _response,
     "Position": _position, "What moves x0": _distortion, "Target": _target,
 }  # fmt: skip
-"""Sections in the order of the work: first those that do not wait for the circuit."""
+"""Sections in order, first those without the circuit."""
 
 ORDER = (
     "Coils", "Coupling", "Field", "Circuit", "Metal", "Target", "Indentation", "Response", "Position", "What moves x0",
@@ -551,7 +552,7 @@ def _without_plates(design: Design) -> xr.Dataset | None:
 
 
 def _press(design: Design) -> xr.Dataset | None:
-    """Force curve and dents of the design's indentation, None without one."""
+    """Force curve and dents of the indentation, None without one."""
     setup = design.indentation
     if setup is None:
         return None
@@ -559,16 +560,17 @@ def _press(design: Design) -> xr.Dataset | None:
 
 
 def _curve(depths: Sequence[float]) -> list[float]:
-    """Depths in m of a smooth force curve, among them all of a design."""
+    """Depths in m of a smooth curve, with a design's."""
     between = np.linspace(0.0, depths[-1], _CURVE_POINTS + 1)[1:-1]
     apart = np.abs(between[:, None] - depths).min(axis=1) > _CURVE_APART * depths[-1]
     return sorted([*depths, *between[apart].tolist()])
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
-    """Compute B in T on a line along x through the active coil, and on a plane.
+    """Compute B in T on a line and on a plane.
 
-    The others are open and terminated. A single coil has one field of each.
+    The line passes through the active coil, and the others are open and terminated. A single coil
+    has one field of each.
     """
     x_min, y_min, x_max, y_max = design.array.bounds
     place = design.array.placements[design.array.names.index(active)]

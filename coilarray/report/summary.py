@@ -1,4 +1,4 @@
-"""Summary of a design: least and largest values of the decisive quantities, and broken limits."""
+"""Summary of a design: extremes of decisive quantities, broken limits."""
 
 from __future__ import annotations
 
@@ -51,11 +51,10 @@ def summary_table(
     target: xr.Dataset | None = None,
     bounds: xr.Dataset | None = None,
 ) -> Table:
-    """Return the least and largest values of the decisive quantities over all coils and states.
+    """Return the least and largest values of the decisive quantities.
 
-    `scan`, `response` and `target` are None for a design without them. `without` is the scan without plates. Of
-    `bounds` it has the least σ of x over the coils, the values that half and 95 % of their area do not exceed, and the
-    share where x is not determined.
+    `without` is the scan without plates. Of `bounds` it has the least σ of x over the coils, the
+    values that half and 95 % of their area do not exceed, and the share where x is not determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     spread = any(most != "" for _, _, most, *_ in found)
@@ -67,7 +66,7 @@ def summary_table(
 
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Dataset | None) -> list[str]:
-    """Return a line for each kind of broken limit, for its worst case.
+    """Return each kind of broken limit with its worst case.
 
     `maps` are maps of a target and of an indentation, for positions that the converter cannot read.
     """
@@ -83,7 +82,7 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
 
 
 def unread_words(design: Design) -> str:
-    """Describe why no LDC1614 can read the flat board, empty if one can."""
+    """Describe why no LDC1614 can read the board, if so."""
     if not design.readout.converter or len(design.array.names) > _MOST_READ:
         return ""
     try:
@@ -124,7 +123,7 @@ def _rows(
 
 
 def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
-    """Row of the largest δ, without states that may peak beyond the map if there are others."""
+    """Row of the largest δ, preferably with the peak inside."""
     peaks, names = delta.max(("x", "y")), delta.state.values.tolist()
     at = delta.fillna(-np.inf).argmax(("x", "y"))
     ends = [(at[axis] == 0) | (at[axis] == delta.sizes[axis] - 1) for axis in ("x", "y") if delta.sizes[axis] > 1]
@@ -140,10 +139,11 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
 
 
 def position_bounds(response: xr.Dataset, array: Array) -> xr.Dataset | None:
-    """Return the Cramér–Rao bounds over the deepest map, None if x is determined nowhere.
+    """Return the Cramér–Rao bounds over the deepest map.
 
-    The coordinate ``over_coils`` (y, x) marks places over a coil. The attribute ``coil_size`` is the size of the
-    largest coil in m. If σ is above it, the position is not determined.
+    They are None if x is determined nowhere. The coordinate ``over_coils`` (y, x) marks places over
+    a coil. The attribute ``coil_size`` is the size of the largest coil in m. If σ is above it, the
+    position is not determined.
     """
     try:
         bounds = identifiability(forward_model(response), float(response.depth[-1]))
@@ -210,7 +210,7 @@ def _metal_rows(
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Row of the least and largest finite value with their names.
+    """Row of the least and largest finite values, with names.
 
     A self-resonance that is not found, and R_p without losses, are infinite.
     """

@@ -1,4 +1,4 @@
-"""Tables of coils, pairs, the design, its rules, the field along a line, and tolerances."""
+"""Tables of coils, pairs, design, rules, fields and tolerances."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
 
 
 def pair_table(coupling: xr.Dataset) -> Table:
-    """Return the coupling of every pair of coils, also without sheets and plates."""
+    """Return the couplings, also without sheets and plates."""
     from coilarray.electromagnetics.inductance import coupling_matrix
 
     by_plates = coupling.plate_inductance.values if "plate_inductance" in coupling else 0.0
@@ -51,7 +51,7 @@ def pair_table(coupling: xr.Dataset) -> Table:
 
 
 def design_table(file: DesignFile) -> Table:
-    """Return all values of the design, assumed ones with their reason.
+    """Return all values of the design, with reasons if assumed.
 
     On a board without elastomer its keys are left out, unless they are given.
     """
@@ -67,7 +67,7 @@ def design_table(file: DesignFile) -> Table:
 
 
 def rules_table(margins: Sequence[Margin]) -> Table:
-    """Return margins in the order of `check_rules`, without a place for the whole board."""
+    """Return the margins to the rules with their places."""
     columns = (
         *map(Column, ("rule", "layer", "feature")),
         *(Column(name, unit="1") for name in ("value", "limit", "margin")),
@@ -92,7 +92,7 @@ _LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)
 
 
 def line_table(fields: Mapping[str, xr.Dataset]) -> Table:
-    """Return B_z per ampere in the active coil, a column for each state of the others."""
+    """Return B_z per ampere in the active coil by state."""
     columns = (
         Column("x", unit="m"),
         *(Column(f"Bz_{of.replace('others as', 'as').replace(' ', '_')}", f"B_z, {of}", "T/A") for of in fields),
@@ -103,7 +103,7 @@ def line_table(fields: Mapping[str, xr.Dataset]) -> Table:
 
 
 def _plain(value: object) -> str:
-    """Write a value as in a design file, lists without brackets."""
+    """Write a value as in design files, lists without brackets."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (list, tuple)):
@@ -115,9 +115,9 @@ _MOST_COILS, _MOST_PAIRS = 24, 20  # coils of a printed matrix, and printed pair
 
 
 def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
-    """Return L, M and k for a terminal, of many coils the strongest pairs.
+    """Return L, M and k, or the strongest pairs.
 
-    `inductance` is in H, shape (n, n).
+    `inductance` (n, n) is in H. Of many coils only the strongest pairs are listed.
     """
     from coilarray.electromagnetics.inductance import coupling_matrix
 
@@ -162,7 +162,7 @@ def _significant(digits: int) -> DisplayUnit:
 
 
 def spread_table(result: xr.Dataset) -> Table:
-    """Return nominal value, linearised and sampled spread and largest contributors by output.
+    """Return nominal values, both spreads and largest contributors by output.
 
     Values are in the units of the outputs' names.
     """
@@ -205,7 +205,7 @@ def error_table(result: xr.Dataset) -> Table:
 
 
 def given_table(result: xr.Dataset) -> Table:
-    """Return the tables of a tolerance file with standard deviations of their parts."""
+    """Return the tables of a tolerance file with standard deviations."""
     columns = (
         Column("table", "error"), Column("distribution"), Column("board_deviation", "σ of the board", "1"),
         Column("layer_deviation", "σ of a layer", "1"), Column("unit"), Column("assumed"),
@@ -225,9 +225,10 @@ def given_table(result: xr.Dataset) -> Table:
 
 
 def yield_table(result: xr.Dataset) -> Table:
-    """Return the share of good boards by limit and for all together.
+    """Return the share of good boards by limit and overall.
 
-    In the linear model every board can be made. Among the drawn boards, a board that cannot be made is bad.
+    In the linear model every board can be made. Among the drawn boards, a board that cannot be made
+    is bad.
     """
     if "limit" not in result.dims:
         return Table("yield", "Yield", (), ())

@@ -1,4 +1,4 @@
-"""Write the files of a report from a design, section by section."""
+"""Write a report's files from a design, section by section."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ class Report:
     data : dict
         Content of ``report.json``.
     rendering_problem : str or None
-        Reason why the board's picture is a drawing, in one line. None if it is rendered.
+        Reason why the board's picture is a drawing, None if it is rendered.
     summary : Table or None
-        Least and largest values of the decisive quantities, see `coilarray.report.summary.summary_table`.
+        Table of `coilarray.report.summary.summary_table`.
     verdicts : sequence of str
         A line for each limit that is exceeded.
     sections : tuple of Section
-        Sections of the page, see `coilarray.compute.table.Section`.
+        Sections of the page.
     """
 
     page: Path
@@ -88,10 +88,11 @@ def write_report(
         Design of the board. Assumed values are marked if it comes from a file, as
         `coilarray.design.model.load_design_file` reads it.
     where : str or Path
-        Folder for ``report.html`` and the folder ``report``, made if it does not exist. Files of an earlier report
-        there are replaced.
+        Folder for ``report.html`` and the folder ``report``, made if it does not exist. Files of an
+        earlier report there are replaced.
     distortion : xarray.Dataset, optional
-        Result of `coilarray.paper.distortion.distortion` for the design. It adds the causes that move x0 to the page.
+        Result of `coilarray.paper.distortion.distortion` for the design. It adds the causes that
+        move x0 to the page.
     progress : callable, optional
         Function that is called with (done, total) as the work goes on.
 
@@ -105,19 +106,21 @@ def write_report(
     LocalizeError
         A distortion of another design.
     OutputError
-        A file that cannot be written, or a ``report.html`` that is no report of coilarray. Each file is written under a
-        temporary name first, so none is left half-written.
+        A file that cannot be written, or a ``report.html`` that is no report of coilarray. Each
+        file is written under a temporary name first, so none is left half-written.
 
     Notes
     -----
-    Every number on the page is also in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``, ``design.csv``,
-    ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
-    ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
+    Every number on the page is also in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``,
+    ``design.csv``, ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``,
+    ``state_currents.csv``, ``ldc1614.csv``, ``ldc1614_drive.csv``, ``sweep.csv``,
+    ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``. For metal there are ``plates.csv``,
-    ``beside_plates.csv``, ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and ``target_coupling.csv``. All
-    of them are in ``report.json``. The arrays are in ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``,
-    ``target.nc``, ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc``. Parts that a design
-    does not ask for are left out. Parts that cannot be computed are left out too, with the reason on the page.
+    ``beside_plates.csv``, ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and
+    ``target_coupling.csv``. All of them are in ``report.json``. The arrays are in ``coupling.nc``,
+    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc``,
+    ``position_bounds.nc`` and ``ellipses.nc``. Parts that a design does not ask for are left out.
+    Parts that cannot be computed are left out too, with the reason on the page.
     """
     file = as_file(design)
     design = file.design
@@ -187,7 +190,7 @@ def write_report(
 
 
 def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str, object]:
-    """Numbers and words of the page that are in no table."""
+    """Numbers and words of the page beside the tables."""
     design, coupling = r.design, r.coupling.result()
     indentation = r.problems.get("Indentation") or r.problems.get("Response") or ""
     return {
