@@ -1,1 +1,1 @@
-"""Studies of a design: sweeps, optimization, tolerances, and the quantities that they vary and compute."""
+"""Sweeps, optimizations, tolerances and calibrations of a design."""

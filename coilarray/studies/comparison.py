@@ -32,9 +32,9 @@ from coilarray.response.dataset import RESPONSE
 SOURCES = ("measured", "simulated")
 """Labels of the dimension ``source``."""
 LEAST_PLACES = 8
-"""Least number of places for a shift. With fewer places only the scale is determined."""
+"""Least number of places for a shift."""
 REPLICATES = 16
-"""Number of noisy maps for the standard deviations of the ellipses, which are then known to 18 %."""
+"""Number of noisy maps, which give deviations to 18 %."""
 
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis
@@ -45,7 +45,7 @@ _CONDITION = 1e12  # of the equations, beyond which they determine nothing
 _AT_END = 1e-3  # of its range, as the solver stays inside bounds and stops a little before them
 _CLOSE = 1e-14  # relative, convergence to rounding
 _Compared = dict[str, Any]
-"""Figures of one state at one depth by the names of the dataset. Maps have the shape (y, x)."""
+"""Figures of one state and depth by name."""
 
 
 def compare_responses(
@@ -166,7 +166,7 @@ def compare_responses(
 def _compared(
     measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, largest_shift: tuple[float, float]
 ) -> _Compared:
-    """Compare a map (y, x) with the model of its state; `sigma` is the noise of both together."""
+    """Compare a map with its model, `sigma` for both."""
     shape = measured.delta.shape
     X, Y = np.meshgrid(measured.x.values, measured.y.values)
     places = np.column_stack((X.ravel(), Y.ravel(), np.full(X.size, float(measured.depth))))
@@ -209,13 +209,13 @@ def _compared(
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Scale and shift of one map onto another, with their standard deviations by the given noise.
+    """Scale and shift of one map onto another, with deviations.
 
-    The scale is the factor of the other map's δ, NaN if that map is flat. The shift along x and y in m is NaN along an
-    axis without a search, or if its standard deviation is greater than the largest shift: the map does not determine
-    it, and it is taken as 0. `used` (places,) marks the places that were used. A shift that is `at_limit` is at the end
-    of the searched range, and the true shift beyond. `scatter` is the root of the residuals' sum of squares over the
-    degrees of freedom, in δ, NaN without any.
+    The scale is the factor of the other map's δ, NaN if that map is flat. The shift along x and y
+    in m is NaN along an axis without a search, or if its standard deviation is greater than the
+    largest shift: the map does not determine it, and it is taken as 0. `used` (places,) marks the
+    used places. `at_limit` is a shift at the end of the searched range. `scatter` is the root of
+    the residuals' sum of squares over the degrees of freedom, in δ, NaN without any.
     """
 
     scale: float
@@ -230,8 +230,8 @@ class Alignment:
 def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
     """Test which places (n, 3) lie in a model's table.
 
-    A margin along x and y in m is kept. Rounding puts no place outside. Places are x, y and depth in m. The depth
-    counts if the model has more than one.
+    Places and the margin along x and y are in m. Rounding puts no place outside. The depth counts if the
+    model has more than one.
     """
     free = model.free
     room = np.array([*margin, 0.0])[free]
@@ -241,7 +241,7 @@ def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] 
 
 
 def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """δ (n,) of a model of one state and its slopes (n, 2) in 1/m along x and y, at places `inside`."""
+    """δ (n,) of a state, and slopes (n, 2)."""
     delta, jacobian = model.linear(places)
     return delta[:, 0], jacobian[:, 0, :2]
 
@@ -254,12 +254,13 @@ def align(
     largest_shift: tuple[float, float],
     noise: npt.ArrayLike | None = None,
 ) -> Alignment:
-    """Fit the scale and shift that bring the map of a model of one state onto values measured at places (n, 3).
+    """Fit a state's map onto values (n,).
 
-    Places are x, y and depth in m. Only those are used that stay in the model's table under the `largest_shift` along x
-    and y in m. With fewer than 8 such places no shift is searched, and also not along an axis where this is 0. All
-    places have the same weight. The standard deviations belong to this estimate under the given noise of δ, by default
-    the scatter of the residuals, (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
+    Places (n, 3) are x, y and depth in m. Only those are used that stay in the model's table under
+    the `largest_shift` along x and y in m. With fewer than 8 such places no shift is searched, and
+    also not along an axis where this is 0. The standard deviations belong to this estimate with
+    equal weights under the given noise of δ, by default the scatter of the residuals, (JᵀJ)⁻¹ Jᵀ
+    diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
@@ -292,7 +293,7 @@ def _solve(
     axes: Sequence[int],
     sigma: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Scale and shifts in units of the largest shifts, standard deviations and residual scatter."""
+    """Scale, shifts by the largest, deviations and residual scatter."""
     steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 
@@ -323,7 +324,7 @@ def _solve(
 
 
 def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Compute the standard deviations of the unknowns. They are NaN if the places do not determine an unknown."""
+    """Return deviations of the unknowns, NaN if not determined."""
     result = np.full(jacobian.shape[1], np.nan)
     lengths = np.linalg.norm(jacobian, axis=0)
     known = np.flatnonzero(lengths > _FLAT * lengths.max())
@@ -336,10 +337,10 @@ def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
-    """Root mean square of the difference, with standard deviation.
+    """Root mean square of the difference, with deviation under noise.
 
-    The standard deviation is under noise. A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴,
-    which r² estimates as 4r²σ² − 2σ⁴.
+    A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴, which r² estimates as
+    4r²σ² − 2σ⁴.
     """
     remains = measured - other
     if not remains.size or not np.isfinite(remains).all():
@@ -351,7 +352,7 @@ def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[fl
 
 
 def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
-    """Pearson's coefficient and its deviation under noise, with 1 − ρ treated as rms² above."""
+    """Pearson's coefficient, with deviation as 1 − ρ like `_rms`²."""
     if measured.size < 2 or not np.isfinite(other).all():
         return np.nan, np.nan
     a, b = measured - measured.mean(), other - other.mean()
@@ -365,7 +366,7 @@ def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> 
 
 
 def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Dataset, str]:
-    """Keep the measured depths that are in the simulated map; also list the other depths in m."""
+    """Keep the common depths, and name the others in m."""
     depths = measured.depth.values
     if len(model.depth) > 1:
         slack = _SAME_DEPTH * model.depth[-1]
@@ -379,7 +380,7 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
-    """Return the deviation of measured minus simulated δ (depth, y, x, state); None without any noise."""
+    """Deviation of measured minus simulated δ, None without noise."""
     own, other = (own_noise(data) for data in (measured, simulated))
     if own is None and other is None:
         return None
@@ -388,10 +389,10 @@ def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
 
 
 def own_noise(response: xr.Dataset) -> FloatArray | None:
-    """Return the standard deviation of δ (depth, y, x, state).
+    """Return the deviation of δ (depth, y, x, state).
 
-    A position without a value takes the value of its state. It is ``delta_std``, or with the attribute ``repeats`` the
-    standard deviation of the mean. None if the response does not have it.
+    It is ``delta_std``, or with the attribute ``repeats`` the standard deviation of the mean. A
+    position without a value takes the value of its state.
     """
     if "delta_std" not in response:
         return None
@@ -456,7 +457,7 @@ def _dataset(measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compa
 def _ellipses(
     measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, progress: Progress | None
 ) -> xr.Dataset:
-    """Fit the ellipses of both maps at the measured positions that are in the simulated map."""
+    """Fit the ellipses of both maps at their common positions."""
     x, y = measured.x.values, measured.y.values
     along = inside(model, np.column_stack((x, np.full_like(x, model.y[0]), np.full_like(x, model.depth[-1]))))
     across = inside(model, np.column_stack((np.full_like(y, model.x[0]), y, np.full_like(y, model.depth[-1]))))
@@ -492,19 +493,13 @@ def _ellipses(
 
 
 def level_curves(response: xr.Dataset, noise: FloatArray | None = None) -> xr.Dataset:
-    """Fit the ellipses of the levels of a map, and of noisy copies.
+    """Fit the ellipses of a map's levels, with deviations.
 
-    The map has one depth and one state. `noise`, shape (y, x), is the standard deviation of δ. `REPLICATES` copies with
-    this noise give the standard deviations. The copies add noise to a map that may already have it. Their scatter is
-    still right if the noise is small compared with the width of a level.
-
-    Returns
-    -------
-    xarray.Dataset
-        Over ``level``, the δ of the levels of `coilarray.paper.ellipse.fit_ellipses`: ``x0``, ``A`` and ``B`` in m, NaN
-        if the level has no ellipse; ``x0_std``, ``A_std`` and ``B_std``, NaN without noise or if less than half of the
-        copies have the level; and ``undetermined``, whether the points do not determine the ellipse.
-        ``ellipse_problem`` is the reason why there is no ellipse at all, empty if there are some.
+    The map has one depth and one state. `noise` (y, x) is the standard deviation of δ. `REPLICATES`
+    copies with this noise give the deviations of x0, A and B, NaN if less than half of the copies
+    have the level. The copies add noise to a map that may already have it. Their scatter is still
+    right if the noise is small compared with the width of a level. ``ellipse_problem`` is the
+    reason why there is no ellipse at all.
     """
     levels, values, undetermined, problem = np.empty(0), np.empty((3, 0)), np.empty(0, dtype=bool), ""
     try:

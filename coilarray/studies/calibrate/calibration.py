@@ -1,4 +1,4 @@
-"""Calibration of a design: fit its unknown entries to a measurement, and rank alternative designs."""
+"""Fit entries of a design to measurements, and rank alternatives."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CALIBRATION = Schema(
         "entries": Entry(None, ("unknown",), needed=True, longest=100_000),
     },
 )
-"""Variables of a dataset of `coilarray.studies.calibrate.calibrate` that are needed for draws."""
+"""Variables of a calibration's dataset that draws need."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +52,14 @@ class Calibration:
     Parameters
     ----------
     file : DesignFile
-        The design with the choices of the best combination and the values fitted to it, which are no longer assumed. If
-        it was read from a file, the text of the file is kept.
+        Design with the choices of the best combination and the fitted values, no longer assumed.
+        The text of its file is kept.
     imperfections : Imperfections
         Fitted imperfections of the experiment.
     values : mapping of str to float
-        Fitted values of the best combination, by the first entry of each unknown, in the units of the entries.
+        Fitted values of the best combination in the units of the entries, by the first entry of each unknown.
     dataset : xarray.Dataset
-        All results for every combination, the most probable combination first, see `calibrate`.
+        Results for every combination, the most probable first, see `calibrate`.
     """
 
     file: DesignFile
@@ -77,7 +77,7 @@ class Calibration:
 
     @property
     def _fitted(self) -> list[tuple[str, str, str, str]]:
-        """Name, value, standard deviation and unit of the best combination's unknowns, as text."""
+        """Name, value, standard deviation and unit of the unknowns."""
         best = self.dataset.isel(combination=0)
         own = best.isel(unknown=np.flatnonzero(np.isfinite(best["value"].values)))
         columns = (own[name].values.tolist() for name in ("unknown", "value", "std", "unit"))
@@ -225,7 +225,7 @@ def calibrate(
 
 
 def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case | Unsolved:
-    """Make the case of a combination, or the reason why it is impossible."""
+    """Case of a combination, or why it is impossible."""
     name = ", ".join(choice.name for choice in choices) or "as designed"
     unknowns = tuple(plan.unknowns_of(choices))
     document = decisive(file.document)
@@ -241,7 +241,7 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:
-    """Return tables without an entry. Raises DesignError if it does not exist."""
+    """Return tables without an entry, which must exist."""
     if isinstance(table, list) and parts[0].isdecimal() and int(parts[0]) < len(table) and len(parts) > 1:
         place = int(parts[0])
         return [*table[:place], _without(table[place], parts[1:], key), *table[place + 1 :]]
@@ -252,7 +252,7 @@ def _without(table: Any, parts: Sequence[str], key: str) -> Any:
 
 
 def _start(unknown: Unknown, given: object) -> float:
-    """First guess of an unknown: given, the design's own value, or the middle of the bounds."""
+    """First guess: given, the design's value, or the middle."""
     own = 0.0 if unknown.name.startswith(IMPERFECTION) else given
     if unknown.start is not None:
         return unknown.start
@@ -280,7 +280,7 @@ def _fit_all(
     store: Store | None,
     progress: Progress | None,
 ) -> list[Fit]:
-    """Fit all combinations side by side, without evaluations that the store has."""
+    """Fit all combinations side by side, with stored evaluations."""
     total = sum(2 * len(case.unknowns) + 1 + _GUESSED_STEPS for case in cases)
     starts = [case.changed(case.start)[0] for case in cases]  # an entry that a choice needs may be an unknown
     done = 0
@@ -327,10 +327,10 @@ def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
 def posterior_draws(
     design: Design | DesignFile, calibration: xr.Dataset, count: int
 ) -> list[tuple[Design, Imperfections]]:
-    """Draw designs and imperfections from the posterior of a calibration's best combination.
+    """Draw designs and imperfections from a calibration's best combination.
 
-    The entries of the design that were unknown take the drawn values. The calibration is the dataset of `calibrate`.
-    Raises GoalError if it is none or has fewer than `count` draws, and DesignError if the design lacks an entry.
+    Unknown entries of the design take the drawn values. Raises GoalError if the dataset of
+    `calibrate` has fewer than `count` draws, and DesignError if the design lacks an entry.
     """
     best = _best(calibration)
     if not 1 <= count <= best.sizes["draw"]:

@@ -1,9 +1,9 @@
-"""Measured data as rows of numbers with standard deviations, and the same numbers of a model.
+"""Measured data as numbers with deviations, and the model's numbers.
 
-The cost of a model evaluation depends on the changed entries. In the store of results, contacts are kept by sheets and
-indenter, inductances by coils and sheets, and inductance changes by coils and dents. Losses and strays are always
-computed for the coils under the sheets of the design with which the fit began, because the effect of a sheet on them is
-too small to show in δ.
+The cost of a model evaluation depends on the changed entries. In the store of results, contacts are
+kept by sheets and indenter, inductances by coils and sheets, and inductance changes by coils and
+dents. Losses and strays are always computed for the coils under the sheets of the design with which
+the fit began, because the effect of a sheet on them is too small to show in δ.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 1
 _SAME = 1e-3  # m: largest distance of a coil in the design from the same coil in the data
 _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not determine the peak
 COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
-"""Mesh that is accurate to 1e-3 of δ, and twice as fast."""
+"""Mesh accurate to 1e-3 of δ, and twice as fast."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Measured numbers, and the request for the same numbers of a model.
+    """Measured numbers, and the request for a model's numbers.
 
-    `values` and `std` (n,) are in SI, NaN if unknown. `weight` (n,) is the number of independent numbers for which each
-    stands. A weight of 0 marks a number that is predicted, not fitted. `coords` are ``quantity`` ("delta", "A", "B",
-    "x0" or "peak") and ``state`` of each, for a response ``depth``, ``y`` and ``x`` in m, and for ellipses ``level``.
-    `noise_freedom` are the degrees of freedom with which the scale of the standard deviations is known: infinite if
-    they are given, 0 if they are relative and their scale comes from the residuals.
+    `values` and `std` (n,) are in SI, NaN if unknown. `weight` (n,) is the number of independent
+    numbers for which each stands, 0 if it is only predicted. `coords` are ``quantity`` ("delta",
+    "A", "B", "x0" or "peak") and ``state``, for a response ``depth``, ``y`` and ``x`` in m, for
+    ellipses ``level``. `noise_freedom` are the degrees of freedom of the scale of `std`: infinite
+    if given, 0 if it comes from the residuals.
     """
 
     values: FloatArray
@@ -62,10 +62,10 @@ class Measurement:
 
 
 def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
-    """Select the measured data of a plan from a response or ellipses.
+    """Select the measured data of a plan.
 
-    Raises GoalError if the data or the design lack a state, or nothing could be fitted, and LocalizeError if the data
-    are not a response.
+    Raises GoalError if the data or the design lack a state, or nothing could be fitted, and
+    LocalizeError if the data are not a response.
     """
     if not isinstance(data, EllipseModel):
         data = RESPONSE.checked(data, "the measured response")
@@ -89,11 +89,10 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
 
 
 def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray:
-    """Reduce a computed response to the measured numbers, NaN if missing.
+    """Reduce a computed response to the numbers of a request.
 
-    They are in the order of a `Measurement` with this request. Semi-axes of a level above the peak are 0. If too little
-    of a level is in the window to determine its ellipse, they are the length of the map, which is larger. Raises
-    LocalizeError if a map has no ellipse of a state.
+    Missing numbers are NaN. Semi-axes of a level above the peak are 0. If too little of a level is
+    in the window to determine its ellipse, they are the length of the map, which is larger.
     """
     states = list(request["states"])
     if request["kind"] == "response":
@@ -111,7 +110,7 @@ def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray
 
 
 def _check_places(data: xr.Dataset, design: Design) -> None:
-    """Refuse a response with a coil of the design elsewhere, by a GoalError that names it."""
+    """Refuse a response with coils elsewhere than the design's."""
     if not {"coil", "coil_x", "coil_y"} <= set(data.coords):
         return
     centres = dict(zip(design.array.names, design.array.centres[:, :2] - map_origin(design.indentation), strict=True))
@@ -159,8 +158,9 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
 def _noise_freedom(data: xr.Dataset, known: BoolArray) -> float:
     """Degrees of freedom of a recording's ``delta_std``, all states together.
 
-    For repeats it is one less than the repeats at every position. For differences of N successive baselines it is 2 (N
-    − 1)²/(3N − 4) (J. von Neumann, Ann. Math. Stat. 12, 367, 1941). Any other deviation is taken as given.
+    For repeats it is one less than the repeats at every position. For differences of N successive
+    baselines it is 2 (N − 1)²/(3N − 4) (J. von Neumann, Ann. Math. Stat. 12, 367, 1941). Any other
+    deviation is taken as given.
     """
     positions = known.sum(axis=(0, 1, 2)).astype(np.float64)
     match data["delta_std"].attrs.get("found_from"):
@@ -172,9 +172,10 @@ def _noise_freedom(data: xr.Dataset, known: BoolArray) -> float:
 
 
 def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
-    """Select A, B, x0 and the peak of every state. x0 is always predicted.
+    """Select A, B, x0 and the peak of every state.
 
-    The levels of a polynomial with five coefficients are together no more than five independent numbers.
+    x0 is always predicted. The levels of a polynomial with five coefficients are together no more
+    than five independent numbers.
     """
     setup, levels = indentation_of(design).in_ellipse_window(), np.array(sorted(table.levels))
     share = min(1.0, (DEGREE + 1) / len(levels))
@@ -202,9 +203,9 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
 def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
     """Evaluate one point of a fit, on a worker.
 
-    The item has the ``document`` of the changed design, the ``start`` document of the design with which the fit began,
-    values of ``imperfections`` by name, the ``request`` of a measurement, and the folder of ``parts``, which may be
-    empty. Ellipses are computed with ideal circuits and a coarse mesh. The numbers are returned by their place.
+    The item has the ``document`` of the changed design, the ``start`` document of the fit, values
+    of ``imperfections``, the ``request``, and the folder of ``parts``, which may be empty. Ellipses
+    have ideal circuits and a coarse mesh.
     """
     document, request = item["document"], item["request"]
     whole = build_design(document, document["name"])
@@ -238,6 +239,6 @@ def imperfections_of(values: Mapping[str, float]) -> Imperfections:
 
 
 def _network(design: Design, start: Mapping[str, Any]) -> Network:
-    """Circuit with all losses and strays, under the sheets with which the fit began."""
+    """Circuit with all losses and strays, under the first sheets."""
     flat = replace(design, sheets=build_design(start, start["name"]).sheets, indentation=None)
     return replace(design_circuit(flat), inductance=design_inductance(design)[0])

@@ -1,9 +1,10 @@
-"""Least squares between bounds for a model that takes seconds: few evaluations, as many as possible in parallel.
+"""Least squares between bounds for a model that takes seconds.
 
-Gauss–Newton steps in a box with Marquardt's damping. The slopes are differences of evaluations at the start and at the
-end, where they make the covariance. In between they are Broyden's updates (C. G. Broyden, Math. Comput. 19, 577, 1965),
-which cost nothing. If the updates give no better point, the slopes are evaluated again. A fit requests evaluations and
-does not make them, so several fits can share the workers.
+Gauss–Newton steps in a box with Marquardt's damping. The slopes are differences of evaluations at
+the start and at the end, where they make the covariance. In between they are Broyden's updates (C.
+G. Broyden, Math. Comput. 19, 577, 1965), which cost nothing. If the updates give no better point,
+the slopes are evaluated again. A fit requests evaluations and does not make them, so several fits
+can share the workers.
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.errors import GoalError
 
 Asking = Generator[list[FloatArray], list["FloatArray | str"], "Fit"]
-"""Generator that yields points (unknowns,), gets the model's numbers or an error at each, and returns the fit."""
+"""Generator of points (unknowns,).
+
+It gets the model's numbers or an error at each, and returns the fit.
+"""
 _MOST_STEPS = 40
 _STEP = 0.02  # of an unknown's range, for the first slopes
 _STEPS = (1e-3, 0.1)  # the same for later ones: outside the noise of meshes and levels, and not far away
@@ -34,11 +38,10 @@ _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any ca
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Least-squares problem of a fit.
+    """Least-squares problem of a fit, unknowns in any units.
 
-    `low`, `high`, `start`, `prior_mean` and `prior_std` (unknowns,) are in any units. A flat prior has a mean of NaN
-    and an infinite deviation. `measured`, `std` and `weight` (n,) and `noise_freedom` are as in
-    `coilarray.studies.calibrate.data.Measurement`.
+    A flat prior has a mean of NaN and an infinite deviation. `measured`, `std`, `weight` and
+    `noise_freedom` are as in `coilarray.studies.calibrate.data.Measurement`.
     """
 
     low: FloatArray
@@ -84,16 +87,16 @@ class Problem:
         return np.sqrt(self.weight) * np.where(np.isfinite(off), off, _ABSENT)
 
     def prior_residuals(self, point: FloatArray) -> FloatArray:
-        """Distance of unknowns from their prior means in standard deviations, 0 if flat."""
+        """Distance from the prior means in standard deviations, or 0."""
         return np.where(np.isfinite(self.prior_std), (point - np.nan_to_num(self.prior_mean)) / self.prior_std, 0.0)
 
     def weighted(self, slopes: FloatArray) -> FloatArray:
-        """Slopes of `residuals` (n, unknowns) from slopes of the model's numbers, 0 if missing."""
+        """Slopes of `residuals` (n, unknowns) from the model's slopes."""
         rows = np.where(self.weight > 0, np.sqrt(self.weight) / self.std, 0.0)[:, None] * slopes
         return np.where(np.isfinite(rows), rows, 0.0)
 
     def scale_at(self, residuals: FloatArray) -> float:
-        """Scale of the noise: 1 if given, otherwise from the residuals and its prior."""
+        """Scale of the noise: 1 if given, otherwise from residuals."""
         if np.isinf(self.noise_freedom):
             return 1.0
         square = float(residuals @ residuals + self.noise_freedom) / self.scale_freedom
@@ -109,12 +112,11 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Result of a fit.
+    """Result of a fit, or the `problem` without one.
 
-    `point` (unknowns,) is the best point. `values` (n,) are the model's numbers there, `before` (n,) at the first
-    guess, and `slopes` (n, unknowns) their slopes by the unknowns. `scale` is the factor of all standard deviations.
-    `converged` is True if no better point is near. `problem` is the reason why there is no fit, in which case arrays
-    may be empty.
+    `values` (n,) are the model's numbers at the best `point`, `before` (n,) at the first guess,
+    `slopes` (n, unknowns) by the unknowns. `scale` is the factor of all standard deviations.
+    `converged` is True if no better point is near.
     """
 
     point: FloatArray
@@ -128,14 +130,14 @@ class Fit:
 
 
 def information(problem: Problem, fit: Fit) -> FloatArray:
-    """Information matrix of data and priors at a fit, positive definite."""
+    """Information matrix of data and priors, positive definite."""
     rows = problem.weighted(fit.slopes) / fit.scale
     prior = 1 / problem.prior_std**2 + (_RIDGE / problem.span) ** 2
     return np.asarray(rows.T @ rows + np.diag(prior))
 
 
 def gradient(problem: Problem, fit: Fit) -> FloatArray:
-    """Slope of χ²/2 of data and priors by the unknowns, at a fit."""
+    """Slope of χ²/2 of data and priors by the unknowns."""
     from_data = problem.weighted(fit.slopes).T @ problem.residuals(fit.values) / fit.scale**2
     return np.asarray(from_data + problem.prior_residuals(fit.point) / problem.prior_std)
 
@@ -146,7 +148,7 @@ def at_bound(problem: Problem, point: FloatArray) -> BoolArray:
 
 
 def fit(problem: Problem) -> Asking:
-    """Fit the unknowns of a problem. The generator is driven as described in `Asking`."""
+    """Fit the unknowns of a problem, driven as in `Asking`."""
     asked = 1
     point = np.clip(problem.start, problem.low, problem.high)
     (first,) = yield [point]
@@ -196,7 +198,7 @@ def fit(problem: Problem) -> Asking:
 def _slopes(
     problem: Problem, point: FloatArray, values: FloatArray, steps: FloatArray
 ) -> Generator[list[FloatArray], list[FloatArray | str], tuple[FloatArray, int, str]]:
-    """Slopes of the model's numbers by differences, evaluations, and the reason for a failure."""
+    """Slopes of the model's numbers, evaluations, and any failure."""
     slopes, reason = np.zeros((len(values), len(point))), ""
     inwards = np.where(point + steps * problem.span <= problem.high, 1.0, -1.0)
     todo, made = list(range(len(point))), 0
@@ -217,7 +219,7 @@ def _slopes(
 
 
 def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
-    """Slopes in ranges of the unknowns, and residuals, of data and priors in standard deviations."""
+    """Slopes by ranges of the unknowns, and residuals, in deviations."""
     data = problem.weighted(now.slopes) * problem.span / now.scale
     prior = np.diag(problem.span / problem.prior_std)
     offsets = problem.residuals(now.values) / now.scale, problem.prior_residuals(now.point)
@@ -250,7 +252,7 @@ def _cost(problem: Problem, point: FloatArray, values: FloatArray, scale: float)
 
 
 def together(fits: Sequence[Asking]) -> Generator[list[tuple[int, FloatArray]], list[FloatArray | str], list[Fit]]:
-    """Drive several fits side by side; yield their points, each with the number of its fit."""
+    """Drive fits side by side, yielding fit numbers and points."""
     ended: dict[int, Fit] = {}
     asking = {k: next(one) for k, one in enumerate(fits)}
     while asking:

@@ -1,19 +1,14 @@
-"""Calibration plans: the unknown entries of a design, its alternatives, and the data to fit.
+"""Calibration plans: unknown entries, alternatives, and the data to fit.
 
-Plans are TOML files. The bundled ``table_a1`` is a longer example::
+The bundled ``table_a1`` is a longer example of the TOML files::
 
     schema = 1
 
-    [[unknown]]                     # flat between the bounds
-    entry = "coils.hexagon.gap_mm"
-    low = 0.05
-    high = 0.10
-
-    [[unknown]]                     # normal, cut off at the bounds
+    [[unknown]]
     entry = "imperfections.depth_error_mm"
     low = -0.3
     high = 0.3
-    prior_mean = 0.0
+    prior_mean = 0.0                # without prior_mean and prior_std flat
     prior_std = 0.1
 
     [[alternative]]                 # every combination of choices is fitted
@@ -40,7 +35,7 @@ from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import GoalError, listed, shown
 
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
-"""Files of calibration plans, and the plans that come with the package."""
+"""Files of calibration plans, and the bundled plans."""
 Parameter = Literal["A", "B", "x0", "peak"]
 """Parameters of ellipses that may be fitted."""
 MOST_COMBINATIONS = 200
@@ -58,19 +53,19 @@ IMPERFECTIONS = {
     "drift": 1.0,
     "column_drift": 1.0,
 }
-"""Unknowns of the experiment, named ``imperfections.…``, and the SI value of their unit."""
+"""Unknowns ``imperfections.…`` of the experiment, with their units in SI."""
 IMPERFECTION = "imperfections."
 """Prefix of unknowns of the experiment."""
 
 
 def separated(values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Separate values of the design and of the experiment, whose names lose their prefix."""
+    """Values of the design, and of the experiment without prefix."""
     entries = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
     return entries, {key.removeprefix(IMPERFECTION): value for key, value in values.items() if key not in entries}
 
 
 class Unknown(Table):
-    """``[[unknown]]``: an entry of the design, or several with one value, between bounds.
+    """``[[unknown]]``: one or several entries with one value, between bounds.
 
     The prior is flat. With `prior_mean` and `prior_std` it is normal and cut off at the bounds.
     """
@@ -88,7 +83,7 @@ class Unknown(Table):
     start: float | None = None
     """Value to start from. By default the design's own."""
     prior_mean: float | None = None
-    """Mean of a normal prior. By default the prior is flat between the bounds."""
+    """Mean of a normal prior, which by default is flat."""
     prior_std: Annotated[float, Field(gt=0)] | None = None
     """Its standard deviation."""
 
@@ -116,7 +111,7 @@ class Unknown(Table):
 
 
 class Choice(Table):
-    """``[[alternative.choice]]``: entries that it sets and removes, and its own unknowns."""
+    """``[[alternative.choice]]``: entries to set and remove, and own unknowns."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the answer."""
@@ -139,7 +134,7 @@ class Choice(Table):
 
 
 class Alternative(Table):
-    """``[[alternative]]``: a question with a few possible answers, each of which is fitted."""
+    """``[[alternative]]``: a question with a few answers, each fitted."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the question."""
@@ -156,17 +151,16 @@ class Alternative(Table):
 class DataTable(Table):
     """``[data]``: the fitted part of the measurement, and its noise.
 
-    By default all ``states`` are fitted, and of ellipses A, B and the peak. ``noise = "estimated"`` takes the
-    deviations as relative and estimates their scale from the residuals. It is the default for ellipses and for a
-    response without standard deviations. ``noise = "given"`` trusts them. The noise of a recording is by default known
-    as well as its repeats or baselines determine it. Ellipses are computed without losses and strays, which changes δ
-    by less than 1 %, and with a mesh that is accurate to 1e-3 of δ.
+    By default all ``states`` are fitted, and of ellipses A, B and the peak. ``noise = "estimated"``
+    takes the deviations as relative and estimates their scale from the residuals, by default for
+    ellipses and for a response without deviations. ``noise = "given"`` trusts them. The noise of a
+    recording is by default known as well as its repeats or baselines determine it.
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
     """States whose readings are fitted. By default all."""
     tested: list[str] = Field(default_factory=list)
-    """States that are only predicted, to test the fit to the others."""
+    """States that are only predicted, to test the fit."""
     parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))
     """Of ellipses: the parameters that are fitted."""
     levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = Field(
@@ -178,9 +172,9 @@ class DataTable(Table):
     peak_std: Annotated[float, Field(gt=0)] = 5e-5
     """Standard deviation of the peak of δ."""
     delta_std: Annotated[float, Field(gt=0)] | None = None
-    """Standard deviation of δ of a response that has none of its own."""
+    """Standard deviation of δ, if the response has none."""
     noise: Literal["given", "estimated"] | None = None
-    """Whether the standard deviations are trusted, or their scale is estimated from the residuals."""
+    """Whether deviations are trusted, or their scale is estimated."""
 
 
 class Plan(Table):
@@ -220,24 +214,19 @@ class Plan(Table):
         return self
 
     def combinations(self) -> list[tuple[Choice, ...]]:
-        """Return every combination of one choice per alternative, one empty one without alternatives."""
+        """Return every combination of one choice per alternative."""
         return list(itertools.product(*(one.choices for one in self.alternatives)))
 
     def unknowns_of(self, choices: tuple[Choice, ...]) -> list[Unknown]:
-        """Return the unknowns of a combination: of the plan, then of its choices."""
+        """Return the unknowns of the plan, then of the choices."""
         return [*self.unknowns, *(unknown for choice in choices for unknown in choice.unknowns)]
 
 
 def load_plan(name_or_path: str | Path) -> Plan:
-    """Read a calibration plan.
+    """Read a calibration plan by path or bundled name.
 
-    `name_or_path` is the path of a TOML file, or the name of a bundled plan. Raises GoalError for an unreadable file,
-    wrong TOML, an unknown key or a value that is not allowed, in one line.
-
-    Returns
-    -------
-    Plan
-        The plan.
+    Raises GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not
+    allowed, in one line.
 
     Examples
     --------
@@ -253,7 +242,10 @@ def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
 
 
 def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
-    """Return the plan of unknowns between (low, high) or (low, high, start), by entry."""
+    """Return the plan of unknowns by entry, without priors.
+
+    Each has (low, high) or (low, high, start).
+    """
     tables = []
     for entry, values in unknowns.items():
         numbers = [float(value) for value in values]

@@ -1,8 +1,9 @@
-"""Results of the fits of several combinations of choices: posteriors, evidences, and undetermined directions.
+"""Posteriors, evidences and undetermined directions of fits of several combinations.
 
-Draws between bounds are made by separation of variables (A. Genz, J. Comput. Graph. Stat. 1, 141, 1992). The variables
-are drawn one after another, each normal given the variables before it and cut off at its bounds. The product of the
-probabilities inside the bounds is the weight of a draw, and its mean is the probability of the box.
+Draws between bounds are made by separation of variables (A. Genz, J. Comput. Graph. Stat. 1, 141,
+1992). The variables are drawn one after another, each normal given the variables before it and cut
+off at its bounds. The product of the probabilities inside the bounds is the weight of a draw, and
+its mean is the probability of the box.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from coilarray.studies.calibrate.plan import Choice, Plan, Unknown, separated
 
 _DRAWS = 4096  # of a scrambled Sobol sequence
 DRAWS = 1000
-"""Number of draws from the posterior of every combination of choices."""
+"""Number of draws from the posterior of every combination."""
 _FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
 _WEAKEST = 0.15  # of the largest share in a direction: smaller shares are not mentioned,
 _FELT = 0.3  # unless they alone change the data by this part of their noise
@@ -49,11 +50,10 @@ _SAID = {
 def bounded_normal(
     mean: FloatArray, covariance: FloatArray, low: FloatArray, high: FloatArray, count: int, freedom: float = np.inf
 ) -> tuple[FloatArray, float]:
-    """Draw from a normal distribution of n variables with bounds (n,).
+    """Draw from a normal distribution with bounds (n,).
 
-    Returns draws (count, n), and the logarithm of the probability of the box before it was cut out. With a finite
-    `freedom` it is Student's distribution, whose scale is only estimated. The probability always belongs to the normal
-    distribution.
+    Returns draws (count, n), and the logarithm of the normal probability of the box. With a finite
+    `freedom` the draws are from Student's distribution, whose scale is only estimated.
     """
     n = len(mean)
     lower = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
@@ -72,7 +72,7 @@ def bounded_normal(
 def _separated(
     mean: FloatArray, lower: FloatArray, low: FloatArray, high: FloatArray, parts: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Draw points from numbers between 0 and 1, with the logarithms of their weights."""
+    """Points from numbers between 0 and 1, with log weights."""
     normal, weight = np.zeros_like(parts), np.zeros(len(parts))
     for k in range(len(mean)):
         shift = mean[k] + scale * (normal @ lower[k])
@@ -125,7 +125,7 @@ class Unsolved:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Fitted combination with the covariance of its unknowns, draws and figures."""
+    """Fitted combination with covariance, draws and figures."""
 
     case: Case
     problem: Problem
@@ -151,9 +151,10 @@ def solution(case: Case, problem: Problem, found: Fit) -> Solution:
 
 
 def _log_likelihood(problem: Problem, found: Fit) -> float:
-    """Log-likelihood of the data, averaged over the scales of the noise unless it is given.
+    """Log-likelihood of the data, averaged over scales unless given.
 
-    The square of the scale has the scaled inverse χ² prior with `noise_freedom`. Its limit is 1/s² if nothing is known.
+    The square of the scale has the scaled inverse χ² prior with `noise_freedom`. Its limit is 1/s²
+    if nothing is known.
     """
     r, n, known = problem.residuals(found.values), problem.numbers, problem.noise_freedom
     square = float(r @ r)
@@ -182,7 +183,7 @@ def _log_prior(problem: Problem, point: FloatArray) -> float:
 
 
 def _undetermined(row: Solution) -> list[str]:
-    """Describe the directions that the data determine less well than the priors."""
+    """Describe the directions that the priors determine better."""
     problem = row.problem
     prior = np.where(np.isfinite(problem.prior_std), problem.prior_std, problem.span * _FLAT_STD)
     rows = problem.weighted(row.fit.slopes) / row.fit.scale * prior
@@ -205,7 +206,7 @@ def _undetermined(row: Solution) -> list[str]:
 def result_dataset(
     design: Design, measured: Measurement, plan: Plan, rows: Sequence[Solution | Unsolved]
 ) -> xr.Dataset:
-    """Return all results of every combination in the given order, see `calibrate`."""
+    """Return all results in the given order, see `calibrate`."""
     combinations = [row if isinstance(row, Unsolved) else row.case for row in rows]
     names = list(dict.fromkeys(unknown.name for one in combinations for unknown in one.unknowns))
     n, m = len(names), len(measured.values)

@@ -1,4 +1,4 @@
-"""New designs from a few choices: winding, layers, pitch, terminals and tank are found."""
+"""New designs from a few choices."""
 
 from coilarray.studies.create.choices import LONG_SHAPES, Choices, read_arrangement, read_size
 from coilarray.studies.create.layout import neighbour_coupling

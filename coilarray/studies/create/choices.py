@@ -1,4 +1,4 @@
-"""Choices for a new design: one set of defaults for the command, its questions on a terminal, and Python."""
+"""Choices for a new design, with their defaults."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FROM_TO = {
     "frequency": (1e3, 1e9, 1e-6, "MHz"),
     "capacitance": (1e-12, 1e-3, 1e12, "pF"),
 }
-"""Range of each choice in SI, wider than usual for planar coils, and the unit of its option."""
+"""Range of each choice in SI, with its option's unit."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,9 @@ class Arrangement:
 def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
     """Read the number and arrangement of the coils.
 
-    The text is 1, 6 for a row, 4x4, 3-hex for a triangle, or 7-hex for rings about a centre. Hexagons and circles in
-    rows and columns lie on a hexagonal lattice, in which all neighbours are equally far. Raises DesignError.
+    The text is 1, 6 for a row, 4x4, 3-hex for a triangle, or 7-hex for rings about a centre.
+    Hexagons and circles in rows and columns lie on a hexagonal lattice, in which all neighbours are
+    equally far.
     """
     found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", str(coils).strip().lower().replace("×", "x"))
     count, rows, ring = found.groups() if found else ("0", None, None)
@@ -91,7 +92,7 @@ def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
 
 
 def read_size(text: str) -> float | tuple[float, float]:
-    """Read a coil's size in mm, a width or 20x12, and return it in m. Raises DesignError."""
+    """Read a size in mm, 16 or 20x12, in m."""
     try:
         sides = [float(side) * 1e-3 for side in text.lower().replace("×", "x").split("x")]
     except ValueError:
@@ -103,10 +104,7 @@ def read_size(text: str) -> float | tuple[float, float]:
 
 @dataclass(frozen=True)
 class Choices:
-    """Choices for a new design in SI, with their defaults, as in `new_design`.
-
-    Raises DesignError for choices that are evidently impossible, before any work.
-    """
+    """Checked choices for a new design in SI."""
 
     coils: str | int = "3"
     shape: Shape = "hexagon"
@@ -157,14 +155,14 @@ class Choices:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Width and height of a coil in m. Long shapes are longer than wide by default."""
+        """Width and height of a coil in m."""
         usual = (20e-3, 12e-3) if self.shape in LONG_SHAPES else 16e-3
         size = usual if self.size is None else self.size
         return size if isinstance(size, tuple) else (size, size)
 
     @property
     def layers_of_fab(self) -> int | None:
-        """Layers of the boards of the named service, None if it makes any number."""
+        """Layers of the named service's boards, None for any number."""
         return None if self.fab is None else load_profile(self.fab).rules.max_layers
 
     @cached_property

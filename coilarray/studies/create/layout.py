@@ -1,4 +1,4 @@
-"""Layout of a new design with the fewest layers: winding, pitch, terminals and connector."""
+"""Winding, pitch, terminals and connector with the fewest layers."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ _LONGER, _FURTHER = 0.5e-3, 1e-3  # m by which leads get longer and coils lie fu
 
 
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
-    """Find the pitch of zero neighbour coupling, in m to 10 µm, the largest of several.
+    """Find the pitch of zero neighbour coupling in m.
 
-    The coupling is the mean of all neighbours, which differ slightly on different pairs of layers. The fields inside
-    and around a coil have opposite signs. Neighbours that overlap more than at this pitch couple positively, and others
-    negatively. `design_at` and `rough_at` return the design of some neighbouring coils for a pitch, and a quicker model
-    of it, in which the pitch is searched first. Raises DesignError if there is no such pitch between 0.4 and 1 widths.
+    Of several it is the largest. The coupling is the mean of all neighbours, which differ slightly
+    on different pairs of layers. The fields inside and around a coil have opposite signs, so
+    neighbours that overlap more couple positively, and others negatively. The pitch is searched
+    with the quicker `rough_at` first, between 0.4 and 1 widths.
     """
 
     @functools.cache
@@ -98,7 +98,7 @@ def _neighbours(array: Array) -> tuple[IntArray, IntArray]:
 
 
 def lay_out(plan: Plan, choices: Choices) -> Plan:
-    """Find layers, winding, pitch and terminals. Raises DesignError if no layout fulfils the choices."""
+    """Find layers, winding, pitch and terminals, or raise DesignError."""
     problem = None
     tried = set[Plan]()
     for board in _boards(plan, choices):
@@ -114,7 +114,7 @@ def lay_out(plan: Plan, choices: Choices) -> Plan:
 
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
-    """Find pitch and terminals for a winding. Raises DesignError if there are none."""
+    """Find pitch and terminals for a winding, or raise DesignError."""
     _require_pads(wound)
     problem = None
     # turned hexagons, which face neighbours with corners, may lie further apart on equal layers
@@ -136,7 +136,7 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
 
 
 def _require_pads(wound: Plan) -> None:
-    """Refuse more layers than have room for the via pads, by a DesignError with their number."""
+    """Refuse more layers than have room for the via pads."""
     problem = _problem(wound)
     if problem is not None:
         fewer = (replace(wound, winding_layers=n) for n in range(wound.winding_layers - 2, 0, -2))
@@ -158,15 +158,15 @@ def _problem(wound: Plan) -> DesignError | None:
 
 
 def _side_by_side(plan: Plan) -> float:
-    """Return a pitch in m with room for terminals between the coils."""
+    """Return a pitch in m with room for terminals."""
     return plan.width + plan.lead + _BESIDE
 
 
 def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
     """Yield the boards to try, the fewest layers first.
 
-    Coils side by side need one set of layers. Coils that overlap need more, and a wide hole for the terminals of their
-    neighbours. Raises DesignError if there is no board.
+    Coils side by side need one set of layers. Coils that overlap need more, and a wide hole for the
+    terminals of their neighbours.
     """
     overlap = choices.overlap == "decoupled" or (choices.pitch is not None and choices.pitch < plan.width)
     some_sets: tuple[int, ...] = (1,)
@@ -198,7 +198,7 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
 
 
 def _placed(plan: Plan, choices: Choices) -> Plan:
-    """Find the pitch. Raises DesignError if coils on the same layers overlap at it."""
+    """Find the pitch, without overlaps of coils on a layer."""
     if choices.overlap == "decoupled":
         few = replace(plan, arrangement=plan.arrangement.fewest)
         rough = replace(few, rough=True, elastomer=False)
@@ -217,7 +217,7 @@ def _placed(plan: Plan, choices: Choices) -> Plan:
 
 
 def _winding(plan: Plan, choices: Choices) -> Winding:
-    """Find turns and trace, of the usual width if possible, otherwise of the narrowest."""
+    """Find turns and trace, as usual or else the narrowest."""
     usual, finest = _rooms(plan)
     if not finest.most_turns:
         least = math.ceil(2e5 * (finest.hole + 2 * finest.trace_width + finest.gap) * (1 - 1e-9)) / 100  # mm
@@ -237,7 +237,7 @@ def _winding(plan: Plan, choices: Choices) -> Winding:
 
 
 def _rooms(plan: Plan) -> tuple[Room, Room]:
-    """Return the room of windings with usual traces and with the board house's narrowest."""
+    """Return the room of windings with usual and narrowest traces."""
     radius, rules = min(plan.size) / 2, plan.rules
     closest = math.ceil(rules.min_gap * _GAP_MARGIN / _GAP_STEP) * _GAP_STEP
     hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
@@ -247,7 +247,7 @@ def _rooms(plan: Plan) -> tuple[Room, Room]:
 
 
 def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Wind with wider gaps where wide traces need them at corners."""
+    """Wind with wider gaps if corners of wide traces need."""
     first = found = _wind(plan, choices, room)
     for _ in range(_PASSES):
         array = replace(plan.one, winding=found, elastomer=False).design.array
@@ -261,10 +261,10 @@ def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
 
 
 def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Find the winding with a rough model, and correct for the effects that it leaves out.
+    """Find the winding with a rough model, and correct it.
 
-    The rough model has no sheets and few segments, and is screened. The resistance is taken at the frequency at which
-    the coil is likely to be used.
+    The rough model has no sheets and few segments, and is screened. The resistance is taken at the
+    frequency at which the coil is likely to be used.
     """
     inductance = choices.inductance or 0.0  # refused with the reason
     frequency = choices.frequency or expected_frequency(inductance or 1.0)
@@ -286,7 +286,7 @@ def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
 
 
 def _alone(plan: Plan, winding: Winding) -> Plan:
-    """Return one coil with a winding. Plans with the same coil give equal results."""
+    """Return one coil with a winding, equal for equal coils."""
     return replace(plan.one, winding=winding, hole=0.0, pitch=0.0)
 
 
@@ -325,11 +325,11 @@ def _are_apart(plan: Plan) -> bool:
 
 
 def with_terminals(plan: Plan, *, movable: bool) -> Plan:
-    """Find the start of the windings and their leads, with every fabrication rule kept.
+    """Find the start of the windings and their leads.
 
-    Holes go through the whole board. Holes of coils that overlap must lie in the hole of a neighbour's winding or
-    beside all of them. Coils side by side that are `movable` are moved apart until there is room. Raises DesignError
-    with the broken rule at the usual start.
+    Holes go through the whole board. Holes of coils that overlap must lie in the hole of a
+    neighbour's winding or beside all of them. Coils side by side that are `movable` are moved apart
+    until there is room. DesignError names the broken rule at the usual start.
     """
     problem = None
     for tried in _candidates(plan, movable=movable):
@@ -361,7 +361,7 @@ def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
 
 
 def _clear_leads(plan: Plan) -> Iterator[float]:
-    """Yield lengths of leads in m at which no hole meets the winding of another coil."""
+    """Yield lengths of leads in m that clear other windings."""
     placements = replace(plan, arrangement=plan.arrangement.few, elastomer=False).design.array.placements
     windings = [_windings(place) for place in placements]
     others = [np.concatenate([*windings[:k], *windings[k + 1 :]]) for k in range(len(windings))]
@@ -404,7 +404,7 @@ def _clear_leads(plan: Plan) -> Iterator[float]:
 
 
 def _windings(place: Placement) -> npt.NDArray[np.object_]:
-    """Pieces of a coil's centre lines without leads, in the frame of the board."""
+    """Centre lines of a coil without leads, on the board."""
     outline = shapely.Polygon(place.coil.outline).buffer(place.coil.trace_width)
     pieces = shapely.get_parts(shapely.intersection([shapely.LineString(line) for line in place.coil.lines], outline))
     return np.array([shapely.LineString(place.to_board(shapely.get_coordinates(piece))) for piece in pieces])
@@ -421,9 +421,9 @@ def _apart(lines: npt.NDArray[np.object_], others: npt.NDArray[np.object_]) -> f
 def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
     """Find room for all leads to a connector.
 
-    The distance of the connector, the length of the leads and, if `movable`, the pitch of the coils are increased.
-    Raises DesignError with the problem of the roomiest board. The search stops early if less than half of the coils are
-    routed, and neighbours that may not move are too near for the leads of a row between them.
+    The distance of the connector, the length of the leads and, if `movable`, the pitch are
+    increased. The search stops early if less than half of the coils are routed, and neighbours that
+    may not move are too near for the leads of a row between them.
     """
     problem = ""
     several = plan.arrangement.rows > 1 or plan.arrangement.lattice in ("triangle", "rings")

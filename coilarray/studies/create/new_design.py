@@ -1,4 +1,4 @@
-"""New design from a few choices: number, shape, size and inductance of the coils, and the board house."""
+"""New design from a few choices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from coilarray.studies.create.tank import tank_capacitance
 
 
 class _Named(Table):
-    """Check of a design's name as in a design file, before any work."""
+    """Check of a design's name, as in a design file."""
 
     name: Name
 

@@ -1,4 +1,4 @@
-"""Decisions about a new design with its winding, and the design file made from them."""
+"""Decisions about a new design, and its file."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ class Winding:
 class Room:
     """Limits for a winding in m.
 
-    `radius` and `hole` are the distances from the centre to the outer edge of the copper's nearest side, and to the
-    inner edge, which the innermost turn may not pass. `trace_width` is the narrowest trace, and `gap` the distance of
-    the turns. The inner end of a circle lies a pitch further in than its last turn. Polygons get the same room.
+    `radius` and `hole` are the distances from the centre to the outer edge of the copper's nearest
+    side, and to the inner edge of the innermost turn. The inner end of a circle lies a pitch
+    further in than its last turn. Polygons get the same room.
     """
 
     radius: float
@@ -57,7 +57,7 @@ class Room:
     widest_trace: float = math.inf
 
     def widest(self, turns: int) -> float:
-        """Return the widest trace for the turns in m, below zero if not even their gaps fit."""
+        """Widest trace in m, negative if not even gaps fit."""
         return min((self.radius - self.hole - turns * self.gap) / (turns + 1), self.widest_trace)
 
     @property
@@ -79,11 +79,11 @@ def wind(
     resistance_of: Callable[[Winding], float],
     keeping: int | None = None,
 ) -> Winding:
-    """Find the winding of a wanted inductance in H with least resistance.
+    """Find the winding of an inductance with least resistance.
 
-    More turns of the narrowest trace have more inductance. So have narrower traces of equally many turns, as they lie
-    further out. For each possible number of turns the width of the trace is solved for and rounded to 1 µm. A number of
-    turns `keeping`, found before, is kept if it gives the inductance. Raises DesignError with the possible range.
+    Narrower traces of equally many turns have more inductance, as they lie further out. For each
+    possible number of turns the width is solved for and rounded to 1 µm. A number of turns
+    `keeping` is kept if it gives the inductance. DesignError names the possible range.
     """
     if room.most_turns < 1:
         raise DesignError(
@@ -120,12 +120,15 @@ def wind(
 
 
 def _drawn(width: float, widest: float) -> float:
-    """Return the nearest width in m that fits and can be drawn."""
+    """Return the nearest width in m that can be drawn."""
     return min(round(width / _TRACE_STEP), math.floor(widest / _TRACE_STEP * (1 + 1e-9))) * _TRACE_STEP
 
 
 def _first(holds: Callable[[int], bool], most: int) -> int:
-    """Return the least number from 1 on that fulfils a condition, as all larger do; else `most` + 1."""
+    """Least number from 1 that fulfils a monotonic condition.
+
+    It is `most` + 1 if none does.
+    """
     return 1 + bisect_left(range(1, most + 1), True, key=holds)
 
 
@@ -156,7 +159,7 @@ _TURNED = _corners(0, 180, 60, 120, 240, 300)
 
 @dataclass(frozen=True)
 class Plan:
-    """Decisions about a design so far, in m and F. `document` makes the design file."""
+    """Decisions about a design so far, in m and F."""
 
     name: str
     title: str
@@ -190,7 +193,7 @@ class Plan:
 
     @property
     def starts(self) -> tuple[dict[str, Any], ...]:
-        """Possible starts of the winding and its leads; sides face neighbours along x."""
+        """Possible starts of the winding and its leads."""
         return _TURNED if self.turned else _STARTS[self.shape]
 
     @property
@@ -270,13 +273,13 @@ class Plan:
 
     @property
     def via_drill(self) -> float:
-        """Diameter of the vias' holes in m, half a wide trace, up to a limit."""
+        """Diameter of the vias' holes in m, from the trace."""
         wide = math.floor(min(self.winding.trace_width / 2, _WIDEST_DRILL) / _PAD_STEP) * _PAD_STEP
         return max(_DRILL, wide, self.rules.min_drill)
 
     @property
     def via_pad(self) -> float:
-        """Diameter of the vias' pads in m, rounded up to a twentieth of a millimetre."""
+        """Diameter of the vias' pads in m, to 0.05 mm."""
         pad = self.via_drill + 2 * max(_RING, self.rules.min_annular_ring)
         return math.ceil(pad / _PAD_STEP * (1 - 1e-9)) * _PAD_STEP
 

@@ -26,11 +26,10 @@ _CLOSE = 0.01  # of the wanted frequency: required accuracy of a standard capaci
 def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: float | None = None) -> float:
     """Choose the capacitance of the tank in F.
 
-    For a `frequency` in Hz, on the mean of the coils, the nearest capacitance of the series E24 is taken if it comes
-    within 1 % of it, otherwise the exact capacitance, with three digits. By default it is the smallest capacitance of
-    the series E6, from 100 pF on, with which the converter keeps all its limits at no more than half the coil's
-    self-resonance. Frequency and quality factor are then as high as possible. If there is none, the capacitance that
-    breaks the fewest limits is taken. Raises DesignError for a frequency above the coil's self-resonance.
+    For a `frequency` in Hz, on the mean of the coils, it is the nearest of the series E24 within 1
+    %, otherwise exact with three digits. By default it is the smallest of the series E6 from 100 pF
+    with which the converter keeps all its limits at no more than half the coil's self-resonance, or
+    breaks the fewest. Frequency and quality factor are then as high as possible.
     """
     if frequency is not None:
         return _for_frequency(with_capacitance, frequency)
@@ -50,7 +49,7 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
 
 
 def expected_frequency(inductance: float) -> float:
-    """Return the frequency in Hz that `tank_capacitance` will likely choose for an inductance in H.
+    """Return the frequency in Hz that `tank_capacitance` will likely choose.
 
     Windings are compared at this frequency before there is a tank.
     """
@@ -58,9 +57,10 @@ def expected_frequency(inductance: float) -> float:
 
 
 def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
-    """List the limits of the LDC1614 that states of a scan break, with the names of the states.
+    """List the LDC1614's broken limits with the states.
 
-    The frequency may also be no more than a share of the coil's self-resonance. None are broken without a converter.
+    The frequency may also be no more than a share of the coil's self-resonance. None are broken
+    without a converter.
     """
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     broken: list[tuple[str, Limit]] = []
@@ -75,7 +75,7 @@ def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> lis
 
 
 def is_standard(capacitance: float) -> bool:
-    """Return whether a capacitance in F belongs to the series E24."""
+    """Whether a capacitance in F belongs to the series E24."""
     return math.isclose(capacitance, _nearest_standard(capacitance), rel_tol=1e-6)
 
 
@@ -115,7 +115,7 @@ def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float
 
 
 def _rounded(capacitance: float, frequency: float, reached: Callable[[float], float]) -> float:
-    """Return the nearest standard value if its frequency in Hz is close, or three digits."""
+    """Nearest standard value if close, or three digits."""
     standard = _nearest_standard(capacitance)
     with suppress(NetworkError):  # it may be too much for the losses, unlike the exact value
         if abs(reached(standard) / frequency - 1) <= _CLOSE:
