@@ -1,13 +1,14 @@
-"""Comparison of a measured with a simulated response: scale, shift, residuals, x0.
+"""Comparison of a measured with a simulated response.
 
 For every state and depth a scale of δ and a shift in x and y are found,
 
     measured(x, y) ≈ scale · simulated(x − shift_x, y − shift_y)
 
-by least squares over the same set of positions for every trial shift, so that the set does not change while the shift
-is searched. Nothing is extrapolated. The simulated map is interpolated at the measured positions. Positions outside of
-it are left out and counted. The ellipses of both come from the same positions with the same settings, since window and
-spacing of a map affect them (`coilarray.paper.ellipse`).
+by least squares over the same set of positions for every trial shift, so that the set does not
+change while the shift is searched. Nothing is extrapolated: measured positions outside of the
+simulated map, which is interpolated, are left out and counted. The ellipses of both come from the
+same positions with the same settings, since window and spacing of a map affect them
+(`coilarray.paper.ellipse`).
 """
 
 from __future__ import annotations
@@ -60,58 +61,63 @@ def compare_responses(
     Parameters
     ----------
     measured : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and coordinates in m, NaN where a position was not measured. If it
-        has ``delta_std``, the standard deviation of δ, this is the noise. If the attribute ``repeats`` gives the number
-        of readings in a mean δ, ``delta_std`` is for a single reading.
+        Response with ``delta`` (depth, y, x, state) and coordinates in m, NaN where a position was
+        not measured. If it has ``delta_std``, the standard deviation of δ, this is the noise. If
+        the attribute ``repeats`` gives the number of readings in a mean δ, ``delta_std`` is for a
+        single reading.
     simulated : xarray.Dataset
-        Response without NaN, at least four x and four y. It may be another measured response, whose ``delta_std`` is
-        then added to the noise.
+        Response without NaN, at least four x and four y. It may be another measured response, whose
+        ``delta_std`` is then added to the noise.
     largest_shift : float, optional
-        Largest shift of the search, in m. By default the measured map's own spacing along each axis. Shifts are
-        searched with the positions that are in the simulated map by this much, so let it be larger than the measured
-        map.
+        Largest shift of the search, in m. By default the measured map's own spacing along each
+        axis. Shifts are searched with the positions that are in the simulated map by this much, so
+        let it be larger than the measured map.
     progress : callable, optional
         Called with (done, total).
 
     Returns
     -------
     xarray.Dataset
-        Comparison of the common states and depths at the positions that both have: dimensions ``depth``, ``y``, ``x``,
-        ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and ``level``. NaN for unknown values.
+        Comparison of the common states and depths at the positions that both have: dimensions
+        ``depth``, ``y``, ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and
+        ``level``. NaN for unknown values.
 
         - ``delta`` (source, depth, y, x, state)
-        - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated, as it is, and
-          scaled and shifted
+        - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated,
+          as it is, and scaled and shifted
         - ``base_inductance`` (source, state): in H, if both have it
 
         For every depth and state
 
-        - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the measured map
+        - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the
+          measured map
         - ``at_limit``: whether the best shift is beyond the largest shift
         - ``rms_before``, ``rms_after``, ``correlation_before`` and ``correlation_after``
         - the standard deviation of each of these, whose name ends in ``_std``
         - ``noise``: its level in δ if it is known
         - ``points``: the number of positions
 
-        For every depth, state and ``source``, the ellipses of `level_curves` over the level of δ, neither scaled nor
-        shifted: ``x0``, ``A``, ``B``, their standard deviations, ``undetermined`` and ``ellipse_problem``.
+        For every depth, state and ``source``, the ellipses of `level_curves` over the level of δ,
+        neither scaled nor shifted: ``x0``, ``A``, ``B``, their standard deviations,
+        ``undetermined`` and ``ellipse_problem``.
 
-        Attributes: ``only_measured`` and ``only_simulated`` are states of a single response. ``depths_left_out`` in m
-        and ``points_left_out`` were measured but are not in the simulated map. ``points_missing`` were not measured.
-        ``noise_from`` is "delta_std" or "residuals". The attributes of both are kept as ``measured_…`` and
-        ``simulated_…``.
+        Attributes: ``only_measured`` and ``only_simulated`` are states of a single response.
+        ``depths_left_out`` in m and ``points_left_out`` were measured but are not in the simulated
+        map. ``points_missing`` were not measured. ``noise_from`` is "delta_std" or "residuals". The
+        attributes of both are kept as ``measured_…`` and ``simulated_…``.
 
     Raises
     ------
     LocalizeError
-        Datasets that are not responses, no common state, depth or position, or a largest shift that is
-        negative.
+        Datasets that are not responses, no common state, depth or position, or a largest shift that
+        is negative.
 
     Notes
     -----
-    The standard deviations of scale, shift, rms and correlation are the effect of the noise of the readings on them, to
-    first order. If no noise is known, it is taken from the scatter of the residuals of the fit. Noise of the simulated
-    side (a second measurement) also biases the scale towards zero, by noise² over the mean square of its map.
+    The standard deviations of scale, shift, rms and correlation are the effect of the noise of the
+    readings on them, to first order. If no noise is known, it is taken from the scatter of the
+    residuals of the fit. Noise of the simulated side (a second measurement) also biases the scale
+    towards zero, by noise² over the mean square of its map.
 
     Examples
     --------
@@ -230,8 +236,8 @@ class Alignment:
 def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
     """Test which places (n, 3) lie in a model's table.
 
-    Places and the margin along x and y are in m. Rounding puts no place outside. The depth counts if the
-    model has more than one.
+    Places and the margin along x and y are in m. Rounding puts no place outside. The depth counts
+    if the model has more than one.
     """
     free = model.free
     room = np.array([*margin, 0.0])[free]

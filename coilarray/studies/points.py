@@ -1,4 +1,4 @@
-"""Evaluate many designs on an executor, each design once, with earlier outcomes from the store."""
+"""Evaluate designs on an executor, each once, by the store."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from coilarray.studies.quantities import canonical, evaluate
 SAYS_NOTHING = ("title", "source", "assumed")
 """Tables and values of a design that enter no result."""
 Outcome = dict[str, float] | str
-"""Quantities of a point by name, or one line with the reason why it has none."""
+"""Quantities of a point by name, or a reason."""
 
 
 def evaluate_points(
@@ -35,9 +35,9 @@ def evaluate_points(
 ) -> Iterator[tuple[int, Outcome]]:
     """Evaluate quantities of variations of a design.
 
-    Each variation is given by its changes, as in `coilarray.design.vary.vary`. The number and the outcome of each point
-    are yielded as it is done. A `cache` keeps outcomes. `progress` is called with (done, total). Raises GoalError for
-    an unknown quantity, ClusterError if workers are lost, and OutputError if the store cannot be written.
+    Changes are as in `coilarray.design.vary.vary`. The number and the outcome of each point are
+    yielded as it is done. Raises GoalError for an unknown quantity, ClusterError if workers are
+    lost, and OutputError if the store cannot be written.
     """
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
     document = decisive(as_file(design).document)
@@ -59,7 +59,7 @@ def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _kept(entry: object) -> Outcome | None:
-    """Return the outcome in an entry of the store, None if it is not an outcome."""
+    """Outcome in an entry of the store, None if damaged."""
     match entry:
         case {"reason": str(reason)}:
             return reason
@@ -69,7 +69,7 @@ def _kept(entry: object) -> Outcome | None:
 
 
 def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any] | str:
-    """Make a point as plain data, or the reason why it is impossible."""
+    """Point as plain data, or why it is impossible."""
     try:
         return {"document": vary_document(document, change), **how}
     except DesignError as error:
@@ -85,12 +85,12 @@ def run_cached(
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Iterator[tuple[int, Outcome]]:
-    """Apply a function to items of plain data, and yield number and outcome of each as it is done.
+    """Apply a function to items, and yield numbers and outcomes.
 
-    An outcome is the result of the function, numbers by name, or the line of its CoilarrayError. A text in place of an
-    item is its outcome. Equal items are computed once, and items with an outcome in the `cache` are not computed again.
-    The key is the name of the function, which is defined in a module, with the item. `total` is the number of items for
-    `progress`, by default the number read so far.
+    An outcome is the result of the function, numbers by name, or the line of its CoilarrayError. A
+    text in place of an item is its outcome. Equal items are computed once. The key in the `cache`
+    is the function's name with the item. `total` is for `progress`, by default the items read so
+    far.
     """
     name = f"{function.__module__}.{function.__qualname__}"
     known: deque[tuple[int, Outcome]] = deque()

@@ -1,4 +1,4 @@
-"""Sweeps: quantities of a design over a grid of entries, or over samples of it, as one dataset."""
+"""Quantities of a design over a grid or over samples."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from coilarray.studies.quantities import Request, request
 MOST_POINTS = 100_000
 """Largest number of points of a sweep."""
 RULES = "fab_broken"
-"""Quantity that every sweep has: the number of broken fabrication rules. An overlap has values, but no board."""
+"""Quantity of every sweep, the number of broken fabrication rules."""
 UNREAD = "converter_unread"
-"""Quantity of a sweep with values that a converter reads: the number of unreadable values."""
+"""Quantity of a sweep, the number of unreadable values."""
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _STEPS = 9  # values of an interval in a grid
@@ -49,9 +49,8 @@ _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 class Axis:
     """Entry of a design with its values in a sweep.
 
-    The `key` is as in `coilarray.design.vary.vary`. The `values` differ. For an `interval` they are its two ends, and
-    samples lie anywhere between them, on whole numbers for an entry that takes no others. Raises GoalError if there is
-    no value, a value is repeated or not finite, or an interval does not rise.
+    The `values` differ. For an `interval` they are its two ends, and samples lie anywhere between
+    them, on whole numbers for an entry that takes no others.
     """
 
     key: str
@@ -83,9 +82,9 @@ class Axis:
         return [_label(value) for value in self.values]
 
     def sample(self, parts: Sequence[float], *, whole: bool) -> list[Any]:
-        """Return the values at fractions of the interval, from 0 to less than 1.
+        """Values at fractions (below 1) of the interval.
 
-        Raises GoalError if an entry takes only whole numbers and the interval has none.
+        Raises GoalError if the interval has no whole number for an entry that takes no others.
         """
         if not self.interval:
             return [self.values[int(part * len(self.values))] for part in parts]
@@ -96,7 +95,7 @@ class Axis:
         return [low + part * (high - low) for part in parts]
 
     def stepped(self, *, whole: bool) -> Axis:
-        """Return an interval as values for a grid, from end to end. Raises GoalError as `sample`."""
+        """Interval as values for a grid, from end to end."""
         if not self.interval:
             return self
         if whole:
@@ -114,10 +113,10 @@ class Axis:
 
 
 def parse_axis(text: str, option: str = "--vary") -> Axis:
-    """Read an axis from an option of the command line.
+    """Read an axis of ``--vary``.
 
-    The form is ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples or a grid of nine values, ``KEY=START:STOP``.
-    Values are as in a design file, but texts need no quotes. Raises GoalError for any other form.
+    The form is ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples or a grid of nine values,
+    ``KEY=START:STOP``. Values are as in a design file, but texts need no quotes.
 
     Examples
     --------
@@ -163,8 +162,7 @@ def _evenly(low: float, high: float, count: int) -> tuple[float, ...]:
 class Sweep:
     """Checked sweep that is ready to run, made by `plan_sweep`.
 
-    `points` are the changes of every point, with the last axis of a grid running fastest. `sampling` is the way they
-    were chosen, "grid" for all points of a grid.
+    `points` are the changes of every point, with the last axis of a grid running fastest.
     """
 
     file: DesignFile
@@ -203,16 +201,17 @@ def sweep(
     keep : bool, str or Path
         Whether points are kept for later runs: in the user's cache folder, or in the given folder.
     workers : int or concurrent.futures.Executor
-        Number of local processes, or an executor that computes the points. With 1 they are computed in this process.
+        Number of local processes, or an executor that computes the points. With 1 they are computed
+        in this process.
     progress : callable, optional
         Called with (done, total).
 
     Returns
     -------
     xarray.Dataset
-        A variable for each quantity over the entries as dimensions. The coordinates are the values of the entries in
-        the units of their keys. A point without a value is NaN, and ``reason`` gives the cause. Units and long names
-        are in the attributes.
+        A variable for each quantity over the entries as dimensions. The coordinates are the values
+        of the entries in the units of their keys. A point without a value is NaN, and ``reason``
+        gives the cause. Units and long names are in the attributes.
 
     Raises
     ------
@@ -242,13 +241,12 @@ def plan_sweep(
     seed: int = 0,
     accuracy: Accuracy = "full",
 ) -> Sweep:
-    """Choose the points of a sweep, and check the sweep.
+    """Choose the points of a sweep, and check it.
 
-    The points are all combinations of the axes' values, or `samples` points that cover the axes evenly: a Sobol
-    sequence scrambled by `seed`. A larger number of samples begins with the same samples, so a sweep can be refined.
-    Raises GoalError if there is no axis or no quantity, an entry is repeated, there are more than `MOST_POINTS` points,
-    a quantity is unknown, no design of the sweep has a named coil, or none of up to 200 points spread over the sweep
-    gives a design, for example because of an unknown entry.
+    They are all combinations of the axes' values, or `samples` points that cover the axes evenly: a
+    Sobol sequence scrambled by `seed`, which a larger number continues. Raises GoalError also if
+    none of up to 200 points spread over the sweep gives a design, for example because of an unknown
+    entry.
     """
     keys = [axis.key for axis in axes]
     if not keys:
@@ -283,12 +281,12 @@ def run_sweep(
     progress: Progress | None = None,
     watch: Callable[[Callable[[], xr.Dataset]], None] | None = None,
 ) -> xr.Dataset:
-    """Evaluate all points of a sweep that are not in the `cache`, as the dataset of `sweep`.
+    """Evaluate all new points, as the dataset of `sweep`.
 
-    Dimensions are the entries of a grid, or ``sample``. Entries that are not numbers are texts. `RULES` is always
-    included, see `keeps_rules`, and `UNREAD` if values are read by a converter, see `is_read`. After every point
-    `watch` is called with a function that returns the result so far, in which points that are not computed yet are NaN
-    without a reason. Raises ClusterError if workers are lost, and OutputError if the store cannot be written.
+    Dimensions are the entries of a grid, or ``sample``. `RULES` is always included, and `UNREAD` if
+    values are read by a converter. After every point `watch` gets a function that returns the
+    result so far, with NaN and no reason for points to come. Raises ClusterError if workers are
+    lost, and OutputError if the store cannot be written.
     """
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)
@@ -307,17 +305,17 @@ def run_sweep(
 
 
 def keeps_rules(result: xr.Dataset) -> xr.DataArray:
-    """Whether the points of a sweep have a result and keep every fabrication rule."""
+    """Whether points have a result and keep every fabrication rule."""
     return result[RULES] == 0
 
 
 def is_read(result: xr.Dataset) -> xr.DataArray:
-    """Whether a converter can read all values behind a point, or none is needed."""
+    """Whether a converter, if needed, can read a point."""
     return result[UNREAD] == 0 if UNREAD in result else xr.ones_like(result[RULES], dtype=bool)
 
 
 def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:
-    """Return values (quantities, points) and reasons as the dataset of `run_sweep`."""
+    """Dataset of `run_sweep` from values (quantities, points) and reasons."""
     grid = plan.sampling == "grid"
     dims = tuple(axis.key for axis in plan.axes) if grid else ("sample",)
     shape = tuple(len(axis.values) for axis in plan.axes) if grid else (len(plan.points),)
@@ -334,7 +332,7 @@ def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) 
 
 
 def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
-    """Values of an entry along its dimension, with the unit of its key and the design's value."""
+    """Values of an entry, with unit and design value."""
     grid = plan.sampling == "grid"
     values = axis.values if grid else [point[axis.key] for point in plan.points]
     attributes: dict[str, Any] = {"long_name": axis.key}
@@ -369,7 +367,7 @@ def _check_number(points: int) -> None:
 
 
 def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
-    """Build designs until one is possible. Each coil must be in one of the designs."""
+    """Build designs until one is possible, and check coils."""
     missing = {name: one.key for one in requests for name in one.coils}
     names: tuple[str, ...] = ()
     reason = ""

@@ -57,7 +57,8 @@ class Calibration:
     imperfections : Imperfections
         Fitted imperfections of the experiment.
     values : mapping of str to float
-        Fitted values of the best combination in the units of the entries, by the first entry of each unknown.
+        Fitted values of the best combination in the units of the entries, by the first entry of
+        each unknown.
     dataset : xarray.Dataset
         Results for every combination, the most probable first, see `calibrate`.
     """
@@ -113,15 +114,17 @@ def calibrate(
     design : Design or DesignFile
         Design with an indentation. Entries that are not unknowns stay unchanged.
     data : xarray.Dataset or EllipseModel, optional
-        A measured response, as `coilarray.hardware.record.recorded_response.recorded_response` returns it, with NaN in
-        its gaps, or ellipses. By default the ellipses are Table A1 of Gast & Zimmermann (2020).
+        A measured response, as `coilarray.hardware.record.recorded_response.recorded_response`
+        returns it, with NaN in its gaps, or ellipses. By default the ellipses are Table A1 of Gast
+        & Zimmermann (2020).
     unknowns : Plan or mapping of str to sequence
-        A plan from `coilarray.studies.calibrate.plan.load_plan`, or (low, high) or (low, high, start) of each unknown
-        by its dotted key, in the unit of the key. Keys are the keys of `coilarray.vary`, and ``imperfections.`` with
-        ``depth_error_mm``, ``tilt_x_mrad``, ``tilt_y_mrad``, ``offset_x_mm``, ``offset_y_mm``, ``drift`` or
-        ``column_drift``.
+        A plan from `coilarray.studies.calibrate.plan.load_plan`, or (low, high) or (low, high,
+        start) of each unknown by its dotted key, in the unit of the key. Keys are the keys of
+        `coilarray.vary`, and ``imperfections.`` with ``depth_error_mm``, ``tilt_x_mrad``,
+        ``tilt_y_mrad``, ``offset_x_mm``, ``offset_y_mm``, ``drift`` or ``column_drift``.
     keep : bool, str or Path
-        Whether evaluations are kept for later runs: in the user's cache folder, or in the given folder.
+        Whether evaluations are kept for later runs: in the user's cache folder, or in the given
+        folder.
     workers : int or concurrent.futures.Executor
         Number of local processes, or an executor. With 1 everything is computed in this process.
     progress : callable, optional
@@ -130,37 +133,39 @@ def calibrate(
     Returns
     -------
     Calibration
-        The calibration. Its dataset has a row for each ``combination`` of choices, the most probable combination first.
-        For each ``unknown``:
+        The calibration. Its dataset has a row for each ``combination`` of choices, the most
+        probable combination first. For each ``unknown``:
 
-        - ``value``: the most probable value, and ``std``: its standard deviation, from the slopes there.
-        - ``low`` and ``high``: the 95 % interval between the bounds, and ``at_bound``: whether the value lies at a
-          bound.
+        - ``value``: the most probable value, and ``std``: its standard deviation, from the slopes
+          there.
+        - ``low`` and ``high``: the 95 % interval between the bounds, and ``at_bound``: whether the
+          value lies at a bound.
         - ``correlation`` with each ``other``, and ``posterior``: draws.
 
         For each ``datum``:
 
         - ``measured``: the number, and ``noise``: its standard deviation.
-        - ``weight``: the number of independent numbers for which it counts, 0 if it is only predicted.
-        - ``before`` and ``model``: the number of the first guess and of the fit, and ``model_std``: the band of the
-          posterior.
+        - ``weight``: the number of independent numbers for which it counts, 0 if it is only
+          predicted.
+        - ``before`` and ``model``: the number of the first guess and of the fit, and ``model_std``:
+          the band of the posterior.
         - ``residual``: fitted minus measured, in standard deviations of the noise.
 
         For each combination:
 
-        - ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``: the probability of a larger χ² by noise of the
-          given size.
+        - ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``: the probability of a
+          larger χ² by noise of the given size.
         - ``noise_scale``, ``log_evidence``, and ``probability`` among the combinations.
-        - ``determined``: the number of directions that the data determine better than the priors, and ``undetermined``:
-          a description of the others, one per line.
+        - ``determined``: the number of directions that the data determine better than the priors,
+          and ``undetermined``: a description of the others, one per line.
         - ``converged``, ``evaluations``, and ``problem``: the reason why a combination has no fit.
 
     Raises
     ------
     GoalError
-        If the plan does not fit the design or the data, there are no data and the board is not the board of the paper,
-        there are fewer numbers than unknowns, or no combination has a fit. The last message has the reason of the first
-        combination.
+        If the plan does not fit the design or the data, there are no data and the board is not the
+        board of the paper, there are fewer numbers than unknowns, or no combination has a fit. The
+        last message has the reason of the first combination.
     LocalizeError, ElastomerError
         If the data are not a response, or the design has no indentation.
     ClusterError, OutputError
@@ -168,11 +173,12 @@ def calibrate(
 
     Notes
     -----
-    The posterior is the normal distribution of the linear model at the best point, cut off at the bounds. If the scale
-    of the noise is measured or estimated, it is Student's distribution. Evidences are Laplace's approximation for the
-    same box (D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28). Flat priors enter them
-    with their ranges, so wide bounds cost probability. A direction is determined if the data alone give it a smaller
-    standard deviation than the prior. For a flat prior it is the range/√12.
+    The posterior is the normal distribution of the linear model at the best point, cut off at the
+    bounds. If the scale of the noise is measured or estimated, it is Student's distribution.
+    Evidences are Laplace's approximation for the same box (D. J. C. MacKay, Information Theory,
+    Inference, and Learning Algorithms, ch. 28). Flat priors enter them with their ranges, so wide
+    bounds cost probability. A direction is determined if the data alone give it a smaller standard
+    deviation than the prior. For a flat prior it is the range/√12.
 
     Examples
     --------

@@ -49,26 +49,30 @@ def new_design(
     name : str
         Name of the design.
     coils : str or int
-        ``"1"``, ``"6"`` (a row), ``"4x4"`` (columns by rows), ``"3-hex"`` (a triangle), or ``"7-hex"``, ``"19-hex"`` or
-        ``"37-hex"`` (rings about a centre).
+        ``"1"``, ``"6"`` (a row), ``"4x4"`` (columns by rows), ``"3-hex"`` (a triangle), or
+        ``"7-hex"``, ``"19-hex"`` or ``"37-hex"`` (rings about a centre).
     shape : {"hexagon", "square", "circle", "rectangle", "racetrack"}
         Shape of the coils.
     size : float or tuple of float, optional
-        Width in m of a coil's copper, 16 mm by default. For a hexagon it is measured across flats, for a circle it is
-        the diameter at which its outer edge starts. A rectangle or racetrack has width and height, 20 and 12 mm by
-        default.
+        Width in m of a coil's copper, 16 mm by default. For a hexagon it is measured across flats,
+        for a circle it is the diameter at which its outer edge starts. A rectangle or racetrack has
+        width and height, 20 and 12 mm by default.
     inductance : float, optional
-        Wanted inductance in H of a coil, alone and under the flat sheets. Turns and trace are found for it. By default
-        the winding has as many turns of a usual trace as fit.
+        Wanted inductance in H of a coil, alone and under the flat sheets. Turns and trace are found
+        for it. By default the winding has as many turns of a usual trace as fit.
     layers : int, optional
-        Copper layers of the board. By default as many as are needed, or the layers of the service that `fab` names.
+        Copper layers of the board. By default as many as are needed, or the layers of the service
+        that `fab` names.
     fab : str, optional
-        Profile of the board house whose limits are kept, see `coilarray.design.fab_limits.load_profile`. By default a
-        house that makes boards with this number of layers.
+        Profile of the board house whose limits are kept, see
+        `coilarray.design.fab_limits.load_profile`. By default a house that makes boards with this
+        number of layers.
     pitch : float, optional
-        Distance of neighbouring coils in m. By default they lie side by side with room for their terminals.
+        Distance of neighbouring coils in m. By default they lie side by side with room for their
+        terminals.
     overlap : {"none", "decoupled"}
-        ``"decoupled"``: neighbours overlap, on separate layers, so far that their mean coupling is zero.
+        ``"decoupled"``: neighbours overlap, on separate layers, so far that their mean coupling is
+        zero.
     elastomer : bool
         Lay an elastomer with a magnetic sheet on the board, and an indenter that presses into it.
     frequency : float, optional
@@ -77,10 +81,11 @@ def new_design(
     capacitance : float, optional
         Capacitance in F of the tank, instead of the frequency.
     connector : {"right", "top", "left", "bottom"}, optional
-        Edge of the board to which the leads of all coils are routed. Coils may then lie slightly further apart.
+        Edge of the board to which the leads of all coils are routed. Coils may then lie slightly
+        further apart.
     switches : {"ADG714", "ADG738", "ADG739"}, optional
-        Part that connects one coil after another to the converter and grounds the others. By default the switches are
-        ideal.
+        Part that connects one coil after another to the converter and grounds the others. By
+        default the switches are ideal.
     title : str
         Title in reports. By default it describes the design.
 
@@ -92,8 +97,8 @@ def new_design(
     Raises
     ------
     DesignError
-        If a choice is not allowed, or choices are contradictory: an inductance out of reach, more layers than the board
-        house has, or no room for the terminals.
+        If a choice is not allowed, or choices are contradictory: an inductance out of reach, more
+        layers than the board house has, or no room for the terminals.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Goals that fit any design: by name, by a wish, or from a file, with ranges and bounds from the design."""
+"""Goals that fit any design, by name, wish or file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present 
 
 
 def parse_wish(text: str) -> dict[str, Any] | None:
-    """Read ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``, or return None.
+    """Read ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``, or None.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def parse_bound(text: str) -> dict[str, Any]:
 
 
 def variable_of(axis: Axis) -> dict[str, Any]:
-    """Return START:STOP, START:STOP:COUNT as steps, or A,B,… as choices, as a variable."""
+    """Read START:STOP, START:STOP:COUNT as steps, or A,B,… as choices."""
     values = axis.values
     if axis.interval:
         return {"entry": axis.key, "low": values[0], "high": values[1]}
@@ -92,13 +92,13 @@ def axis_of(variable: Variable) -> Axis:
 
 @dataclass(frozen=True)
 class DerivedGoal:
-    """Goal with a line about the origin of its tables, by their kind with their entry or quantity."""
+    """Goal with its tables' origin by kind and entry."""
 
     goal: Goal
     comments: Mapping[tuple[str, str], str]
 
     def text(self, head: str) -> str:
-        """Return the goal as a commented file with the lines `head` at its top."""
+        """Return the goal as a commented file, headed by `head`."""
         document = tomlkit.document()
         for line in head.splitlines():
             document.add(tomlkit.comment(line))
@@ -148,9 +148,9 @@ class _Named:
 def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
     """Read a goal file (TOML), or make one of the goals `NAMES` for the design.
 
-    `name_or_path` is the path of a file, which has precedence, or a name. Raises GoalError for an unreadable file, an
-    unknown key or a value that is not allowed, in one line, and if the goal does not fit the design, for example
-    `decouple` for a single coil.
+    `name_or_path` is the path of a file, which has precedence, or a name. Raises GoalError for an
+    unreadable file, an unknown key or a value that is not allowed, in one line, and if the goal
+    does not fit the design, for example `decouple` for a single coil.
 
     Returns
     -------
@@ -171,11 +171,11 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
 
 
 def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
-    """Add bounds that every board must keep to a goal.
+    """Add bounds that every board must keep.
 
-    The margin of the fabrication rules is kept, or broken no more than by the design. If the goal has a quantity that
-    an LDC1614 reads, and the design has such a converter, the converter must be able to read all of it. A bound is left
-    out if the goal already treats its quantity.
+    The margin of the fabrication rules is kept, or broken no more than by the design. The design's
+    LDC1614, if any, must be able to read the goal's quantities. A bound is left out if the goal
+    already treats its quantity.
     """
     file, names = as_file(design), goal.quantities
     more = [] if any(name.startswith(RULES) for name in names) else [_fab(file).table]
@@ -190,15 +190,15 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
 
 
 def is_named(name_or_path: str | Path) -> bool:
-    """Whether this is the name of a goal and not a file."""
+    """Whether this is a goal's name, not a file."""
     return str(name_or_path) in NAMES and not Path(name_or_path).is_file()
 
 
 def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequence[Axis] = ()) -> DerivedGoal:
-    """Make a goal for a design from names among `NAMES` or wishes as `parse_wish` reads them.
+    """Make a goal for a design from `NAMES` or wishes.
 
-    Several wishes make a goal with several objectives and all their variables. The axes `vary` replace the variables
-    that follow from the wishes. Raises GoalError for a wish that is not valid, and if nothing could be changed.
+    Several make a goal with several objectives and all their variables, or the axes `vary`. Raises
+    GoalError for a wish that is not valid, and if nothing could be changed.
     """
     file = as_file(design)
     asked = [_named(wish) for wish in wishes]
@@ -231,7 +231,7 @@ def _by_name(rows: Sequence[Row]) -> dict[str, Row]:
 
 
 def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[str, Any]]) -> DerivedGoal:
-    """Return a goal with the variables of `vary`, if any, and further bounds, one for a quantity."""
+    """Return a goal with other variables and further bounds."""
     if not vary and not keep:
         return derived
     document = derived.goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
@@ -252,7 +252,7 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
-    """Return the names of goals that do not fit, each with the reason in one line."""
+    """Names of goals that do not fit, with reasons."""
     file, reasons = as_file(design), dict[str, str]()
     for name, named in _NAMED.items():
         try:
@@ -265,7 +265,7 @@ def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
 
 
 def _named(wish: str) -> _Named:
-    """Return the goal of a name or a wish, for which coils and distances may change."""
+    """Goal of a name or wish, over coils and distances."""
     if wish in _NAMED:
         return _NAMED[wish]
     objective = parse_wish(wish)
@@ -310,7 +310,7 @@ def _position_error(file: DesignFile) -> _Part:
 
 
 def _of_target(file: DesignFile, *, finest: bool) -> _Part:
-    """Goal of the finest resolution in the middle of the distances, or of the largest range."""
+    """Goal of the finest resolution, or of the largest range."""
     coil = file.design.array.middle_coil
     if finest:
         distances = Evaluation(file.design).target.distances
@@ -326,7 +326,7 @@ def _of_target(file: DesignFile, *, finest: bool) -> _Part:
 
 
 def _smallest(file: DesignFile) -> _Part:
-    """Minimize the board area; inductance in the middle, coupling and most of Q are kept."""
+    """Minimize the area, keeping inductance, coupling and most of Q."""
     design = file.design
     coil = design.array.names[0] if len(design.array.names) == 1 else neighbours(design).names[0]
     wanted = {f"inductance_uH[{coil}]": (1.0, "at_least", "as much as it is; another one can be asked for here")}
@@ -411,4 +411,4 @@ _NAMED: Mapping[str, _Named] = {
     ),
 }
 NAMES: Mapping[str, str] = {name: named.title for name, named in _NAMED.items()}
-"""Goals that fit many designs, by name, each with a description. See `unfit_goals`."""
+"""Goals that fit many designs, by name, with descriptions."""

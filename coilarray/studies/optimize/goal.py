@@ -1,4 +1,4 @@
-"""Goal files, and points of a search judged by a goal. TOML, ``schema = 1``."""
+"""Goal files (TOML, ``schema = 1``), and judged points."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ RULES = ("fab_margin_mm", "fab_broken")
 
 
 def _key(asked: Any) -> str:
-    """Return the canonical text of a quantity, given as a text or as a table with options."""
+    """Canonical text of a quantity, from text or table."""
     try:
         return canonical(asked)
     except GoalError as error:
@@ -45,16 +45,16 @@ QuantityKey = Annotated[str, BeforeValidator(_key)]
 
 
 class Variable(Table):
-    """``[[variable]]``: an entry of the design that may change, between bounds or among choices."""
+    """``[[variable]]``: an entry between bounds or among choices."""
 
     entry: Annotated[str, Field(min_length=1)]
     """Dotted key of the design, such as array.pitch_mm."""
     low: float | None = None
-    """Least value, in the unit of the entry, like all values of this table."""
+    """Least value, in the unit of the entry."""
     high: float | None = None
     """Largest value."""
     step: Annotated[float, Field(gt=0)] | None = None
-    """Step between the values that are tried. By default any value."""
+    """Step between the values, by default any value."""
     log: bool = False
     """Whether values are spread evenly on a logarithmic scale."""
     choices: Annotated[list[Any], Field(min_length=2)] | None = None
@@ -91,7 +91,7 @@ class Variable(Table):
 
 
 def _plain(choice: Any) -> Any:
-    """Return a choice with whole numbers in one form: 12.0 is 12."""
+    """Whole numbers of a choice in one form: 12.0 is 12."""
     if isinstance(choice, list):
         return [_plain(part) for part in choice]
     return int(choice) if isinstance(choice, float) and choice.is_integer() else choice
@@ -105,7 +105,7 @@ class Objective(Table):
     direction: Literal["minimize", "maximize"] | None = None
     """Whether it is minimised or maximised."""
     target: float | None = None
-    """Instead of a direction: the value to bring it to, in the unit of the quantity."""
+    """Instead of a direction, the value to reach."""
 
     @model_validator(mode="after")
     def _one_wish(self) -> Objective:
@@ -145,7 +145,7 @@ class Constraint(Bounds):
         return f"{self.quantity} {' and '.join(bounds)}"
 
     def violations(self, value: float) -> dict[str, float]:
-        """Return the violation of each bound, relative to it unless it is zero; at most 0 if kept."""
+        """Relative violation of each bound, absolute for zero, ≤ 0 if kept."""
         broken = {}
         for sign, relation, bound in ((1, ">=", self.at_least), (-1, "<=", self.at_most)):
             if bound is not None:
@@ -157,24 +157,24 @@ class Constraint(Bounds):
 class Search(Table):
     """``[search]``: number of points, sampler, random seed and accuracy.
 
-    ``accuracy = "screen"`` computes the inductances of the sampler's points faster. The local solver's points and the
-    chosen designs are always computed in full accuracy.
+    ``accuracy = "screen"`` computes the inductances of the sampler's points faster. The local
+    solver's points and the chosen designs are always computed in full accuracy.
     """
 
     trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     """Number of designs to try."""
     sampler: Sampler | None = None
-    """Method that chooses them. By default tpe for one objective and nsga2 for several."""
+    """Method, by default tpe, and nsga2 for several objectives."""
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
-    """Seed of the random numbers: the same seed tries the same designs."""
+    """Seed of the random numbers."""
     batch: Annotated[int, Field(ge=1, le=10_000)] = 8
-    """Number of designs that are chosen together, for workers to share."""
+    """Number of designs chosen together, for workers to share."""
     population: Annotated[int, Field(ge=2, le=10_000)] = 24
     """Number of designs in a generation of nsga2."""
     polish: Annotated[int, Field(ge=0, le=100_000)] | None = None
-    """Evaluations of the local solver, which refines the best design. None for several objectives."""
+    """Evaluations of the local solver, none for several objectives."""
     accuracy: Accuracy = "full"
-    """Accuracy of the inductances in the search. The chosen designs are always computed in full."""
+    """Accuracy of the inductances in the search."""
 
 
 class Goal(Table):
@@ -204,12 +204,12 @@ class Goal(Table):
 
     @property
     def sampler(self) -> Sampler:
-        """Sampler of the search, by default tpe for one objective and nsga2 for several."""
+        """Sampler, by default tpe, and nsga2 for several objectives."""
         return self.search.sampler or ("tpe" if len(self.objectives) == 1 else "nsga2")
 
     @property
     def polish(self) -> int:
-        """Evaluations of the local solver, by default none for several objectives."""
+        """Evaluations of the local solver, none for several objectives."""
         if self.search.polish is not None:
             return self.search.polish
         return _POLISH if len(self.objectives) == 1 else 0
@@ -238,7 +238,10 @@ class Goal(Table):
         }
 
     def searched(self) -> dict[str, Any]:
-        """Tables of everything that determines the points: no title, trials, polish and watch."""
+        """Everything that determines the points of the search.
+
+        Title, trials, polish and watch do not.
+        """
         whole = self.model_dump(mode="json", by_alias=True, exclude={"title", "watch"})
         del whole["search"]["trials"], whole["search"]["polish"]
         whole["search"]["sampler"] = self.sampler
@@ -246,12 +249,12 @@ class Goal(Table):
 
 
 def parse_goal(text: str, origin: str = "goal") -> Goal:
-    """Read a goal from the text of a TOML file, which messages call `origin`. Raises GoalError."""
+    """Read a goal from TOML text, which messages call `origin`."""
     return check_goal(GOALS.parse(text, origin), origin)
 
 
 def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
-    """Read a goal from the tables of a TOML file. See `parse_goal`."""
+    """Read a goal from the tables of a TOML file."""
     return GOALS.check(Goal, document, origin)
 
 
@@ -259,9 +262,9 @@ def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
 class Trial:
     """Evaluated point of a search.
 
-    `kind` is its origin: the design itself if it lies outside the bounds, the sampler, or the local solver. `place` is
-    its number among the points of its kind. `changes` are entries in the units of their keys, empty for the start. An
-    impossible point has a `reason` in one line, and no `quantities`, `scores` and `violations`.
+    `kind` is its origin: the design itself if it lies outside the bounds, the sampler, or the local
+    solver. `place` is its number of this kind. `changes` are empty for the start. An impossible
+    point has a `reason` and no numbers.
     """
 
     kind: Literal["start", "search", "polish"]
@@ -292,7 +295,7 @@ def trial_of(
     outcome: Mapping[str, float] | str,
     accuracy: Accuracy = "full",
 ) -> Trial:
-    """Judge a point by a goal, from its quantities or the reason why it has none."""
+    """Judge a point by its outcome."""
     if isinstance(outcome, str):
         return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
     values = {key: float(outcome[key]) for key in goal.quantities if key in outcome}
@@ -300,20 +303,23 @@ def trial_of(
 
 
 def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
-    """Return the feasible trial with the best score of one objective, the first of equal ones."""
+    """First of the feasible trials with the best score."""
     sign = -1 if goal.objectives[0].maximized else 1
     return min((trial for trial in trials if trial.feasible), key=lambda trial: sign * trial.scores[0], default=None)
 
 
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the feasible trials that no other beats, by the first objective; of equal ones one."""
+    """Feasible trials that no other beats, by the first objective."""
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
     scores = {k: trial.scores for k, trial in enumerate(trials) if trial.feasible}
     return tuple(trials[k] for k in unbeaten(scores, signs))
 
 
 def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> list[int]:
-    """Return the numbers of the Pareto front by the first score. A sign of −1 marks a maximum."""
+    """Numbers of the Pareto front by the first score.
+
+    A sign of −1 marks a maximum.
+    """
     costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
     # sorted by all costs, a point is not beaten by a later point
@@ -324,9 +330,9 @@ def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> lis
 
 
 def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front of the start and the trials, without what is no gain over the start.
+    """Pareto front of the trials that beat the start.
 
-    It is empty if no trial is better than the start in any objective, and complete if the start breaks a bound.
+    It is complete if the start breaks a bound.
     """
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
 
@@ -339,10 +345,10 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
 
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
-    """Return the best point of a sweep by a goal, or the Pareto front; empty if none keeps all bounds.
+    """Best point of a sweep, or Pareto front.
 
-    The result has the quantities of the goal. Points that break fabrication rules, and points that no converter can
-    read, are left out, unless the goal treats them itself.
+    The result has the quantities of the goal. Points that break fabrication rules, and points that
+    no converter can read, are left out, unless the goal treats them itself.
     """
     free = any(name.startswith(RULES) for name in goal.quantities)
     kept, read = (of(result).values.ravel().tolist() for of in (keeps_rules, is_read))

@@ -1,4 +1,4 @@
-"""Ranges of the entries of a design that may change, from its coils, its lattice and its fabrication limits.
+"""Ranges of entries, from coils and fabrication limits.
 
 The design itself lies in every range, so a search never has to leave out its start.
 """
@@ -24,7 +24,7 @@ _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
 
 @dataclass(frozen=True)
 class Row:
-    """Table of a goal file, with a line about its origin."""
+    """Table of a goal file, with its origin."""
 
     table: dict[str, Any]
     says: str
@@ -32,7 +32,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two coils with their distance in m, at which their outlines touch, and if they share copper."""
+    """Two coils with distance and touching distance in m.
+
+    `shared` is whether they share copper layers.
+    """
 
     names: tuple[str, str]
     distance: float
@@ -41,7 +44,7 @@ class Pair:
 
 
 def pairs(design: Design) -> list[Pair]:
-    """Return all pairs of coils, the nearest first, equally near ones from the middle."""
+    """All pairs of coils, the nearest first, from the middle."""
     places = design.array.placements
     middle = (design.array.centres.min(axis=0) + design.array.centres.max(axis=0)) / 2
     found, outlines = [], {place.name: place.to_board(place.coil.outline) - (place.x, place.y) for place in places}
@@ -57,7 +60,7 @@ def pairs(design: Design) -> list[Pair]:
 
 
 def neighbours(design: Design) -> Pair:
-    """Return two neighbours in the middle, on different copper if there are. Raises GoalError."""
+    """Two neighbours in the middle, if possible on different copper."""
     known = pairs(design)
     if not known:
         raise GoalError(f"the design {design.name} has only one coil, and so no coupling.")
@@ -66,7 +69,7 @@ def neighbours(design: Design) -> Pair:
 
 
 def pitch_ranges(file: DesignFile) -> list[Row]:
-    """Return the range of the pitch of a lattice of several coils."""
+    """Range of the pitch of a lattice of several coils."""
     design, pitch = file.design, file.values.get("array.pitch_mm")
     known = pairs(design)
     if not isinstance(pitch, int | float) or not known:
@@ -84,7 +87,7 @@ def pitch_ranges(file: DesignFile) -> list[Row]:
 
 
 def size_ranges(file: DesignFile) -> list[Row]:
-    """Return the ranges of the outer sizes of all spirals that do not grow into each other."""
+    """Ranges of spirals' outer sizes that do not touch."""
     design = file.design
     room = min(
         ((one.distance - design.rules.min_gap) / one.touching for one in pairs(design) if one.share_copper),
@@ -97,7 +100,7 @@ def size_ranges(file: DesignFile) -> list[Row]:
 
 
 def turns_ranges(file: DesignFile) -> list[Row]:
-    """Return the ranges of all turns per layer in whole steps."""
+    """Ranges of all turns per layer in whole steps."""
     ranges = []
     for key, turns in _of_coils(file, "turns_per_layer"):
         low = turns - min(max(1, round(_TURNS_LESS * turns)), math.ceil(turns) - 1)
@@ -109,7 +112,7 @@ def turns_ranges(file: DesignFile) -> list[Row]:
 
 
 def trace_ranges(file: DesignFile) -> list[Row]:
-    """Return the ranges of trace widths and gaps from the limits of [fab] to the present values."""
+    """Ranges of trace widths and gaps down to [fab]."""
     rules = file.design.rules
     limits = (("trace_width_mm", rules.min_trace * 1e3), ("gap_mm", rules.min_gap * 1e3))
     return [
@@ -121,7 +124,7 @@ def trace_ranges(file: DesignFile) -> list[Row]:
 
 
 def layer_choices(file: DesignFile) -> list[Row]:
-    """Return the possible sets of copper layers, of which each coil takes one in turn."""
+    """Possible sets of copper layers, which coils take in turn."""
     sets = file.values.get("array.layers")
     if not isinstance(sets, list) or len(sets) < 2 or len(file.design.array.names) < 2:
         return []
@@ -141,7 +144,7 @@ def layer_choices(file: DesignFile) -> list[Row]:
 
 
 def termination_choices(file: DesignFile) -> list[Row]:
-    """Return the possible terminations of coils not measured, of several coils."""
+    """Possible terminations of unmeasured coils, if there are several."""
     key = "circuit.default_termination"
     now = file.values.get(key)
     if now not in ("short", "open") or len(file.design.array.names) < 2:
@@ -163,13 +166,13 @@ def rounded(value: float, digits: int, *, up: bool) -> float:
 
 
 def _between(key: str, now: float, low: float, high: float, why: str) -> Row:
-    """Make a range with bounds of three digits that includes the present value."""
+    """Make a range of three digits with the present value."""
     ends = {"low": min(rounded(low, 3, up=True), now), "high": max(rounded(high, 3, up=True), now)}
     return Row({"entry": key, **ends}, f"{now:g} as it is; {why}")
 
 
 def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
-    """Return the numbers of all used spirals by keys whose last name starts with `begins`."""
+    """Numbers of used spirals, by keys that begin with `begins`."""
     used = {place.coil.name for place in file.design.array.placements}
     return [
         (key, float(value))
@@ -182,7 +185,7 @@ def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
 
 
 def _disjoint(names: tuple[str, ...], size: int, count: int) -> Iterator[list[list[str]]]:
-    """Yield the ways to choose disjoint sets of layers, in any order."""
+    """Yield the ways to choose disjoint sets of layers."""
     if count == 0:
         yield []
         return

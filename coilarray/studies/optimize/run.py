@@ -1,15 +1,14 @@
-"""Optimization of a design: the search with its points on disk, the local solver, and the result.
+"""Optimization of a design: search, points on disk, local solver.
 
-The sampler of Optuna chooses all points of a batch before any of them is evaluated, and gets their results together, in
-the order of the batch. A new sampler with its own seed is made for each point. A point therefore depends only on the
-goal, its place and the batches before it, but not on the workers. A run that is resumed chooses the same points again,
-and takes the outcomes that it finds on disk.
+The sampler of Optuna chooses all points of a batch before any of them is evaluated, and gets their
+results in the order of the batch. Each point has a new sampler with its own seed. A point therefore
+depends only on the goal, its place and the batches before it, but not on the workers. A resumed run
+chooses the same points again, and takes their outcomes from disk.
 
-The best point is refined by SciPy's COBYQA, which needs no derivatives (T. M. Ragonneau, Model-Based Derivative-Free
-Optimization Methods and Software, PhD thesis, Hong Kong Polytechnic University, 2022): quadratic models in a trust
-region, bounds always kept, constraints by sequential quadratic programming. Variables are scaled to the unit box, and
-scores by the score of the first point. A distance to a target is squared, which makes it smooth. Whole numbers, steps
-and choices are not changed.
+The best point is refined by SciPy's COBYQA (T. M. Ragonneau, Model-Based Derivative-Free
+Optimization Methods and Software, PhD thesis, Hong Kong Polytechnic University, 2022). Variables
+are scaled to the unit box, and scores by the score of the first point. A distance to a target is
+squared, which makes it smooth. Whole numbers, steps and choices are not changed.
 """
 
 from __future__ import annotations
@@ -46,11 +45,11 @@ if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
 
 FILE = "points.jsonl"
-"""File of the points in the folder of the results, a line for each."""
+"""File of the points, a line each."""
 Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]
-"""Function of the changes of several points and an accuracy. It yields the index and outcome of each, in any order."""
+"""Evaluates changes of points, and yields indices and outcomes."""
 SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
-"""Function of the number of known points, their largest number, and the best point of a single objective."""
+"""Gets numbers of known and all points, and the best."""
 _FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
 _LAST_RADIUS = 1e-7
 _WORSE = 10.0  # cost of an impossible point, relative to the first point
@@ -62,11 +61,10 @@ _MOST_EVALUATIONS = 1_000_000
 class Optimization:
     """Result of an optimization towards a `goal`.
 
-    `axes` are the variables. `file` and `start` are the design from which the search started, and `start_inside` is
-    whether it lies within the bounds of the variables. `trials` are of the search, then of earlier runs and of the
-    local solver, and `found` of them were known at the start. `front` are the trials that are better than the start by
-    the first objective, with one objective the best alone, and empty if no trial keeps all bounds. `polish_problem` is
-    the reason why the local solver did not run.
+    `trials` are of the search, then of earlier runs and of the local solver, and `found` of them
+    were known at the start. `front` are the trials that are better than the start by the first
+    objective, with one objective the best alone, and empty if no trial keeps all bounds.
+    `polish_problem` is the reason why the local solver did not run.
     """
 
     file: DesignFile
@@ -86,27 +84,15 @@ class Optimization:
 
     @property
     def best(self) -> Trial | None:
-        """Best trial of one objective, None if none is better than the start."""
+        """Best trial of one objective, None without a gain."""
         return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
 
     def values(self, trial: Trial) -> Mapping[str, Any]:
-        """Return the variables' values of a trial by entry, None where the start has none.
-
-        Returns
-        -------
-        mapping of str to object
-            Value in the unit of the entry, by the entry.
-        """
+        """Return a trial's values by entry, None if missing."""
         return {axis.entry: axis.start for axis in self.axes} if trial.kind == "start" else trial.changes
 
     def designs(self) -> tuple[Design, ...]:
-        """Return the designs of the front.
-
-        Returns
-        -------
-        tuple of Design
-            A design for every point of the front, in its order.
-        """
+        """Return the designs of the front in its order."""
         return tuple(vary(self.file, trial.changes) for trial in self.front)
 
 
@@ -121,11 +107,12 @@ def optimize_design(
 ) -> Optimization:
     """Search from a design for better designs, and continue a killed run.
 
-    Entries that are not variables of the goal stay unchanged. Boards that cannot be made are excluded, see
-    `keeping_rules`. Every point is written to ``points.jsonl`` in `folder` as soon as it is known. `workers` are a
-    number of local processes or an executor, on which the points do not depend. `cache` keeps evaluated points.
-    `progress` is a `SearchProgress`. Raises GoalError if a variable does not fit the design or it lacks a quantity,
-    OutputError if the file cannot be used, and MissingDependencyError without Optuna.
+    Entries that are not variables of the goal stay unchanged. Boards that cannot be made are
+    excluded, see `keeping_rules`. Every point is written to ``points.jsonl`` in `folder` as soon as
+    it is known. `workers` are a number of local processes or an executor, on which the points do
+    not depend. `cache` keeps evaluated points. `progress` is a `SearchProgress`. Raises GoalError
+    if a variable does not fit the design or it lacks a quantity, OutputError if the file cannot be
+    used, and MissingDependencyError without Optuna.
 
     Returns
     -------
@@ -194,7 +181,7 @@ def optimize_with(
 
 
 def require_coils(design: Design, goal: Goal) -> None:
-    """Raise GoalError if a goal names a missing coil, before anything is computed."""
+    """Raise GoalError if a goal names a missing coil."""
     evaluation = quantities.Evaluation(design)
     for key in goal.quantities:
         for coil in quantities.request(key).coils:
@@ -202,15 +189,16 @@ def require_coils(design: Design, goal: Goal) -> None:
 
 
 def study_name(design: Design, goal: Goal) -> str:
-    """Name of a study: of the design, with a hash of everything that determines the points."""
+    """Design's name with a hash of what determines the points."""
     key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
     return f"{design.name}-{key[:16]}"
 
 
 def read_studies(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Return the points of every study in a folder by its name. Raises OutputError.
+    """Read the points of a folder's studies by name.
 
-    A point has the ``objectives`` of the goal, ``start``, whether it is the given design, and the values of a `Trial`.
+    A point has the ``objectives`` of the goal, ``start``, whether it is the given design, and the
+    values of a `Trial`.
     """
     path = folder / FILE
     try:
@@ -260,11 +248,10 @@ def _key(changes: Mapping[str, Any], accuracy: Accuracy) -> str:
 
 @contextmanager
 def _open_points(folder: Path, design: Design, goal: Goal, axes: Sequence[Axis]) -> Iterator[_Points]:
-    """Open the points of a goal and a design in a folder, for a ``with`` block.
+    """Open the points of a study in a folder.
 
-    The folder may hold studies of other designs and goals too. A study is identified by the code and by the whole goal
-    except its trials, polish and watch. Raises OutputError if the file cannot be used, or if another search is running
-    in the folder, and MissingDependencyError if Optuna is not installed.
+    A study is identified by code, design and goal except its trials, polish and watch. Only one
+    search may run in a folder.
     """
     import_extra("optuna", "optimisations", package="Optuna", extra="optimize")
     make_folder(folder)
@@ -296,10 +283,10 @@ def _search(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Choose and evaluate the points of a goal, and return them in their order.
+    """Choose and evaluate points, and return them in their order.
 
-    The first point is the design itself, with the outcome `start`, if it lies within the bounds. `report` is called
-    with each trial once it is known. Raises OutputError.
+    The first point is the design itself, with the outcome `start`, if it lies within the bounds.
+    `report` is called with each trial.
     """
     from optuna import create_study
     from optuna.trial import TrialState
@@ -359,7 +346,7 @@ def _sampler(goal: Goal, place: int) -> BaseSampler:
 
 
 def _polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
-    """Return the reason why polishing is impossible in one line, or ""."""
+    """Reason why polishing is impossible, or ""."""
     if len(goal.objectives) > 1:
         return "a goal with several objectives has no single best point to polish."
     if not goal.polish:
@@ -374,14 +361,14 @@ def _polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str
 def _polish(
     goal: Goal, axes: Sequence[Axis], best: Trial, points: _Points, evaluate: Evaluate, report: Callable[[Trial], None]
 ) -> None:
-    """Improve the continuous variables of the `best` point of a search with one objective. Raises OutputError."""
+    """Improve the continuous variables of the `best` point."""
     free = [axis for axis in axes if axis.continuous]
     seen = {_key(best.changes, "full"): best} if goal.search.accuracy == "full" else {}
     count = sum(trial.kind == "polish" for trial in points.trials.values())
     unit, tried = abs(best.scores[0]) or 1.0, 0
 
     def trial_at(point: FloatArray) -> Trial:
-        """Return the trial at a point of the unit box. The solver asks for cost and violations separately."""
+        """Trial at a point, for the solver's costs and violations."""
         nonlocal tried, count
         parts = zip(free, point.tolist(), strict=True)
         changes = {**best.changes, **{axis.entry: axis.value(axis.at(part)) for axis, part in parts}}
@@ -410,7 +397,7 @@ def _polish(
         return -score if goal.objectives[0].maximized else score
 
     def violations(point: FloatArray) -> FloatArray:
-        """Return the violation of each bound. An impossible point violates all."""
+        """Violation of each bound, of all by impossible points."""
         trial = trial_at(point)
         return np.array([trial.violations.get(key, 1.0) for key in best.violations])
 
@@ -432,7 +419,7 @@ class _EnoughError(Exception):
 
 
 def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
-    """Compute the front in full accuracy, and watched quantities that it lacks."""
+    """Compute the front in full accuracy with watched quantities."""
     known = {trial.name: trial for trial in trials}
     full = {
         trial.name

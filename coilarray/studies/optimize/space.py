@@ -1,7 +1,7 @@
-"""Variables of a goal as coordinates: entries of a design, parameters of Optuna, and the unit box.
+"""Variables as entries, parameters of Optuna, and unit box.
 
-A parameter is named by its entry. For a choice it is the choice as JSON text, which Optuna can always store. For a
-number with steps it counts the steps.
+A parameter is named by its entry. For a choice it is the choice as JSON text, which Optuna can
+always store. For a number with steps it counts the steps.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 class Axis:
     """Variable of a goal with its design value.
 
-    `choices` are the allowed values as JSON texts, empty for a number. `low`, `high` and `step` are in the unit of the
-    entry, and a step of None allows any value. `log` searches over the logarithm. `whole` marks an entry that takes
-    only whole numbers. `start` is the value in the design, None if it has none.
+    `choices` are JSON texts, empty for a number. `low`, `high` and `step` are in the unit of the
+    entry, and a step of None allows any value. `log` searches over the logarithm. `whole` marks an
+    entry of whole numbers. `start` is None if the design has no value.
     """
 
     entry: str
@@ -56,7 +56,7 @@ class Axis:
 
     @property
     def _decimals(self) -> int | None:
-        """Decimals of a length in mm or µm, None for other numbers and close bounds."""
+        """Decimals of a length, None for others and close bounds."""
         names = [part for part in self.entry.split(".") if not part.isdecimal()]
         decimals = _DECIMALS.get(names[-1].rpartition("_")[2])
         return decimals if decimals is not None and self.high - self.low > _LEAST_STEPS * 10.0**-decimals else None
@@ -74,7 +74,7 @@ class Axis:
         return FloatDistribution(self.low, self.high, self.log)
 
     def parameter(self, value: Any) -> Any:
-        """Return a value of the entry as a parameter, None if it cannot take it."""
+        """Parameter of a value, None if it is impossible."""
         if self.choices:
             return next((text for text in self.choices if json.loads(text) == value), None)
         if not isinstance(value, int | float) or isinstance(value, bool) or not self.low <= value <= self.high:
@@ -89,7 +89,7 @@ class Axis:
         return float(value)
 
     def value(self, parameter: Any) -> Any:
-        """Return the value of a parameter; lengths are rounded to 1 µm, which can be made."""
+        """Value of a parameter, lengths rounded to 1 µm."""
         if self.choices:
             return json.loads(parameter)
         if self.step is not None and not self.whole:
@@ -100,7 +100,7 @@ class Axis:
         return parameter
 
     def at(self, part: float) -> float:
-        """Return the parameter of a continuous variable at a fraction of its range."""
+        """Parameter of a continuous variable at a fraction."""
         part = min(max(part, 0.0), 1.0)
         if self.log:
             return float(min(max(self.low * (self.high / self.low) ** part, self.low), self.high))
@@ -116,8 +116,8 @@ class Axis:
 def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     """Check the variables of a goal against a design.
 
-    Raises GoalError for an unknown entry, or a bound or choice that the design file cannot have. Impossible geometries
-    are found only in the search.
+    Raises GoalError for an unknown entry, or a bound or choice that the design file cannot have.
+    Impossible geometries are found only in the search.
     """
     file = as_file(design)
     return tuple(_axis(variable, f"variable.{k}", file) for k, variable in enumerate(goal.variables))
@@ -129,7 +129,7 @@ def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str,
 
 
 def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
-    """Return the design itself in parameters, None if outside the bounds or choices."""
+    """Parameters of the design, None if outside the bounds."""
     parameters = {axis.entry: axis.parameter(axis.start) for axis in axes}
     return None if None in parameters.values() else parameters
 
@@ -162,7 +162,7 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
 
 
 def value_of(file: DesignFile, entry: str) -> Any:
-    """Return the value of an entry or one place of a list, None if missing."""
+    """Value of an entry, or of a place of it."""
     if entry in file.values:
         return file.values[entry]
     whole, _, place = entry.rpartition(".")
@@ -173,7 +173,7 @@ def value_of(file: DesignFile, entry: str) -> Any:
 
 
 def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
-    """Refuse a value that a design file cannot have at this entry."""
+    """Refuse a value that the entry cannot have."""
     try:
         document = vary_document(file.document, {entry: value})
         Document.model_validate(document)

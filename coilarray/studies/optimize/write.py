@@ -1,4 +1,4 @@
-"""Files of an optimization: every trial as CSV, everything as JSON, the chosen designs as design files."""
+"""Files of an optimization: CSV, JSON and designs."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
     """Write the files of an optimization, the result of `optimize_design`, into a folder.
 
-    Designs of an earlier search, listed in its ``result.json``, are removed. Raises OutputError. No file is left
-    half-written.
+    Designs of an earlier search, listed in its ``result.json``, are removed. Raises OutputError. No
+    file is left half-written.
 
     Returns
     -------
     tuple of Path
-        ``trials.csv``, ``result.json`` and the designs: ``best.toml``, or ``pareto_01.toml`` and so on in the order of
-        the first objective.
+        ``trials.csv``, ``result.json`` and the designs: ``best.toml``, or ``pareto_01.toml`` and so
+        on in the order of the first objective.
     """
     folder = Path(folder)
     make_folder(folder)
@@ -59,14 +59,14 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
 
 
 def design_names(result: Optimization) -> tuple[str, ...]:
-    """Names of the design files in the order of the front."""
+    """Names of the design files in the front's order."""
     if len(result.goal.objectives) == 1:
         return ("best.toml",) * len(result.front)
     return tuple(f"pareto_{k + 1:02d}.toml" for k in range(len(result.front)))
 
 
 def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
-    """Return the design file of a trial, named after the design and `label`.
+    """Design file of a trial, named after design and `label`.
 
     Entries that were chosen are no longer marked as assumed.
     """
@@ -80,7 +80,7 @@ def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
 
 
 def trials_csv(result: Optimization) -> str:
-    """Return every trial as CSV in the units of the names, the start first."""
+    """All trials as CSV, the start first."""
     entries = [variable.entry for variable in result.goal.variables]
     quantities = result.goal.quantities
     best = {(trial.kind, trial.place) for trial in result.front}

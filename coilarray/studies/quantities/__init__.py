@@ -1,4 +1,4 @@
-"""Quantities of a design by name, for goals, sweeps and tolerances."""
+"""Quantities of a design by name."""
 
 from __future__ import annotations
 

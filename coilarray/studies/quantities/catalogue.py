@@ -22,10 +22,9 @@ _TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 
 def request(asked: str | Mapping[str, Any]) -> Request:
-    """Read the name and the options of a quantity from a text or a table.
+    """Read a quantity with options from a text or table.
 
-    Raises GoalError for an unknown quantity or option, a value that is not allowed, or a missing option. Missing coils
-    of a design are found when the request is evaluated.
+    Missing coils of a design are found when it is evaluated.
 
     Examples
     --------
@@ -45,17 +44,17 @@ def request(asked: str | Mapping[str, Any]) -> Request:
 
 
 def canonical(asked: str | Mapping[str, Any]) -> str:
-    """Return the canonical text of a request, the key of `evaluate`. Raises GoalError."""
+    """Canonical text of a request, the key of `evaluate`."""
     return request(asked).key
 
 
 def evaluate(
     design: Design, asked: Iterable[str | Mapping[str, Any]], *, accuracy: Accuracy = "full"
 ) -> dict[str, float]:
-    """Compute quantities of a design, by the keys of the requests in their order, always finite.
+    """Compute quantities of a design by key, always finite.
 
-    Shared intermediate results are computed once. Raises GoalError if `request` refuses a request, before anything is
-    computed, or the design does not have a coil or quantity, and CoilarrayError if the physics cannot be solved.
+    Shared intermediate results are computed once. Raises GoalError for requests, before anything is
+    computed, and CoilarrayError if the physics cannot be solved.
 
     Examples
     --------
@@ -70,7 +69,7 @@ def evaluate(
 
 
 def _quantity(name: object) -> Quantity:
-    """Return the quantity of a name. Raises GoalError with a hint for an unknown name."""
+    """Quantity of a name, or GoalError with a hint."""
     if isinstance(name, str) and name in QUANTITIES:
         return QUANTITIES[name]
     if not name:
@@ -82,7 +81,7 @@ def _quantity(name: object) -> Quantity:
 
 
 _SYMBOLS = {"L": "inductance_uH", "f": "frequency_MHz", "R": "effective_resistance_ohm", "δ": "peak_delta"}
-"""Quantities by their letters in tables and reports, which are not names here."""
+"""Quantities by their letters in reports, for hints."""
 
 
 def _meant(name: str) -> list[str]:
@@ -96,7 +95,7 @@ def _meant(name: str) -> list[str]:
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:
-    """Split the text in the brackets into options. The bare option has no name."""
+    """Options of the text in brackets, the bare without name."""
     options: dict[str, Any] = {}
     nameless: list[str] = []
     for part in (part.strip() for part in text.split(",")):

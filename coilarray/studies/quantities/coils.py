@@ -1,4 +1,4 @@
-"""Quantities of the coils: shapes and margins, inductances and couplings, and the circuit of every state."""
+"""Quantities of shapes, margins, inductances, couplings and the circuit."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ LENGTH_RULES = (
 )  # fmt: skip
 """Rules whose margin is a length."""
 FARTHEST = 9.0
-"""Number of limits above which the margin of a distance is not measured and counts as this many limits."""
+"""Margin in limits above which a distance is not measured."""
 COIL = Option("coil", "the name of a coil", read_name, "which coil", required=True, bare=True)
 """Name of one coil, which is required."""
 
 
 def coil_or(says: str) -> Option:
-    """Return the option for the name of a coil that is not required, with its default."""
+    """Option for a coil's name that is not required."""
     return Option("coil", COIL.must_be, read_name, f"which coil; {says} by default", bare=True)
 
 
@@ -47,7 +47,7 @@ def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Smallest margin in mm of all length rules or of one."""
+    """Smallest margin in mm of one or all length rules."""
     wanted = options.get("rule")
     margins = [m.margin * 1e3 for m in evaluation.margins if m.unit == "m" and wanted in (None, m.rule)]
     rules = evaluation.design.rules
@@ -73,7 +73,7 @@ def _pairs(evaluation: Evaluation) -> FloatArray:
 
 
 def _of_state(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
-    """Make the quantity of a variable of the scan in the state that measures one coil alone."""
+    """Quantity of a scan's variable for one coil alone."""
 
     def of_state(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
         return float(evaluation.scan[variable].values[evaluation.state_of(options["coil"])]) * scale

@@ -1,4 +1,4 @@
-"""Intermediate results shared by the quantities of one design, each computed at most once."""
+"""Intermediate results of one design, each computed at most once."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CONTACT_ENDS = 4.0  # depths above the tip of an indenter, beyond which it neve
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Intermediate results of a design with an `Accuracy` of its inductances."""
+    """Intermediate results of a design at an `Accuracy`."""
 
     design: Design
     accuracy: Accuracy = "full"
@@ -45,7 +45,7 @@ class Evaluation:
         return bool(self._unread) or not self.design.readout.converter
 
     def taken(self, found: xr.Dataset) -> xr.Dataset:
-        """Note values of a used dataset that the converter cannot read, and return it."""
+        """Return a dataset, and note values that are not readable."""
         if "readable" in found:
             self._unread.append(int((~found.readable).sum()))
         return found
@@ -57,7 +57,7 @@ class Evaluation:
 
     @cached_property
     def inductance(self) -> FloatArray:
-        """Inductance matrix in H under the flat sheets, shape (coils, coils)."""
+        """Inductances (coils, coils) in H under the flat sheets."""
         return design_inductance(self.design, accuracy=self.accuracy)[0]
 
     @cached_property
@@ -72,7 +72,7 @@ class Evaluation:
 
     @cached_property
     def own_states(self) -> dict[str, int]:
-        """Index of the first state that measures a coil alone, by coil."""
+        """First state of each coil alone, by coil."""
         states: dict[str, int] = {}
         for k, state in enumerate(self.design.plan):
             if len(state.measured) == 1:
@@ -91,7 +91,7 @@ class Evaluation:
         return self.indentation.depths[0] if given_mm is None else given_mm * 1e-3
 
     def response(self, depths: FloatArray, x: FloatArray, y: FloatArray) -> xr.Dataset:
-        """Return the response at depths and places in m from the map's origin, computed once."""
+        """Response at depths and places from the map's origin."""
         key: tuple[tuple[float | str, ...], ...] = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
             circuit = Imperfections(network=design_circuit(self.design, accuracy=self.accuracy))
@@ -112,7 +112,7 @@ class Evaluation:
         return self.target.distances[0] if given_mm is None else given_mm / 1e3
 
     def target_map(self, distances: Sequence[float], x: float, y: float) -> xr.Dataset:
-        """Return the effect of the target at distances and a place in m from its origin, computed once."""
+        """Effect of the target at distances and a place."""
         key = (tuple(distances), (x,), (y,), ("target",))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
@@ -122,14 +122,14 @@ class Evaluation:
         return self._maps[key]
 
     def coil(self, name: str) -> int:
-        """Return the index of a coil. Raises GoalError if no coil has this name."""
+        """Index of a coil, or GoalError."""
         names = self.design.array.names
         if name not in names:
             raise GoalError(f"the design {self.design.name} has no coil {name!r}; there are {', '.join(names)}.")
         return names.index(name)
 
     def state_of(self, coil: str) -> int:
-        """Return the index of the first state of a coil alone. Raises GoalError without one."""
+        """Index of a coil's first state alone, or GoalError."""
         self.coil(coil)
         if coil not in self.own_states:
             raise GoalError(f"the scan of {self.design.name} has no state that measures {coil} alone.")
@@ -141,10 +141,10 @@ class Evaluation:
         return float(x), float(y)
 
     def window(self, depth: float, beyond: float = 0.0) -> Rectangle:
-        """Return x_min, x_max, y_min, y_max in m from the map's origin where the indenter may press.
+        """Range of the indenter: x_min, x_max, y_min, y_max in m.
 
-        It extends up to `beyond` the coils' outlines, with the contact inside the sample. Raises GoalError if the
-        sample is too small for the contact.
+        They are from the map's origin, up to `beyond` the coils' outlines with the contact inside
+        the sample. Raises GoalError if the sample is too small for the contact.
         """
         least, greatest = self.indentation.reachable(_CONTACT_ENDS * depth)
         low, high = coil_extent(self.design)

@@ -1,4 +1,4 @@
-"""Quantities, and requests for them with options: as a text like ``k[coil1,coil2]`` or as a table."""
+"""Quantities, and requests as ``k[coil1,coil2]`` or as a table."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Value: TypeAlias = str | float | tuple[str, ...] | tuple[float, ...]
 Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "target", "response", "table"]
 """Most expensive result that a quantity needs.
 
-It is shapes alone, inductances, the circuit of every state, a target at some distances, an indentation at some places,
-or an indentation at a whole table of places and depths.
+It is shapes alone, inductances, the circuit of every state, a target at some distances, an
+indentation at some places, or an indentation at a whole table of places and depths.
 """
 _EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in the form used in brackets
 
@@ -27,8 +27,9 @@ _EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in
 class Option:
     """Option of a quantity.
 
-    `read` takes a text or a TOML value and returns the value, or None if it is not allowed. `must_be` describes allowed
-    values, and `says` the meaning with its default. The value of a `bare` option stands in a text without its name.
+    `read` returns the value of a text or a TOML value, None if it is not allowed. `must_be`
+    describes allowed values, and `says` the meaning with its default. The value of a `bare` option
+    stands in a text without its name.
     """
 
     name: str
@@ -41,9 +42,9 @@ class Option:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Number of a design that can be optimized, limited or tabulated.
+    """Number of a design to optimize, limit or tabulate.
 
-    Its name ends with the unit, "1" for pure numbers. `compute` takes an `Evaluation` and the given options.
+    Its name ends with the unit, "1" for pure numbers.
     """
 
     name: str
@@ -59,7 +60,7 @@ class Quantity:
         return self.cost not in ("geometry", "coupling")
 
     def asked(self, given: Mapping[str, Any]) -> Request:
-        """Return the request with options. Raises GoalError for others than it has."""
+        """Request with options, or GoalError for others than it has."""
         known = {option.name: option for option in self.options}
         for name in given:
             if name not in known:
@@ -102,7 +103,7 @@ class Request:
         return f"{self.quantity.name}[{','.join(parts)}]" if parts else self.quantity.name
 
     def value(self, evaluation: Evaluation) -> float:
-        """Compute the quantity. Raises GoalError if the design does not have it."""
+        """Compute the quantity, or GoalError if the design lacks it."""
         number = float(self.quantity.compute(evaluation, self.options))
         if not math.isfinite(number):
             circuit = board_circuit(evaluation.design, accuracy=evaluation.accuracy)
@@ -139,7 +140,7 @@ def read_positive(given: Any) -> float | None:
 
 
 def read_rectangle(given: Any) -> tuple[float, ...] | None:
-    """Read x_min, x_max, y_min, y_max from a list, or a text with colons."""
+    """Read x_min, x_max, y_min, y_max from a list or text."""
     parts = given.split(":") if isinstance(given, str) else given
     if not isinstance(parts, list | tuple) or len(parts) != 4:
         return None

@@ -1,4 +1,4 @@
-"""Quantities of a touch and of a target: δ, its width and distortion, position errors, range and resolution."""
+"""Quantities of a touch and of a target."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from coilarray.studies.quantities.quantity import (
 )
 
 _STEPS = 8  # positions of a line in the thickness of all sheets
-# Against half the spacing and twice the depths the medians of σ_x are accurate to 1 % and the medians of σ_h to 3 %
-# , and from one mesh to the next they scatter by less.
+# Against half the spacing and twice the depths the medians of σ_x are accurate to 1 % and the
+# medians of σ_h to 3 % , and from one mesh to the next they scatter by less.
 _TABLE_STEPS = 6  # positions of the table in the thickness of all sheets
 _DEPTHS = (0.85, 1.0, 1.15)  # of the table, relative to the requested depth; δ = 0 at the depth 0 too
 _PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
@@ -52,7 +52,7 @@ def _noise(of: str) -> Option:
 
 
 def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Compute δ at a coil's centre, or the largest δ at the middle of the coils."""
+    """δ at one coil's centre, or the largest of all."""
     depth = evaluation.depth(options.get("depth_mm"))
     if "coil" in options:
         state, (x, y) = evaluation.state_of(options["coil"]), evaluation.centre(options["coil"])
@@ -63,7 +63,7 @@ def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Width in mm of a coil's response at half the peak."""
+    """Width in mm of a response at half the peak."""
     name = options["coil"]
     state, (x, y) = evaluation.state_of(name), evaluation.centre(name)
     line = _line(evaluation, y, evaluation.depth(options.get("depth_mm")), x)
@@ -79,7 +79,7 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
 
 
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Root mean square in mm of the ellipses' shift from the centre, of the worst coil."""
+    """Rms shift of x0 in mm of the worst coil."""
     setup, given = evaluation.indentation.in_ellipse_window(), options.get("coil")
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
@@ -98,7 +98,7 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> CubicSpline:
-    """Spline of δ of every state over x in m. Raises GoalError if it does not reach `through`."""
+    """Spline of δ over x in m up to `through`."""
     thickness = evaluation.design.top
     low, high, _, _ = evaluation.window(depth, beyond=thickness)
     if not low <= through <= high:
@@ -111,7 +111,7 @@ def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> Cub
 
 
 def _peaks_within(evaluation: Evaluation, response: xr.Dataset) -> list[str]:
-    """Coils on the map's x axis whose largest δ is inside the map."""
+    """Coils on the x axis that peak inside the map."""
     near = np.diff(response.y.values).min(initial=np.inf) / 2
     inside = []
     for name, state in evaluation.own_states.items():
@@ -199,7 +199,7 @@ def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
 
 
 def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:
-    """Map of one coil at all distances of the design and a wanted distance."""
+    """Map of a coil at all and a wanted distance."""
     distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
     if len(distances) < 2:
         raise GoalError(
@@ -209,7 +209,7 @@ def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: 
 
 
 def _over(evaluation: Evaluation, options: Mapping[str, Any], distances: Sequence[float]) -> xr.Dataset:
-    """Map of one coil's state at distances in m, with the target over it or at a given place."""
+    """Map of a coil's state at distances and a place."""
     name, target = options["coil"], evaluation.target
     state = evaluation.state_of(name)
     place = evaluation.design.array.centres[evaluation.coil(name)]

@@ -1,4 +1,4 @@
-"""Tolerances: effect of fabrication errors on the coils and on the positions that the sensor finds."""
+"""Effect of fabrication errors on coils and located positions."""
 
 from __future__ import annotations
 

@@ -1,13 +1,15 @@
-"""Whole tolerance analysis: boards around the design, randomly drawn boards, and the spread from both.
+"""Spread over boards around the design, and randomly drawn boards.
 
-With the outputs q, the errors e of the board and independent contributors c that move the errors equally,
+With the outputs q, the errors e of the board and independent contributors c that move the errors
+equally,
 
     q ≈ q₀ + Σ_c J_c c,   J_c = Σ_(e moved by c) ∂q/∂e,   var q = Σ_c (J_c σ_c)².
 
-Positions are found with the response table of the nominal board. The board reads δ + Δδ. Near the truth the likelihood
-of the table is the likelihood of a linear model with J = ∂δ/∂(x, y, depth). With the covariance Σ of the noise its
-maximum is shifted by (JᵀΣ⁻¹J)⁻¹ JᵀΣ⁻¹ Δδ. Unknowns that the reading hardly determines are left out of J, so they are
-taken as known. An example is y itself on the middle line of a board that is symmetric in y.
+Positions are found with the response table of the nominal board. The board reads δ + Δδ. Near the
+truth the table has the likelihood of a linear model with J = ∂δ/∂(x, y, depth). With the covariance
+Σ of the noise its maximum is shifted by (JᵀΣ⁻¹J)⁻¹ JᵀΣ⁻¹ Δδ. Unknowns that the reading hardly
+determines, such as y on the middle line of a symmetric board, are left out of J, so they are taken
+as known.
 """
 
 from __future__ import annotations
@@ -56,7 +58,7 @@ _CENTRAL = (2.5, 97.5)  # percentiles between which 95 % of the boards lie
 
 
 def default_quantities(design: Design) -> tuple[str, ...]:
-    """Names of all self-inductances, and of couplings of all pairs or, of many coils, neighbours."""
+    """Names of all inductances, and of all or neighbours' couplings."""
     coils = design.array.names
     few = len(coils) <= _MOST_OF_ALL_PAIRS
     of = combinations(range(len(coils)), 2) if few else sorted(design.array.neighbours)
@@ -66,7 +68,7 @@ def default_quantities(design: Design) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Outputs of a board by canonical names: quantities, and δ at positions."""
+    """Outputs by canonical names: quantities, and δ at positions."""
 
     quantities: tuple[str, ...]
     positions: Positions | None = None
@@ -93,8 +95,9 @@ class Outputs:
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     """Compute the outputs of one board, on a worker.
 
-    `UNREAD` is the number of values among them that no converter can read. Raises GoalError if the errors leave no
-    board or the board does not have a quantity, and CoilarrayError if the physics cannot be solved.
+    `UNREAD` is the number of values among them that no converter can read. Raises GoalError if the
+    errors leave no board or the board does not have a quantity, and CoilarrayError if the physics
+    cannot be solved.
     """
     document, outputs = item["document"], item["outputs"]
     board = perturb(build_design(document, document["name"]), item["errors"])
@@ -122,31 +125,34 @@ def analyse(
 ) -> xr.Dataset:
     """Compute the spread of a design's quantities over boards with fabrication errors.
 
-    `tolerances` are the distributions of the errors, positions and limits. `quantities` are by default of the
-    tolerances, otherwise `default_quantities`. Quantities in limits are added. `samples` is the number of drawn boards,
-    0 or at least 8, with `seed` as in `draw`. The `accuracy` ``screen`` shifts values by 1e-4 of L and
-    5e-5 in k, the same for all boards, so their spread is accurate to 1 %. `table` is the response table for locating
-    positions, from `table_for`, by default computed. `workers` are a number of local processes or an executor. `cache`
-    keeps the boards. `progress` is called with (done, total). Raises GoalError if `check_analysis` refuses the
-    arguments, or a board next to the nominal board is impossible, and CoilarrayError if the nominal board cannot be
-    solved.
+    `tolerances` are the distributions of the errors, positions and limits. `quantities` are by
+    default of the tolerances, otherwise `default_quantities`. Quantities in limits are added.
+    `samples` is the number of drawn boards, 0 or at least 8, with `seed` as in `draw`. The
+    `accuracy` ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so
+    their spread is accurate to 1 %. `table` is the response table for locating positions, from
+    `table_for`, by default computed. `workers` are a number of local processes or an executor.
+    `cache` keeps the boards. `progress` is called with (done, total). Raises GoalError if
+    `check_analysis` refuses the arguments, or a board next to the nominal board is impossible, and
+    CoilarrayError if the nominal board cannot be solved.
 
     Returns
     -------
     xarray.Dataset
-        Dataset over ``output``, quantities in the units of their names, δ by place and state and shifts of the located
-        position in mm, and over ``contributor``, the errors:
+        Dataset over ``output``, quantities in the units of their names, δ by place and state and
+        shifts of the located position in mm, and over ``contributor``, the errors:
 
         - ``nominal`` and ``linear_deviation`` of each output.
         - ``effect`` of one standard deviation and ``share`` of the variance (contributor, output).
-        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with a reason.
-        - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a board has no value or a
-          reading has no position, with the cause in ``failure``; ``sample_mean``, ``sample_deviation`` with its
-          standard error, its ``ratio`` to the linear deviation, and ``percentiles``. ``unread`` marks boards that no
-          converter reads.
-        - For each ``limit`` and last for all together ``linear_yield`` and, with samples, ``sample_yield`` with its
-          interval. A board that cannot be made keeps no limit, and a board that no converter can read none on read
-          quantities. The linear model includes neither effect.
+        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor,
+          with a reason.
+        - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a
+          board has no value or a reading has no position, with the cause in ``failure``;
+          ``sample_mean``, ``sample_deviation`` with its standard error, its ``ratio`` to the linear
+          deviation, and ``percentiles``. ``unread`` marks boards that no converter reads.
+        - For each ``limit`` and last for all together ``linear_yield`` and, with samples,
+          ``sample_yield`` with its interval. A board that cannot be made keeps no limit, and a
+          board that no converter can read none on read quantities. The linear model includes
+          neither effect.
 
     Examples
     --------
@@ -231,10 +237,8 @@ def check_analysis(
 ) -> None:
     """Check the arguments of `analyse`, within milliseconds.
 
-    Neither a table nor a board is computed, so some errors are found by `analyse` only. Without a response table,
-    positions must lie in the table that will be computed. Raises GoalError if a quantity or coil is unknown, a limit is
-    not on an output, the samples or the seed are not allowed, or no error has a spread, and LocalizeError if a position
-    lies outside the table to be computed, or there are fewer states than unknowns.
+    Neither a table nor a board is computed, so some errors are found by `analyse` only. Without a
+    response table, positions must lie in the table that will be computed.
     """
     design = as_file(design).design
     _, outputs, limits, _ = _asked(design, tolerances, quantities, samples, seed, accuracy)
@@ -252,7 +256,7 @@ def _asked(
     seed: int,
     accuracy: Accuracy,
 ) -> tuple[Sequence[Contributor], Outputs, list[Limit], FloatArray]:
-    """Check the input of an analysis; return its contributors, outputs, limits and drawn errors."""
+    """Check an analysis, and return contributors, outputs, limits and errors."""
     if 0 < samples < LEAST_SAMPLES:
         raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
     found = contributors(design, tolerances)
@@ -284,7 +288,7 @@ def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
 
 
 def _check_places(design: Design, outputs: Outputs) -> None:
-    """Refuse positions outside the table to be computed, and too few states for it."""
+    """Refuse positions outside the later table, and too few states."""
     at = outputs.positions
     if at is None:
         return
@@ -303,9 +307,8 @@ def _check_places(design: Design, outputs: Outputs) -> None:
 class Shifts:
     """Shifts of located positions by errors of the board.
 
-    `model` is the response of the board without errors, and `points` are the true x, y and depth in m, shape (places,
-    3). `noise` is the standard deviation of δ. `determined` lists for each place the indices of x, y and depth that a
-    reading determines.
+    `points` (places, 3) are the true x, y and depth in m, and `noise` is the standard deviation of
+    δ. `determined` lists for each place the indices of x, y and depth that a reading determines.
     """
 
     model: ForwardModel
@@ -322,7 +325,7 @@ class Shifts:
         )
 
     def undetermined(self, places: Sequence[str]) -> tuple[str, ...]:
-        """Return the unknowns that no reading determines, like ``y at x_mm=0,y_mm=0,depth_mm=1``."""
+        """Undetermined unknowns like ``y at x_mm=0,y_mm=0,depth_mm=1``."""
         texts = []
         for place, axes in zip(places, self.determined, strict=True):
             missing = [PARAMETERS[axis] for axis in range(self.model.unknowns) if axis not in axes]
@@ -331,7 +334,7 @@ class Shifts:
         return tuple(texts)
 
     def matrix(self) -> FloatArray:
-        """Shifts in mm per change of δ, shape (shifts, places · states), zero between places."""
+        """Shifts in mm per Δδ (shifts, places · states)."""
         states = len(self.model.states)
         rows = []
         for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
@@ -345,10 +348,10 @@ class Shifts:
     def located(self, changes: FloatArray) -> tuple[FloatArray, int]:
         """Locate readings with the real solver.
 
-        `changes` is Δδ of n boards relative to the board without errors, finite, shape (n, places · states). The first
-        result is the located position minus the true position in mm, shape (n, shifts). It is computed for the mode
-        next to the truth, and is NaN if a reading has no mode. The second result is the number of positions that are
-        ``"found"``. Others are on the border of the table, or have residuals beyond noise.
+        `changes` (n, places · states) is Δδ of n boards relative to the board without errors,
+        finite. The first result is the located position minus the true position in mm (n, shifts),
+        for the mode next to the truth, NaN without a mode. The second is the number of positions
+        that are ``"found"``. Others are on the border of the table, or have residuals beyond noise.
         """
         states = len(self.model.states)
         shifts, found = [], 0
@@ -369,8 +372,8 @@ class Shifts:
 def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shifts:
     """Prepare to locate readings at positions within the table.
 
-    Readings have their usual noise. An unknown counts as determined if its standard deviation by noise alone is up to
-    `largest` in m. Raises LocalizeError if a position lies outside the table, or there are fewer states than unknowns.
+    An unknown counts as determined if its standard deviation by the usual noise alone is up to
+    `largest` in m.
     """
     points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
     require_states(model.states, model.unknowns)
@@ -385,23 +388,24 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
 
 
 def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
-    """Leave out the least known unknowns until the others are known well enough."""
+    """Leave out the least known unknowns until others are known."""
     axes = list(range(len(information)))
     while axes:
         among = information[np.ix_(axes, axes)]
         deviations = np.sqrt(np.diag(covariance_of(among)))
         if deviations.max() <= largest:
             break
-        # if the information is singular, all deviations are infinite: then the worst unknown taken alone is left out
+        # if the information is singular, all deviations are infinite: then the worst unknown taken
+        # alone is left out
         known = np.isfinite(deviations).all()
         del axes[int(np.argmax(deviations) if known else np.argmin(np.diag(among)))]
     return tuple(axes)
 
 
 def sensitivity(contributors: Sequence[Contributor], steps: Mapping[str, float], values: FloatArray) -> FloatArray:
-    """Return the effects J_c σ_c (contributors, outputs) from the outputs of boards above and below by the steps.
+    """Effects J_c σ_c (contributors, outputs) from boards above and below.
 
-    `values` has the shape (boards, outputs), with the board above and the board below of each step in turn.
+    `values` (boards, outputs) has the board above and the board below of each step in turn.
     """
     names = list(steps)
     above, below = values[::2], values[1::2]
@@ -415,7 +419,7 @@ def sensitivity(contributors: Sequence[Contributor], steps: Mapping[str, float],
 def _with_shifts(
     shifts: Shifts, outputs: Outputs, nominal: FloatArray, effects: FloatArray, sampled: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, str]]:
-    """Append the shifts of the located positions to the outputs, with attributes of the result."""
+    """Append the shifts of the located positions to the outputs."""
     first, by_delta = len(outputs.quantities), shifts.matrix()
     matrix = np.hstack((np.zeros((len(by_delta), first)), by_delta))
     good = np.isfinite(sampled).all(axis=1)
@@ -483,12 +487,12 @@ def _sampled_part(linear: xr.Dataset, drawn: FloatArray, values: FloatArray, fai
 
 
 def deviation_error(values: FloatArray) -> FloatArray:
-    """Estimate the standard error of a sampled standard deviation of values (n, …).
+    """Return the standard error of a sampled standard deviation (n, …).
 
-    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s. A normal
-    distribution has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10). It is taken as
-    the lower limit if there are too few values to determine μ₄. For Sobol points the estimate is too large rather than
-    too small.
+    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds
+    = ds²/2s. A normal distribution has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of
+    Statistics, vol. 1, ch. 10), the lower limit if there are too few values for μ₄. For Sobol
+    points the estimate is rather too large.
     """
     n = len(values)
     variance = values.var(axis=0, ddof=1)
@@ -500,7 +504,7 @@ def deviation_error(values: FloatArray) -> FloatArray:
 
 
 def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> BoolArray:
-    """Whether boards (n, outputs) keep limits, shape (n, limits). NaN keeps no limit."""
+    """Whether boards (n, outputs) keep limits (n, limits), NaN none."""
     columns = values[:, [names.index(limit.quantity) for limit in limits]]
     low, high = np.array([limit.at_least for limit in limits]), np.array([limit.at_most for limit in limits])
     return np.asarray((columns >= low) & (columns <= high))
@@ -515,7 +519,10 @@ def _yields(
     values: FloatArray,
     unread: BoolArray,
 ) -> xr.Dataset:
-    """Yield for each limit and, last, for all limits together; no converter reads `unread` (sample)."""
+    """Yield for each limit and, last, for all together.
+
+    No converter reads the boards `unread`.
+    """
     units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
     columns = [names.index(limit.quantity) for limit in limits]
     picked = [limit.quantity for limit in limits]
@@ -534,7 +541,8 @@ def _yields(
         )
         good = kept(limits, names, values) & ~(unread[:, None] & is_read)
         counts = [*good.sum(axis=0).tolist(), int(good.all(axis=1).sum())]
-        # Wilson's interval, which holds the true share with 95 %, only approximately for Sobol points
+        # Wilson's interval, which holds the true share with 95 %, only approximately for Sobol
+        # points
         ends = [binomtest(count, len(values)).proportion_ci(0.95, method="wilson") for count in counts]
         variables["sample_yield"] = ("limit", np.array(counts) / len(values), {"long_name": "yield of boards"})
         variables["sample_yield_low"] = ("limit", [float(end.low) for end in ends], {"long_name": "at least"})

@@ -21,11 +21,10 @@ _MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be
 
 
 def draw(contributors: Sequence[Contributor], count: int, seed: int = 0) -> FloatArray:
-    """Draw the errors of boards in SI, shape (count, contributors).
+    """Draw the errors of boards (count, contributors) in SI.
 
-    Equal seeds give equal boards, and a larger count begins with the same boards. A power of 2 from 64 on suits Sobol
-    points best. Raises GoalError if the count or the seed is not allowed, or there are more contributors than
-    dimensions of Sobol points.
+    Equal seeds give equal boards, and a larger count begins with the same boards. A power of 2 from
+    64 on suits Sobol points best.
     """
     if not 0 <= count <= MOST_SAMPLES:
         raise GoalError(f"samples must be 0 to {MOST_SAMPLES}; got {count}.")
@@ -44,13 +43,12 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0) -> Floa
 
 
 def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Pair the coordinates of Sobol points again, without correlation.
+    """Pair coordinates of Sobol points (n, dimensions) again, without correlation.
 
-    `points` have the shape (n, dimensions). For some pairs of the first 36 dimensions 64 Sobol points have correlations
-    of 0.7, which made the spread of two errors wrong by 20 %. After pairing the correlations are 0.09. Each block of
-    64, 64, 128, … points keeps its values of each coordinate, of which every equal part of its range has a single
-    value. The order of the values is the order of random numbers, from which the correlation with the earlier
-    coordinates is removed (Owen, J. Am. Stat. Assoc. 89, 1517, 1994).
+    For some pairs of the first 36 dimensions 64 Sobol points have correlations of 0.7, which made
+    the spread of two errors wrong by 20 %. After pairing they are 0.09. Each block of 64, 64, 128,
+    … points keeps its values of each coordinate, in the order of random numbers from which the
+    correlation with the earlier coordinates is removed (Owen, J. Am. Stat. Assoc. 89, 1517, 1994).
     """
     if points.shape[1] <= _WELL_PAIRED:
         return points
@@ -73,7 +71,7 @@ def _paired(points: FloatArray, random: np.random.Generator) -> FloatArray:
 
 
 def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dict[str, float]:
-    """Add up contributions (contributors,) in SI to every error of one board, by name."""
+    """Sum contributions in SI to a board's errors by name."""
     errors: dict[str, float] = {}
     for one, value in zip(contributors, np.asarray(values, dtype=np.float64).tolist(), strict=True):
         for target in one.targets:

@@ -1,28 +1,30 @@
-"""Fabrication errors of a board, and the design with these errors.
+"""Fabrication errors of a board, and the design with them.
 
-An error is named ``kind.part``: ``etch.L1``, ``registration_x.L3``, ``dielectric.L1-L2``, ``elastomer.base``. Kinds
-without parts have a plain name: ``placement_x``, ``permeability``, ``capacitance``. Values are in SI.
+An error is named ``kind.part``: ``etch.L1``, ``registration_x.L3``, ``dielectric.L1-L2``,
+``elastomer.base``. Kinds without parts have a plain name: ``placement_x``, ``permeability``,
+``capacitance``. Values are in SI.
 
-==================  ==================  =====  ================================================================
-kind                part                unit   effect of a positive error
-==================  ==================  =====  ================================================================
-etch                copper layer        m      widens every trace, equally on both sides: the centre line stays
-registration_x, _y  copper layer        m      shifts the copper against the drilled holes
-rotation            copper layer        rad    turns the copper about the middle of the board, counterclockwise
-dielectric          upper-lower layer   1      thickens the dielectric, all layers below sink
-copper              copper layer        1      thickens the copper, all layers below sink
-placement_x, _y     none                m      true less believed position of the elastomer and its indenter
-permeability        none                1      raises μr of all magnetic sheets
-elastomer           sheet               m      thickens the sheet
-capacitance         none                1      raises the capacitance of the tank
-plate_distance      plate               m      moves the plate away from the coils, or nearer until it touches
-plate_thickness     plate               1      thickens the plate, its face near the coils stays
-conductivity        none                1      raises the conductivity of all plates and of the target
-target_tilt_x, _y   none                rad    tilts a target with an outline, which rises towards x or y
-==================  ==================  =====  ================================================================
+==================  ============  ====  ===========================================================
+kind                part          unit  effect of a positive error
+==================  ============  ====  ===========================================================
+etch                copper layer  m     widens every trace, the centre line stays
+registration_x, _y  copper layer  m     shifts the copper against the drilled holes
+rotation            copper layer  rad   turns the copper about the board's middle, counterclockwise
+dielectric          layer pair    1     thickens the dielectric, all layers below sink
+copper              copper layer  1     thickens the copper, all layers below sink
+placement_x, _y     none          m     true less believed position of elastomer and indenter
+permeability        none          1     raises μr of all magnetic sheets
+elastomer           sheet         m     thickens the sheet
+capacitance         none          1     raises the capacitance of the tank
+plate_distance      plate         m     moves the plate away from the coils, or nearer to contact
+plate_thickness     plate         1     thickens the plate, its face near the coils stays
+conductivity        none          1     raises the conductivity of all plates and of the target
+target_tilt_x, _y   none          rad   tilts a target with an outline, which rises towards x or y
+==================  ============  ====  ===========================================================
 
-Plates keep their gap to the sheets, or to the underside of the board, as these become thicker. The ends of every line
-stay at the drilled holes that join them. Pads, holes and the outline of the board have no error.
+Plates keep their gap to the sheets, or to the underside of the board, as these become thicker. The
+ends of every line stay at the drilled holes that join them. Pads, holes and the outline of the
+board have no error.
 """
 
 from __future__ import annotations
@@ -45,8 +47,7 @@ from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Pl
 def error_names(design: Design) -> tuple[str, ...]:
     """Names of all errors that a design can have.
 
-    Layers without copper of a coil have neither etch nor registration. A design without an indentation has no
-    placement, without magnetic sheets no permeability, and without metal no conductivity.
+    Layers without copper of a coil have neither etch nor registration.
     """
     layers = design.array.stackup.names
     used = {layer for place in design.array.placements for layer in place.layers}
@@ -72,10 +73,10 @@ def error_names(design: Design) -> tuple[str, ...]:
 
 
 def perturb(design: Design, errors: Mapping[str, float]) -> Design:
-    """Return a design with fabrication errors in SI by the names of `error_names`.
+    """Return a design with fabrication errors in SI by name.
 
-    It is the design itself if all errors are zero. Raises GoalError if the design does not have an error of a name, a
-    value is not finite, or an error leaves nothing of a trace, gap or layer.
+    Without errors it is the design itself. Raises GoalError for an unknown name, a value that is
+    not finite, or an error that leaves nothing of a trace, gap or layer.
 
     Examples
     --------
@@ -154,7 +155,7 @@ def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
 def _plate(
     plate: Plate | FinitePlate, design: Design, errors: Mapping[str, float], rise: float, sink: float
 ) -> Plate | FinitePlate:
-    """Return a plate with its errors, and its gap to sheets or board, which rise or sink in m."""
+    """Plate with its errors, raised with sheets or board."""
     thickness = _scaled(plate.thickness, errors, f"plate_thickness.{plate.name}")
     changed = replace(plate, thickness=thickness, material=_conducting(plate.material, errors))
     low, high = plate.heights
@@ -212,7 +213,7 @@ def _stackup(stackup: Stackup, errors: Mapping[str, float]) -> Stackup:
 
 
 def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> Coil:
-    """Return a coil with the errors at its placement, in its own frame."""
+    """Coil with errors at its placement, in its frame."""
     coil = place.coil
     wider = [errors.get(f"etch.{layer}", 0.0) for layer in place.layers]
     return replace(
@@ -229,7 +230,7 @@ def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> 
 def _moved(
     place: Placement, line: FloatArray, layer: str, errors: Mapping[str, float], middle: FloatArray
 ) -> FloatArray:
-    """Shift and turn a line with its layer. Its ends, at holes, do not move."""
+    """Shift and turn a line, but not its ends."""
     shift = np.array([errors.get(f"registration_{axis}.{layer}", 0.0) for axis in "xy"])
     angle = errors.get(f"rotation.{layer}", 0.0)
     if not (shift.any() or angle):

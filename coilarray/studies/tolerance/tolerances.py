@@ -1,4 +1,4 @@
-"""Distributions of fabrication errors, outputs and limits of the boards, and their TOML files."""
+"""Distributions of errors, outputs and limits, and their TOML files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ UNITS: Mapping[str, str] = {
     "permeability": "1", "elastomer": "m", "capacitance": "1", "plate_distance": "m", "plate_thickness": "1",
     "conductivity": "1", "target_tilt": "rad",
 }  # fmt: skip
-"""SI units of the errors by the tables of a file."""
+"""SI units of the errors by table."""
 KINDS: Mapping[str, tuple[str, ...]] = {
     table: (f"{table}_x", f"{table}_y") if table in ("registration", "placement", "target_tilt") else (table,)
     for table in UNITS
@@ -42,8 +42,8 @@ _UpTo100 = Annotated[float, Field(ge=0, le=100)]
 class Spread:
     """Spread of one kind of error.
 
-    `board` and `layer` are the standard deviations in SI of the part that all layers of a board share, and of the part
-    of each layer. The parts are independent and add up.
+    `board` and `layer` are the standard deviations in SI of the part that all layers of a board
+    share, and of the part of each layer. The parts are independent and add up.
     """
 
     distribution: Distribution = "normal"
@@ -55,7 +55,8 @@ class Spread:
 class Positions:
     """Positions of the indenter in m from the map's origin, every x with every y, at one depth.
 
-    `noise` is the standard deviation of δ for locating readings, by default of the design's noise budget.
+    `noise` is the standard deviation of δ for locating readings, by default of the design's noise
+    budget.
     """
 
     x: tuple[float, ...]
@@ -66,7 +67,7 @@ class Positions:
 
 @dataclass(frozen=True)
 class Limit:
-    """Bounds that a good board keeps of an output, in the unit of its name."""
+    """Bounds of a good board's output, in its unit."""
 
     quantity: str
     at_least: float = -math.inf
@@ -84,8 +85,9 @@ class Limit:
 class Tolerances:
     """Tolerance file, read and checked.
 
-    A kind of error without a table in `spreads` does not occur. `assumed` are tables that are not given, with reasons.
-    The study reports `quantities`, errors of `positions`, and the share of boards within `limits`.
+    A kind of error without a table in `spreads` does not occur. `assumed` are tables that are not
+    given, with reasons. The study reports `quantities`, errors of `positions`, and the share of
+    boards within `limits`.
     """
 
     spreads: Mapping[str, Spread]
@@ -99,8 +101,8 @@ class Tolerances:
 class Contributor:
     """Independent error of a board, which moves one or more errors equally.
 
-    ``board`` parts are common to all layers of a board, ``layer`` parts belong to a single layer. The `deviation` is in
-    SI and the mean is zero.
+    ``board`` parts are common to all layers of a board, ``layer`` parts belong to a single layer.
+    The `deviation` is in SI and the mean is zero.
     """
 
     name: str
@@ -112,10 +114,9 @@ class Contributor:
 
 
 def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, ...]:
-    """Independent errors with a spread of a design's boards.
+    """Independent errors with a spread, or GoalError without any.
 
-    The board part and the layer part stay separate even for a single layer or sheet. Raises GoalError if there are
-    none.
+    The board part and the layer part stay separate even for a single layer or sheet.
     """
     names = error_names(design)
     found = []
@@ -137,8 +138,9 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
 def load_tolerances(path: str | Path | None = None) -> Tolerances:
     """Read a tolerance file (TOML) at a path, by default typical values of board houses.
 
-    Tables that are missing in the file have typical values and are marked as assumed, unless it has ``others =
-    "none"``. Raises GoalError for an unreadable file, wrong TOML, or a key or value that is not allowed, in one line.
+    Tables that are missing in the file have typical values and are marked as assumed, unless it has
+    ``others = "none"``. Raises GoalError for an unreadable file, wrong TOML, or a key or value that
+    is not allowed, in one line.
 
     Returns
     -------
@@ -156,7 +158,7 @@ def load_tolerances(path: str | Path | None = None) -> Tolerances:
 
 
 def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
-    """Read tolerances from the text of a TOML file, which messages call `origin`."""
+    """Read tolerances from TOML text, which messages call `origin`."""
     file = _TOLERANCES.check(_File, _TOLERANCES.parse(text, origin), origin)
     given = file.spreads()
     for key in file.assumed:
@@ -169,12 +171,12 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
 
 
 def typical_text() -> str:
-    """Return the text of the bundled tolerance file, which serves as a template."""
+    """Return the text of the bundled tolerance file, a template."""
     return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
 
 
 class _Errors(Table):
-    """Errors as standard deviations or, if uniform, half widths."""
+    """Normal with these deviations, or uniform with these half widths."""
 
     distribution: Distribution = "normal"
     """Normal with these standard deviations, or uniform with these half widths."""
@@ -249,13 +251,13 @@ class _PositionsTable(Table):
         return self
 
     def build(self) -> Positions:
-        """Return the positions in SI, divided so that −26 mm is exactly −0.026 m."""
+        """Return the positions in SI, −26 mm as exactly −0.026 m."""
         x, y = (tuple(value / 1e3 for value in values) for values in (self.x_mm, self.y_mm))
         return Positions(x, y, self.depth_mm / 1e3, self.noise)
 
 
 class _LimitTable(Bounds):
-    """``[[limit]]``: bounds for a good board."""
+    """Quantity that a good board keeps within the bounds."""
 
     quantity: str
     """Quantity of the design that a good board keeps within the bounds."""
@@ -273,7 +275,7 @@ class _File(Table):
     others: Literal["typical", "none"] = "typical"
     """Errors of kinds without a table: typical errors, or none."""
     quantities: list[str] = Field(default_factory=list)
-    """Quantities of the design to spread besides L, f and k."""
+    """Quantities of the design besides L, f and k."""
     etch: _LayerMicrometres | None = None
     """Width of the traces."""
     registration: _LayerMicrometres | None = None
@@ -285,7 +287,7 @@ class _File(Table):
     copper: _LayerPercent | None = None
     """Thickness of the copper."""
     placement: _BoardMillimetres | None = None
-    """Position of the elastomer and its indenter, along x and along y."""
+    """Position of the elastomer and indenter, along x and y."""
     permeability: _BoardPercent | None = None
     """Permeability of the magnetic sheets."""
     elastomer: _LayerMillimetres | None = None
@@ -303,7 +305,7 @@ class _File(Table):
     positions: _PositionsTable | None = None
     limit: list[_LimitTable] = Field(default_factory=list)
     assumed: dict[str, str] = Field(default_factory=dict)
-    """Tables of errors that had to be assumed, with the reason."""
+    """Tables of assumed errors, with the reasons."""
 
     def spreads(self) -> dict[str, Spread]:
         """Return the tables that the file gives."""
