@@ -1,21 +1,21 @@
-"""Linear elasticity of layers by spectral elements: a rectangular box, and a wide stack.
+"""Linear elasticity of layers by spectral elements: box, wide stack.
 
-The system of a box is factorised once for any number of loads. The displacement u has the energy ½ ∫ 2μ dev ε : dev ε +
-K (Π div u)² dV + ½ Σ springs u², where Π projects on the polynomials of degree p − 1 of each element. This is the mixed
-method with a pressure −K Π div u that is discontinuous between elements, the pressure eliminated element by element. It
-does not lock as ν → 0.5 (D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, Springer 2013,
-section 8.6.3). The elements are boxes of one degree in every direction with nodes at the Gauss–Lobatto points (C.
-Canuto et al., Spectral Methods, Springer 2006, section 2.3), so an element's matrix is made of Kronecker products of
-small one-dimensional matrices. The Cholesky factorisation goes along x from one slab of elements to the next.
+The system of a box is factorised once for any number of loads. The displacement u has the energy ½
+∫ 2μ dev ε : dev ε + K (Π div u)² dV + ½ Σ springs u², where Π projects on the polynomials of degree
+p − 1 of each element. This is the mixed method with a pressure −K Π div u that is discontinuous
+between elements, the pressure eliminated element by element. It does not lock as ν → 0.5 (D. Boffi,
+F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, Springer 2013, section 8.6.3).
+With nodes at the Gauss–Lobatto points (C. Canuto et al., Spectral Methods, Springer 2006, section
+2.3) an element's matrix is made of Kronecker products of small one-dimensional matrices. The
+Cholesky factorisation goes along x from one slab of elements to the next.
 
-A wide (laterally infinite) stack under an axisymmetric pressure is solved by Hankel transform. Each wavenumber k of the
-pressure, p = p̂(k) J_0(kr), makes u_z = W(z) J_0(kr) and u_r = U(z) J_1(kr). In the elements over the height, the
-profiles are the stationary point of
+A wide (laterally infinite) stack under an axisymmetric pressure is solved by Hankel transform (I.
+N. Sneddon, Fourier Transforms, McGraw-Hill 1951, section 54). Each wavenumber k of the pressure, p
+= p̂(k) J_0(kr), makes u_z = W(z) J_0(kr) and u_r = U(z) J_1(kr). With the seat's stiffness n and
+shear s, the profiles are the stationary point of
 
-    ½ ∫ 2μ (k²U² + W'²) + μ (U' − kW)² − ⅔ μ (W' + kU)² + K (Π(W' + kU))² dz + ½ (n W² + s U²)(bottom) + p̂ W(top)
-
-with the seat's stiffness n and shear s. This is a small system for each k. I. N. Sneddon, Fourier Transforms,
-McGraw-Hill 1951, section 54.
+    ½ ∫ 2μ (k²U² + W'²) + μ (U' − kW)² − ⅔ μ (W' + kU)² + K (Π(W' + kU))² dz
+        + ½ (n W² + s U²)(bottom) + p̂ W(top).
 
 Lengths and stresses are in the units of a `coilarray.elastomer.contact_grid.Stack`.
 """
@@ -202,11 +202,11 @@ class _Slab:
 
 @dataclass(frozen=True, eq=False)
 class _Factors:
-    """Cholesky factors of a box, or of its half below the middle of y.
+    """Cholesky factors of a box, or of its lower half in y.
 
-    The factors are within its slabs, equal ones stored once, then of faces between them. `kept` are the indices of the
-    displacements in a plane across x, of shape (3, ny, nz), that are not held. `faces` holds the factor of every face
-    but the last with its link to the next.
+    The factors are within its slabs, equal ones stored once, then of faces between them, each with
+    its link to the next. `kept` are the displacements in a plane across x, (3, ny, nz), that are
+    not held.
     """
 
     kept: IndexArray

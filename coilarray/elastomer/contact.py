@@ -1,16 +1,15 @@
-"""Contact of a rigid indenter with elastomer sheets: indentation, force, contact radius.
+"""Contact of a rigid indenter with elastomer sheets: depth, force, radius.
 
-With f_j the force on hat j of the pressure and C the compliance of the top (`coilarray.elastomer.elasticity`), the mean
-gap between the indenter and hat i is
+With f_j the force on hat j of the pressure and C the compliance of the top
+(`coilarray.elastomer.elasticity`), the mean gap between the indenter and hat i is
 
     G_i = profile_i − depth + Σ_j C_ij f_j,      f_j ≥ 0,  G_j ≥ 0,  f_j G_j = 0.
 
-This is a linear complementarity problem with a symmetric positive definite matrix. Its only solution is the minimum of
-½ fᵀCf + fᵀG(f = 0) over f ≥ 0. The elastic system is factorised once. Each depth is one such small problem. This is the
-linear answer. The default, `coilarray.elastomer.finite_strain`, follows large deformations. In both cases the contact
-has neither friction nor adhesion.
-
-K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, section 5.9.
+This linear complementarity problem has a symmetric positive definite matrix. Its only solution is
+the minimum of ½ fᵀCf + fᵀG(f = 0) over f ≥ 0, a small problem for each depth. The default,
+`coilarray.elastomer.finite_strain`, follows large deformations. In both cases the contact has
+neither friction nor adhesion (K. L. Johnson, Contact Mechanics, Cambridge University Press 1985,
+section 5.9).
 """
 
 from __future__ import annotations
@@ -83,12 +82,10 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
 def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
     """Radius at which the pressure of a smooth indenter ends.
 
-    It is finer than the mesh and follows from the last `tail` elements. `hats` are the radii of the hats and `pressure`
-    is the pressure at the hats, both (m,). The last pressure is zero.
-
-    Near the edge a, p = √s (c₀ + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are more
-    reliable than values of p, which oscillate next to the edge. Elimination of c₀ and c₁ leaves 8 F₀L² − 56 F₁L + 63 F₂
-    = 0 for L = a − r₀. The smaller root is the edge.
+    It is finer than the mesh and follows from the last `tail` elements. Near the edge a, p = √s (c₀
+    + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are more reliable
+    than values of p, which oscillate next to the edge. Elimination of c₀ and c₁ leaves 8 F₀L² − 56
+    F₁L + 63 F₂ = 0 for L = a − r₀, whose smaller root is the edge.
     """
     last = int(np.flatnonzero(pressure)[-1])
     first = max(0, last - tail)

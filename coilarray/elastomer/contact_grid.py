@@ -1,9 +1,10 @@
-"""Mesh of a contact: a stack of sheets, its support, and the hats on its top.
+"""Mesh of a contact: stack of sheets, support, hats on its top.
 
-The mesh consists of rectangles in (r, z), small under the indenter and larger outside. The pressure is a sum of hat
-functions ψ_j on the vertices of the top. Point forces on the nodes of the biquadratic elements would not do: under a
-uniform pressure the node on the axis carries none, so their sign would not indicate contact. Lengths are in thicknesses
-of the stack and stresses in the largest Young's modulus, which keeps the numbers near 1.
+The mesh consists of rectangles in (r, z), small under the indenter and larger outside. The pressure
+is a sum of hat functions ψ_j on the vertices of the top. Point forces on the nodes of the
+biquadratic elements would not do: under a uniform pressure the node on the axis carries none, so
+their sign would not indicate contact. Lengths are in thicknesses of the stack and stresses in the
+largest Young's modulus.
 """
 
 from __future__ import annotations
@@ -72,9 +73,9 @@ class ContactMesh:
 class ContactZone:
     """Expected edge of the contact, in any unit of length.
 
-    The edge is at `smallest` at the least depth and at `largest` at the greatest. Contact is searched up to the radius
-    `search`. It is `sharp` if the indenter ends there and the contact reaches its edge, where the pressure is singular.
-    If the indenter has a point, it is blunted over the radius `tip`.
+    It is at `smallest` at the least depth and at `largest` at the greatest. Contact is searched up
+    to the radius `search`. It is `sharp` if it reaches the indenter's edge, where the pressure is
+    singular. A point of the indenter is blunted over the radius `tip`.
     """
 
     smallest: float
@@ -209,12 +210,12 @@ def stack_of(sheets: Sequence[Sheet]) -> Stack:
 class ContactGrid:
     """A meshed stack in its own units.
 
-    `basis` is the basis of the displacement (biquadratic, n functions) and `held` its degrees of freedom that are zero.
-    `shear` and `squash` (elements,) are μ and 1/K. `springs` (n, n) is the stiffness of the support of the stack and of
-    the material beyond its outer edge. `top` and `hats` are the bases of the displacement and of the pressure where
-    contact is searched. `used` are the hats' degrees of freedom from the axis outwards, `radii` their radii and `mass`
-    = ∫ψ_j w dr, both (m,). `lines` has the degrees of freedom u_r and u_z on the board and on the upper face of every
-    sheet, at the radii `r`.
+    `basis` is the basis of the displacement (biquadratic, n functions) and `held` its degrees of
+    freedom that are zero. `shear` and `squash` (elements,) are μ and 1/K. `springs` (n, n) is the
+    stiffness of the support and of the material beyond the outer edge. `top` and `hats` are the
+    bases of displacement and pressure where contact is searched. `used` are the hats' degrees of
+    freedom from the axis outwards, with `mass` = ∫ψ_j w dr. `lines` has the degrees of freedom u_r
+    and u_z on every interface, at the radii `r`.
     """
 
     symmetry: Symmetry

@@ -1,13 +1,13 @@
 """Change of the inductance matrix by an indentation, at every position.
 
-The energies of `coilarray.elastomer.scattering` are one matrix per harmonic between the incident patterns. In their
-principal axes they are
+The energies of `coilarray.elastomer.scattering` are one matrix per harmonic between the incident
+patterns. In their principal axes they are
 
     ΔL_ij = Σ_r s_r a_r(i) a_r(j)
 
-with strengths s_r of the dent and amplitudes a_r(i) that are smooth functions of the offset of coil i from the
-indenter, the same for all coils of one shape. So an array of any number of coils needs them once per shape, at the
-offsets that occur or on a grid of offsets with splines between.
+with strengths s_r of the dent and amplitudes a_r(i) that are smooth functions of the offset of coil
+i from the indenter. An array of any number of coils needs them once per shape, at the offsets that
+occur or on a grid of offsets with splines between.
 """
 
 from __future__ import annotations
@@ -69,10 +69,9 @@ def dent_amplitudes(
 ) -> DentAmplitudes:
     """Compute the amplitudes of coils at given offsets.
 
-    The spectra are at the wavenumbers of the dent, for coils turned by the slope of its `motion`. Offsets (offsets, 2)
-    for each shape of coil are the position of the indenter minus the centre of the coil in m, within the extent that
-    the wavenumbers resolve. Amplitudes below the `tolerance`, a part of the largest, are left out. The energies err by
-    about a tenth of it. Raises MemoryLimitError for more offsets than fit into memory.
+    The spectra are for coils turned by the slope of the `motion`. Offsets (offsets, 2) for each
+    shape are the indenter's position minus the coil's centre in m. Amplitudes below the
+    `tolerance`, a part of the largest, are left out. The energies err by about a tenth of it.
     """
     orders = len(scattering.energies)
     count = sum(len(points) for points in offsets)
@@ -145,11 +144,10 @@ def dent_energies(
 ) -> FloatArray | ComplexArray:
     """Change of the energy between all coils' fields by dents.
 
-    All dents are in the same sheets. The axis of the indenter is at `positions` (positions, 2) in m. The result, shape
-    (dents, positions, coils, coils), is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric. Times μ0 it is
-    an inductance, times ε0 a capacitance. It is complex with a `backing` below the coils, whose losses are its
-    imaginary part. The currents in the backing count too. Raises ElastomerError for positions that are not finite,
-    dents of different sheets, or in plane strain.
+    The dents are in the same sheets, their axis at `positions` (positions, 2) in m. The result
+    (dents, positions, coils, coils) is ∫ Δμ ∇U_i·∇U_j dV with relative material constants. Times μ0
+    it is an inductance, times ε0 a capacitance. With a `backing`, whose currents count too, the
+    losses are its imaginary part.
     """
     points = np.asarray(positions, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():

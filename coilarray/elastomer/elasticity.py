@@ -1,16 +1,19 @@
-"""Linear elasticity of a layered body by mixed finite elements, also incompressible.
+"""Linear elasticity of a layered body, also incompressible.
 
-Displacement u and pressure p in the half plane (r, z), with ε the strain and K = E/(3(1 − 2ν)) the bulk modulus:
+Displacement u and pressure p in the half plane (r, z), with ε the strain and K = E/(3(1 − 2ν)) the
+bulk modulus:
 
     ∫ (2μ dev ε(u) : dev ε(v) − p div v) w = load(v)         for every v,
     ∫ (−q div u − p q/K) w = 0                               for every q.
 
-w = r about an axis, where u_r/r is the hoop strain, and w = 1 in plane strain. p is finite for ν = 0.5, where 1/K = 0.
-Biquadratic displacement with a linear pressure in each element, discontinuous between elements, is stable: D. Boffi, F.
-Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, Springer 2013, section 8.6.3.
+w = r about an axis, where u_r/r is the hoop strain, and w = 1 in plane strain. p is finite for ν =
+0.5, where 1/K = 0. Biquadratic displacement with a linear pressure in each element, discontinuous
+between elements, is stable: D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and
+Applications, Springer 2013, section 8.6.3.
 
-The matrix of a system with a slightly larger 1/K has a factorisation in any symmetric order, here with little fill-in
-(R. J. Vanderbei, SIAM J. Optim. 5 (1995) 100). A few steps of iterative refinement lead from it to 1/K itself.
+The matrix of a system with a slightly larger 1/K has a factorisation in any symmetric order, here
+with little fill-in (R. J. Vanderbei, SIAM J. Optim. 5 (1995) 100). A few steps of iterative
+refinement lead from it to 1/K itself.
 """
 
 from __future__ import annotations
@@ -128,11 +131,11 @@ def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """Response of a stack to each of m hats of pressure on its top, in its units.
+    """Response of a stack to m hats of pressure, in its units.
 
-    `profile` (m,) is ∫ψ_j profile w dr / ∫ψ_j w dr, the mean height of the indenter over a hat. `matrix` (m, m),
-    symmetric, is the mean sinking of the top over hat i under a unit load on hat j. `surfaces` (2, interfaces, n, m)
-    are u_r and u_z of every interface under a unit load on each hat.
+    `profile` (m,) is ∫ψ_j profile w dr / ∫ψ_j w dr. `matrix` (m, m), symmetric, is the mean sinking
+    of the top over hat i under a unit load on hat j. `surfaces` (2, interfaces, n, m) are u_r and
+    u_z of every interface under a unit load on each hat.
     """
 
     grid: ContactGrid

@@ -1,12 +1,12 @@
-"""Change of the inductance matrix by small shifts of magnetic faces, to first order.
+"""Change of inductance by small shifts of magnetic faces.
 
-Hadamard's formula: if a face with μ1 below and μ2 above moves up by f(x, y), the inductances change by
+To first order (Hadamard's formula), if a face with μ1 below and μ2 above moves up by f(x, y),
 
     ΔL_ij = μ0 ∫ f [(μ1 − μ2) H_t,i·H_t,j + (1/μ2 − 1/μ1) B_n,i B_n,j] dS
 
-with the fields of the flat sheets, here with permeabilities relative to μ0 and B in units of μ0. It is used for the
-smooth shifts by the sides and the seat of a sample, which are small compared with its thickness. Dents are solved by
-`coilarray.elastomer.scattering`.
+with the fields of the flat sheets, permeabilities relative to μ0 and B in units of μ0. It is used
+for the smooth shifts by the sides and the seat of a sample, which are small compared with its
+thickness. Dents are solved by `coilarray.elastomer.scattering`.
 """
 
 from __future__ import annotations
@@ -72,11 +72,11 @@ def shift_energy(
     other: FloatArray | ComplexArray,
     backing: Backing | None = None,
 ) -> ComplexArray:
-    """Change iᵀ ΔL j by a finite sample's shifts, (depths, places, n) in H.
+    """Change iᵀ ΔL j by a finite sample's shifts, (depths, places, n).
 
-    i and j are currents in the coils, (n, coils) each. The `places` (places, 2) in m count from the map's origin, which
-    is at `origin` on the board. Outside the sample the shift removes the displacement of the wide sample. The coils and
-    the layers below them are as for `coilarray.elastomer.dented_layer.dent_inductance`.
+    It is in H per A² of the currents i and j (n, coils). The `places` (places, 2) in m count from
+    the map's `origin` on the board. Outside the sample the shift removes the displacement of the
+    wide sample.
     """
     depths, count, levels = correction.moved.shape[:3]
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)

@@ -1,21 +1,23 @@
-"""Correction of the dent in a wide sample for free sides and an uneven seat.
+"""Correction of a wide sample's dent for sides and uneven seat.
 
-With u∞ the displacement of a wide sample on an even, two-sided seat under the pressure of the contact, the true
-displacement of a rectangular sample is u∞ + w. In the sample w solves linear elasticity without load on the top. Its
-sides take the tractions −σ∞·n that make them free. The bottom takes the difference between the uneven and the even
-seat, −(k(x, y) − k0) u∞. All of this is far from the contact and smooth, so few elements give w
-(`coilarray.elastomer.box`), and u∞ and σ∞ are exact (`coilarray.elastomer.box`). A seat that can be lifted off
-does not pull anywhere. With g the gap of a seat that is not flat, its pressure is
+With u∞ the displacement of a wide sample on an even, two-sided seat under the pressure of the
+contact, the true displacement of a rectangular sample is u∞ + w. In the sample w solves linear
+elasticity without load on the top. Its sides take the tractions −σ∞·n that make them free. The
+bottom takes the difference between the uneven and the even seat, −(k(x, y) − k0) u∞. All of this is
+far from the contact and smooth, so few elements give w (`coilarray.elastomer.box`), and u∞ and σ∞
+are exact. A seat that can be lifted off does not pull anywhere. With g the gap of a seat that is
+not flat, its pressure is
 
     k(x, y) max(0, −(u_z + g)).
 
-It is the pressure of the two-sided seat and a traction t = k(x, y) max(0, u_z + g) ≥ 0 that cancels its pull, found at
-the nodes of the bottom by a semi-smooth Newton method. The result is the difference from the sample at rest under its
-weight.
+It is the pressure of the two-sided seat and a traction t = k(x, y) max(0, u_z + g) ≥ 0 that cancels
+its pull, found at the nodes of the bottom by a semi-smooth Newton method. The result is the
+difference from the sample at rest under its weight.
 
-The indenter keeps its depth h. If w lifts the contact by w̄ on average, the contact is the contact of a wide sample at
-the depth h + s with s = w̄ (1 + s F'/F), since far from the contact w depends on its force F alone (Saint-Venant). The
-dent is lifted and tilted with the sample under it, which `coilarray.response.setup` takes into account.
+The indenter keeps its depth h. If w lifts the contact by w̄ on average, the contact is the contact
+of a wide sample at the depth h + s with s = w̄ (1 + s F'/F), since far from the contact w depends
+on its force F alone (Saint-Venant). `coilarray.response.setup` lifts and tilts the dent with the
+sample under it.
 """
 
 from __future__ import annotations
@@ -50,10 +52,10 @@ _EVENLY = 0.01  # of the distance between two places, by which a third place may
 class BoxMesh:
     """Elements of a sample, lengths in thicknesses of the stack.
 
-    The elements of a `degree` from 2 are as wide as `edge` at the sides, with the `growth` of that width per distance,
-    and up to `widest` far from all sides. They are as wide as `beside` next to the contacts if a side across them is as
-    near as possible, or the seat uneven, with the growth `spread` per distance of the contacts from these sides. There
-    are `rows` over the height of each sheet.
+    Elements are as wide as `edge` at the sides, with the `growth` of that width per distance, up to
+    `widest`. They are as wide as `beside` next to contacts near a side or over an uneven seat, with
+    the growth `spread` per distance of the contacts from these sides. There are `rows` over the
+    height of each sheet.
     """
 
     degree: int = 3
@@ -100,11 +102,10 @@ class Sample:
 class SampleCorrection:
     """Correction for a finite sample in m, relative to a wide sample.
 
-    `depth` (depths, places) is the shift s of the depth at which the wide sample is pressed. `moved` (depths, places,
-    levels, nx, ny) is w_z at the board and at the upper face of every sheet on the nodes of `x` and `y`. `lifted`
-    (depths, places, nx, ny) is the distance of the bottom from a seat that can be left, zero where they touch. `wide`
-    gives u_z of the wide sample at every level, (…, depths, levels), at radii (…), both in thicknesses, i.e. in units
-    of `length`.
+    `depth` (depths, places) is the shift s of the depth at which the wide sample is pressed.
+    `moved` (depths, places, levels, nx, ny) is w_z at every interface on the nodes of `x` and `y`.
+    `lifted` (depths, places, nx, ny) is the distance of the bottom from a seat that can be left.
+    `wide` gives u_z of the wide sample (…, depths, levels) at radii (…), in units of `length`.
     """
 
     x: Axis
@@ -147,11 +148,9 @@ def sample_correction(
 ) -> SampleCorrection:
     """Solve a finite sample for contacts at all places.
 
-    Sheets and base are as for `coilarray.elastomer.contact.indent`. The `places` (places, 2) in m of the indenter's
-    axis count from the same origin as the sample's bounds. The `pressure` (depths, n) of the contact in Pa is linear
-    between distances `r` (n,) from the axis in m. `force_slope` (depths,) is F'/F of the contact with its depth, in
-    1/m. Raises ElastomerError for an uneven seat for a base without a seat, a seat without stiffness somewhere on the
-    sample, a sample that finds no rest on a seat that can lift, or a contact that the sample does not hold.
+    The `places` (places, 2) in m count from the origin of the sample's bounds. The `pressure`
+    (depths, n) in Pa is linear between distances `r` (n,) from the axis in m. `force_slope`
+    (depths,) is F'/F of the contact with its depth, in 1/m.
     """
     problem = _Problem(sheets, base, sample, places, r, pressure)
     depths, count = len(pressure), len(places)
@@ -391,11 +390,11 @@ class _Lift:
     ) -> tuple[float, FloatArray, FloatArray]:
         """Shift of the depth, traction t, and u_z plus gap.
 
-        t cancels the pull of a two-sided seat. On a two-sided seat the bottom would be at `own` times the load beside
-        the state at rest, and the contact lifted by `mean` times the load. `under` is its lift by the tractions at the
-        nodes. As long as the same nodes are lifted, t is linear in the load 1 + s F'/F, and s = a + b (1 + s F'/F).
-        Newton's steps go from one set of nodes to another, and begin with the nodes where a `guess` of u_z plus gap is
-        positive.
+        On a two-sided seat the bottom would be at `own` times the load beside the state at rest,
+        and the contact lifted by `mean` times the load. `under` is its lift by the tractions at the
+        nodes. While the same nodes are lifted, t is linear in the load 1 + s F'/F, and s = a + b (1
+        + s F'/F). Newton's steps go from one set of nodes to another, first where the `guess` of
+        u_z plus gap is positive.
         """
         linear, lifted = np.column_stack((self._start + self._gap, own)), guess > 0
         root = np.sqrt(self._push)

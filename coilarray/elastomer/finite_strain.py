@@ -1,28 +1,34 @@
-"""Soft layered body under large deformations: nearly incompressible neo-Hookean sheets.
+"""Large deformations of nearly incompressible neo-Hookean sheets under a rigid body.
 
-The body is pressed by a rigid body. With F the deformation gradient, J = det F and p a pressure that is discontinuous
-between elements, the solution is the stationary point of
+With F the deformation gradient, J = det F and p a pressure that is discontinuous between elements,
+the solution is the stationary point of
 
     Π = ∫ (μ/2 (J^(−2/3) F:F − 3) + p (J − 1) − p²/2K) w + ½ uᵀ springs u − Σ_j f_j G_j
 
-under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0. The mean gap over hat j at the deformed positions x = r + u_r of its points is
+under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0. The mean gap over hat j at the deformed positions x = r + u_r
+of its points is
 
     G_j = ∫ψ_j (outline(x) − depth − u_z) w(x) dx / ∫ψ_j w dr.
 
-The forces on the hats are then a pressure f_j/∫ψ_j w dr that is normal to the deformed surface, as its derivative by u
-shows. So the contact has no friction, and a surface that waves between the hats gains nothing by it. With the gap over
-the undeformed area the pressure would keep its direction there. Under a tip, where it exceeds 2μ, such waves would
-grow. A contact that reaches the free edge of a sample uses the undeformed area. Otherwise the edge would gain by moving
-outwards if the last hat's gap is zero only on average. For small u this is `coilarray.elastomer.elasticity` under
-`coilarray.elastomer.contact`. Newton's method goes from depth to depth. Each of its steps solves the contact under a
-tangent: gaps are closed while forces push on them and where they would be below zero (a semi-smooth Newton method). A
-tangent serves for several steps as long as they shrink fast. Most tangents have only a part of the stress that the
-contact brings. They are positive definite and cheap. An exact tangent need not be positive definite, since only the
-contact holds the compressed surface. Exact tangents follow if steps shrink slowly.
+The forces on the hats are then a pressure f_j/∫ψ_j w dr that is normal to the deformed surface, as
+its derivative by u shows. So the contact has no friction, and a surface that waves between the hats
+gains nothing by it. With the gap over the undeformed area the pressure would keep its direction
+there. Under a tip, where it exceeds 2μ, such waves would grow. A contact that reaches the free edge
+of a sample uses the undeformed area. Otherwise the edge would gain by moving outwards if the last
+hat's gap is zero only on average. For small u this is `coilarray.elastomer.elasticity` under
+`coilarray.elastomer.contact`.
 
-P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements). M.
-Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set). P. Deuflhard, Newton Methods for Nonlinear
-Problems, Springer 2004, chapter 3 (damping, repeated use of tangents).
+Newton's method goes from depth to depth. Each of its steps solves the contact under a tangent: gaps
+are closed while forces push on them and where they would be below zero (a semi-smooth Newton
+method). A tangent serves for several steps as long as they shrink fast. Most tangents have only a
+part of the stress that the contact brings. They are positive definite and cheap. Exact tangents
+follow if steps shrink slowly. They need not be positive definite, since only the contact holds the
+compressed surface.
+
+P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4
+(mixed elements). M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set).
+P. Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapter 3 (damping, repeated use
+of tangents).
 """
 
 from __future__ import annotations
@@ -150,9 +156,9 @@ _Tangent = Callable[[_Vector, FloatArray], _Vector | None]
 class _Gaps:
     """Mean gaps G (m,) and their derivatives.
 
-    The derivatives are by the top's u (t, m) and by the depth, less than 0 (m,). At the top's points there are values
-    for second derivatives. `shifts` and `swells` (points, t), sparse, are the derivatives of gap and area by u. `gap`,
-    `area` and `bend`, the outline's second derivative, have the shape (points,).
+    The derivatives are by the top's u (t, m) and by the depth (m,), less than 0. At the top's
+    points, `shifts` and `swells` (points, t), sparse, are the derivatives of gap and area by u, and
+    `bend` the outline's second derivative.
     """
 
     mean: FloatArray
@@ -384,9 +390,9 @@ class SoftBody:
     def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, exact: bool) -> _Tangent | None:
         """Factorise the tangent, or return None if it is singular.
 
-        Pressures are eliminated element by element. In the tangent 1/K is at least `_SOFT`, in the residual it has its
-        true value, so the solution is the same. Likewise the part of the pressure that a tangent leaves out does not
-        affect the solution. If the tangent is still indefinite, it is made exact.
+        Pressures are eliminated element by element, with 1/K at least `_SOFT`. The residual has its
+        true value, so the solution is the same, as with the part of the pressure that a tangent
+        leaves out. An indefinite tangent is made exact.
         """
         share = 1.0 if exact else _STRESSED
         stiffness, coupling = self._tangents(replace(s, p=share * s.p))

@@ -81,11 +81,10 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
 def line_dent_inductance(
     wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, accuracy: LayerMesh | None = None
 ) -> FloatArray:
-    """Change of the inductance per length by dents, (dents, positions) in H/m.
+    """Change of inductance per length by dents, (dents, positions) in H/m.
 
-    The dents are in plane strain and all in the same sheets. The change is relative to the flat sheets. The positions
-    (positions,) of the indenter's middle along x are in m. Raises ElastomerError for dents about an axis, positions
-    that are not finite, or wires above z = 0.
+    The dents are in plane strain in the same sheets, the indenter's middle at the positions
+    (positions,) along x in m. The change is relative to the flat sheets.
     """
     x = np.asarray(positions, dtype=np.float64)
     if x.ndim != 1 or not np.isfinite(x).all():

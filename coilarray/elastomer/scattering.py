@@ -1,38 +1,44 @@
-"""Change of the energy of any incident field by a dent in magnetic sheets.
+"""Change of any field's energy by a dent in magnetic sheets.
 
-Let U_f be the total potential with flat sheets, a_f and a_d the energies ∫ μ ∇U·∇V of the flat and of the dented
-sheets, and Δa = a_d − a_f. The sources of the field are the same, so the dented potential is U_d = U_f + ψ with
+Let U_f be the total potential with flat sheets, a_f and a_d the energies ∫ μ ∇U·∇V of the flat and
+of the dented sheets, and Δa = a_d − a_f. The sources of the field are the same, so the dented
+potential is U_d = U_f + ψ with
 
     a_d(ψ, V) = −Δa(U_f, V)  for all V,
 
-and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). With permittivities and electrodes that hold the
-potential at z = 0, where then ψ = V = 0, the capacitance matrix changes in the same way, by ε0 Δa(U_f,i, U_d,j). The
-dented space is mapped to the flat space by moving heights only, z = Z + w(r, Z). There Δa is an integral of known
-coefficients that vanish where nothing moves, and U_f is known in closed form.
+and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). With permittivities and electrodes
+that hold the potential at z = 0, where then ψ = V = 0, the capacitance matrix changes in the same
+way, by ε0 Δa(U_f,i, U_d,j). The dented space is mapped to the flat space by moving heights only, z
+= Z + w(r, Z). There Δa is an integral of known coefficients that vanish where nothing moves, and
+U_f is known in closed form.
 
-Only the faces that move may contribute, otherwise the error of the elements is as large for sheets that hardly differ
-from air. So let U be the field in an infinite medium of the lowest sheet, a_0 its energy and c = a − a_0. It satisfies
-Laplace's equation wherever something moves, so that U at the moved places, Ũ = U(r, z), has a_0,d(Ũ, V) = a_0,f(U, V).
-With the flat faces' own part χ = U_f − U the dented potential is U_d = Ũ + χ + η, where
+Only the faces that move may contribute, otherwise the error of the elements is as large for sheets
+that hardly differ from air. So let U be the field in an infinite medium of the lowest sheet, a_0
+its energy and c = a − a_0. It satisfies Laplace's equation wherever something moves, so that U at
+the moved places, Ũ = U(r, z), has a_0,d(Ũ, V) = a_0,f(U, V). With the flat faces' own part χ = U_f
+− U the dented potential is U_d = Ũ + χ + η, where
 
-    a_d(η, V) = −F(V),   F(V) = Δa(χ, V) + h(V),   h(V) = c_d(Ũ, V) − c_f(U, V) = Σ (μ_b − μ_a) ∫ V (∂_n Ũ − ∂_n U) dS
+    a_d(η, V) = −F(V),   F(V) = Δa(χ, V) + h(V),
+    h(V) = c_d(Ũ, V) − c_f(U, V) = Σ (μ_b − μ_a) ∫ V (∂_n Ũ − ∂_n U) dS
 
-is a sum over the faces with μ_b below and μ_a above, where V is the same on the dented and on the flat face, and
+is a sum over the faces with μ_b below and μ_a above, where V is the same on the dented and on the
+flat face, and
 
     Δa(U_f,i, U_d,j) = h_i(Ũ_j) + Σ (μ_b − μ_a) ∫ (Ũ_j − U_j) ∂_n U_i dS
                      + h_i(χ_j) + h_j(χ_i) + Δa(χ_i, χ_j) + F_j(η_i).
 
-Every term is proportional to the contrast of the moved faces. The elements use U only on these faces, so its strength
-near the coils does not matter to them. The air far away does not matter.
+Every term is proportional to the contrast of the moved faces. The elements use U only on these
+faces, so neither its strength near the coils nor the air far away matters to them.
 
-Layers below the coils send the field of coils and dent back up. With the energies Γ of the dent over air, amplitudes a
-of the potential make the wave D(k) = −½ Γ a below the sheets (by reciprocity with a coil there). The layers return −w D
-for it, and with the amplitudes a_f of the coils between these layers and the flat sheets
+Layers below the coils send the field of coils and dent back up. With the energies Γ of the dent
+over air, amplitudes a of the potential make the wave D(k) = −½ Γ a below the sheets (by reciprocity
+with a coil there). The layers return −w D for it, and with the amplitudes a_f of the coils between
+these layers and the flat sheets
 
     a = a_f − w D = (1 − ½ w Γ)⁻¹ a_f:  the change follows from Γ (1 − ½ w Γ)⁻¹ and a_f.
 
-The dent is symmetric about its axis, so each harmonic e^{imθ} of the field is a separate problem in (r, Z). In plane
-strain the even and the odd part in x take the place of the harmonics.
+The dent is symmetric about its axis, so each harmonic e^{imθ} of the field is a separate problem in
+(r, Z). In plane strain the even and the odd part in x take the place of the harmonics.
 """
 
 from __future__ import annotations
@@ -66,13 +72,12 @@ Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
 
 
 class TensorGrid:
-    """Nodes of a grid that couple only to their own and the next two columns.
+    """Nodes of a grid coupled to their own and two next columns.
 
-    The nodes of the columns are eliminated column by column, all rows at once: a block Cholesky decomposition A = L Lᵀ.
-    For a force f only the half L⁻¹f is needed, as fᵀA⁻¹f = |L⁻¹f|². With some hundred rows the blocks are so large that
-    this takes half the time of a sparse decomposition and its solutions. The nodes are at points (2, nodes), without
-    the first and the last row. The columns are numbered from the outermost, which is left out too, to the column in the
-    middle.
+    The columns are eliminated from the outermost to the middle, all rows at once: a block Cholesky
+    decomposition A = L Lᵀ. For a force f only the half L⁻¹f is needed, as fᵀA⁻¹f = |L⁻¹f|². With
+    some hundred rows this takes half the time of a sparse decomposition and its solutions. The
+    points (2, nodes) are without the first and the last row and the outermost column.
     """
 
     def __init__(self, nodes: FloatArray) -> None:
@@ -168,9 +173,9 @@ class LayerMesh:
 class Scattering:
     """Change of energy by a dent, harmonic by harmonic.
 
-    `wavenumbers` and `weights` (k,) in 1/m are of the integral over the wavenumber. Each of the `patterns` (rank, k) is
-    the share of each wavenumber's incident field in a few patterns. Each of the `energies` (rank, rank) is Δa(U_f, U_d)
-    between the patterns, without μ0 and the integral over the angle, in m.
+    `wavenumbers` and `weights` (k,) in 1/m are of the integral. Each of the `patterns` (rank, k) is
+    a share of each wavenumber's incident field. Each of the `energies` (rank, rank) in m is Δa(U_f,
+    U_d) between the patterns, without μ0 and the integral over the angle.
     """
 
     wavenumbers: FloatArray
@@ -213,11 +218,11 @@ class Scattering:
     def energy(
         self, amplitudes: Sequence[FloatArray | ComplexArray], of_coils: IntArray, factors: FloatArray
     ) -> FloatArray | ComplexArray:
-        """Change of the energy between all coils, (positions, coils, coils), symmetric.
+        """Change of the energy between all coils, (positions, coils, coils).
 
-        Times μ0 it is an inductance. It is real without layers below the coils. `of_coils` (positions, coils) gives the
-        index of each coil's `amplitudes`. `factors` (harmonics,) is the integral over the angle, 2π and 4π, or the two
-        halves in plane strain.
+        It is real without layers below the coils. `of_coils` (positions, coils) gives the index of
+        each coil's `amplitudes`. `factors` (harmonics,) is the integral over the angle, 2π and 4π,
+        or the two halves in plane strain.
         """
 
         def of(m: int) -> FloatArray | ComplexArray:
@@ -232,9 +237,8 @@ class Scattering:
 def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:
     """Gauss–Legendre nodes and weights from 0 to decays/clearance, in 1/m.
 
-    `clearance` is the least height in m above the coils of a moved face where the material changes. `extent` is the
-    largest distance in m of a point of a coil from a point of the dent, which the rule resolves. Raises ElastomerError
-    for coils so large and so near that the rule would have more than 2000 nodes.
+    `clearance` is the least height in m above the coils of a moved face where the material changes,
+    `extent` the largest distance in m between points of coil and dent.
     """
     highest = mesh.decays / clearance
     count = wave_count(highest, extent)
@@ -254,11 +258,10 @@ def scatter(
     deepest: float | None = None,
     base: Base = "open",
 ) -> Scattering:
-    """Solve the dented sheets for all incident fields.
+    """Solve the dented sheets for the incident fields of `wavenumber_rule`.
 
-    The fields have the wavenumbers and weights in 1/m of `wavenumber_rule`. `deepest` is the largest displacement in m
-    of a series of dents that share one mesh, by default the largest of this dent. Below the sheets is air ("open"), or
-    electrodes at z = 0 hold the potential ("grounded").
+    `deepest` is the largest displacement in m of a series of dents that share one mesh. Below the
+    sheets is air ("open"), or electrodes at z = 0 hold the potential ("grounded").
     """
     space = DentedSpace(dent, mesh, deepest, base)
     scale = np.sqrt(wavenumbers * weights)
@@ -280,11 +283,11 @@ def scatter(
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """Incident waves of one harmonic on the mesh of a `DentedSpace`, (points, n).
+    """Incident waves of one harmonic on a `DentedSpace`, (points, n).
 
-    `reaction` is χ, the flat faces' own part of the potential, at the moved nodes. `reflected`, `flat` and `dented` are
-    χ, U and Ũ at the points on the faces. `normal` and `dented_normal` are their ∂_n U and ∂_n Ũ in 1/m, times the area
-    over the area of the flat face.
+    `reaction` is χ at the moved nodes. On the faces `reflected`, `flat` and `dented` are χ, U and
+    Ũ, `normal` and `dented_normal` ∂_n U and ∂_n Ũ in 1/m, times the area over the area of the flat
+    face.
     """
 
     reaction: FloatArray

@@ -39,14 +39,12 @@ _PER_AREA: Recent[FloatArray] = Recent(256)
 
 @dataclass(frozen=True, eq=False)
 class WindingCapacitance:
-    """Capacitance of one coil in F, without other coils.
+    """Capacitance of a coil in F, without other coils.
 
-    `interlayer`, `turn_to_turn` and `leads` are parts of the lumped capacitance across the terminals: the field's
-    energy between turns of different layers, between turns of one layer, and the contribution of the leads. `layers`
-    (lines, lines) is the Maxwell matrix of the coil's lines, one per layer of the winding, each at one potential. Its
-    rows sum to zero, and lines that only carry a lead have zeros. `longest_turns` is the lumped capacitance if every
-    turn were as long as the longest, with the leads. It comes from one quadratic form, so it grows with every
-    permittivity, and by more than `total` does.
+    `interlayer`, `turn_to_turn` and `leads` are parts of the lumped capacitance across the
+    terminals. `layers` (lines, lines) is the Maxwell matrix of the lines, one per layer, each at
+    one potential. `longest_turns` is for turns as long as the longest, with the leads, and grows
+    with every permittivity, by more than `total` does.
     """
 
     interlayer: float
@@ -145,22 +143,18 @@ def elastomer_effect(
 ) -> xr.Dataset:
     """Compute the effect of the elastomer's permittivity on coils.
 
-    It changes the coils' capacitance and with it their apparent inductance. `tank_capacitance` C_t in F is in parallel
-    to the coil. Without `sheets` the elastomer fills the half space above the board. `undisturbed` is the height in m
-    above the board below which an indentation changes no permittivity: the deepest point of the indented surface, or of
-    the deepest interface if the layers differ in permittivity. The value 0 is always valid.
+    `tank_capacitance` C_t in F is parallel to the coil. Without `sheets` the elastomer fills the
+    half space above the board. `undisturbed` is the height in m above the board below which an
+    indentation changes no permittivity. The value 0 is always valid. The result has C_L ``without``
+    and ``with_elastomer`` and their ``change`` in F, and for each ``coil`` ``apparent_delta``, the
+    apparent relative change of L when the elastomer is laid on, and ``dent_bound``, an upper bound
+    of the apparent change by a dent.
 
-    For each ``coil`` the result has ``without`` and ``with_elastomer`` (C_L in F) and ``change`` (ΔC in F).
-    ``apparent_delta`` is the apparent relative change of L when the elastomer is laid on. ``dent_bound`` is an upper
-    bound of the apparent change by a dent. A capacitance or height that is not allowed raises a ValueError. Coils that
-    `coil_capacitance` refuses raise a GeometryError.
-
-    The converter measures f with f² (C_t + C_L) L constant and assumes a constant capacitance. So δ = ΔC/(C_t + C_L),
-    which is positive and independent of f. C grows with the permittivity at every point (Thomson's principle). A dent
-    changes the permittivity only above `undisturbed`, to something between 1 and `relative_permittivity`. So no dent
-    changes C by more than the difference between full and empty space there. This difference is the bound (taken with
-    `longest_turns`). All of this holds for a single floating coil. The field of its mean voltage against ground or
-    neighbours is left out.
+    The converter measures f with f² (C_t + C_L) L constant, so δ = ΔC/(C_t + C_L), positive and
+    independent of f. C grows with the permittivity at every point (Thomson's principle), and a dent
+    changes it only above `undisturbed`, to something between 1 and `relative_permittivity`. So the
+    difference of C between full and empty space there is the bound (taken with `longest_turns`).
+    The coil floats alone, without the field of its mean voltage against ground or neighbours.
 
     >>> from coilarray import load_design
     >>> effect = elastomer_effect(load_design("gast2020").array, 3.0, 120e-12, undisturbed=5e-3)

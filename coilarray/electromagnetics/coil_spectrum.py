@@ -1,18 +1,19 @@
-"""Plane-wave spectrum of the coils' field.
+"""Plane waves and harmonics of the coils' field on a sheet.
 
-It is the field on a sheet, also as harmonics about any point. Above a closed current path H = −∇Ψ with
+Above a closed current path H = −∇Ψ with
 
     Ψ(x, y, z) = ∫∫ d²k/(2π)² S(k, α) e^{ik·(x, y)} e^{−kz},
     S = i/(2k) Σ ∮ (cos α dy − sin α dx) e^{−ik·(x, y)} e^{kz},
 
-from the vector potential of the segments with 1/(4π|r|) = ∫∫ d²k/(2π)² e^{ik·(x, y)} e^{−k|z|}/(2k). About a point p
-the plane waves become harmonics of the angle θ (Jacobi–Anger),
+from the vector potential of the segments with 1/(4π|r|) = ∫∫ d²k/(2π)² e^{ik·(x, y)}
+e^{−k|z|}/(2k). About a point p the plane waves become harmonics of the angle θ (Jacobi–Anger),
 
-    Ψ = Σ_m e^{imθ} ∫ k dk/(2π) c_m(k) J_m(kr) e^{−kz},   c_m(k) = i^m/(2π) ∫ dα S(k, α) e^{ik·p} e^{−imα}.
+    Ψ = Σ_m e^{imθ} ∫ k dk/(2π) c_m(k) J_m(kr) e^{−kz},
+    c_m(k) = i^m/(2π) ∫ dα S(k, α) e^{ik·p} e^{−imα}.
 
-By Green's theorem 2 S is also the Fourier transform of a function that is 1 inside the path and 0 outside (for a path
-at z = 0, anticlockwise, with S → area/2 as k → 0). So weighted paths make the spectrum of any piecewise constant
-potential.
+By Green's theorem 2 S is also the Fourier transform of a function that is 1 inside the path and 0
+outside (path at z = 0, anticlockwise). So weighted paths make the spectrum of any piecewise
+constant potential.
 """
 
 from __future__ import annotations
@@ -36,11 +37,10 @@ _SPARE_ANGLES = 40  # above the bandwidth; the rest decays like the Bessel funct
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Straight pieces of the closed paths of a coil.
+    """Straight pieces of the closed paths of a coil, in m.
 
-    The ends `start` and `stop` (n, 3) are in m. `weights` (n,) is the weight of each piece in S: its current per
-    current of the coil, or for an electrode twice the potential inside its path. With weights (n, m) the same pieces
-    are m coils.
+    `weights` (n,) are the shares of the pieces in S: their current per current of the coil, or for
+    an electrode twice the potential inside. Weights (n, m) make m coils of the same pieces.
     """
 
     start: FloatArray
@@ -57,9 +57,9 @@ class Segments:
 class CoilSpectra:
     """Spectra of coils about their own centres.
 
-    `wavenumbers` (k,) are in 1/m and `centres` (coils, 2) in m. `radius` is the largest distance in m of a coil's
-    corner from its centre. `shape_of` has the index of each coil's spectrum. `series` is the Fourier series of S over
-    the angle α for every shape and wavenumber, in m per A (electrode: m² per V).
+    `wavenumbers` (k,) are in 1/m. `radius` in m is the largest distance of a corner from its coil's
+    centre. `series` is the Fourier series of S over α for every shape and wavenumber, in m per A
+    (electrode: m² per V).
     """
 
     wavenumbers: FloatArray
@@ -116,10 +116,10 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
 def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpectra:
     """Turn every coil about its centre by a small slope.
 
-    It falls by the `slope` along x and y, and the result is to first order in the slope. The wavenumbers must come from
-    `coilarray.electromagnetics.plane_waves.wave_rule`, between which a polynomial gives the derivative by k. Let n be
-    the direction α, n' the direction across it, f = slope·n and f' = slope·n'. A wave of the turned coil is then a wave
-    of the flat coil with k (1 − i f) and α − i f'. For harmonic functions, k S enters:
+    The derivative by k needs the wavenumbers of `coilarray.electromagnetics.plane_waves.wave_rule`.
+    Let n be the direction α, n' the direction across it, f = slope·n and f' = slope·n'. To first
+    order a wave of the turned coil is a wave of the flat coil with k (1 − i f) and α − i f', and k
+    S becomes
 
         S + δS,   δS = −i (f ∂(k S)/∂k + f' ∂S/∂α).
     """
@@ -161,10 +161,9 @@ def _derivative(nodes: FloatArray) -> FloatArray:
 def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highest: int) -> FloatArray:
     """Harmonics c_m(k) of a coil's potential in m/A.
 
-    They hold for one shape of coil about points (n, 2) in m from its centre. Real and imaginary parts have shape
-    (highest + 1, 2, k, n), with m from 0 to `highest`. The harmonics of −m are the conjugates. The waves of distinct x
-    and of distinct y are multiplied. In opposite directions S e^{ik·p} are conjugates, so half a circle suffices: 2 Re
-    for even m and 2i Im for odd m.
+    They are about points (n, 2) in m from the coil's centre, real and imaginary parts (highest + 1,
+    2, k, n). In opposite directions S e^{ik·p} are conjugates, so half a circle suffices: 2 Re for
+    even m and 2i Im for odd m.
     """
     (x, of_x), (y, of_y) = (np.unique(values, return_inverse=True) for values in offsets.T)
     distance = float(np.hypot(*offsets.T).max(initial=0.0))
@@ -207,9 +206,8 @@ def gradients_on_grid(
 ) -> FloatArray:
     """Gradient of every coil's potential on a grid in 1/m.
 
-    The grid has (nx,) by (ny,) points in m on some planes. The result has shape (coils, 3, planes, nx, ny), for coils
-    carrying 1 A. `weights` (k,) are the weights of an integral over the wavenumbers. `profiles` and `slopes` (planes,
-    k) are the potential over the potential of each wave at z = 0, and its derivative over the height in 1/m.
+    The result (coils, 3, planes, nx, ny) is for 1 A. `profiles` (planes, k) are the potential over
+    its value at z = 0 in each wave, `slopes` its derivative by the height in 1/m.
     """
     corners = np.array(np.meshgrid(x[[0, -1]], y[[0, -1]])).reshape(2, -1).T
     distance = np.hypot(*(corners[:, None] - spectra.centres).T).max()

@@ -1,19 +1,19 @@
 """Exact effect of a flat magnetic sheet on inductance.
 
-The sheet is one slab above the board, of relative permeability μr and thickness t, whose lower face lies above all
-paths. With β = (μr − 1)/(μr + 1) and F(h) the mutual inductance in free space of path i and the mirror image of path j,
-lifted by h,
+The sheet is one slab of relative permeability μr and thickness t, whose lower face lies above all
+paths. With β = (μr − 1)/(μr + 1) and F(h) the mutual inductance in free space of path i and the
+mirror image of path j, lifted by h,
 
     ΔM = Σ_n β^(2n+1) [F(2nt) − F(2(n+1)t)] = β F(0) − (1 − β²) Σ_{n>0} β^(2n−1) F(2nt).
 
-The image is the path mirrored at the lower face together with its current. Horizontal parts keep their direction, and
-vertical parts turn round. At that face the image's own B has the same part across it as the path's B, and the opposite
-part along it. So below, path and β times the image give (1 + β) B_z and (1 − β) H_t of the path alone. Above, 1 + β
-times the path's own B matches both since (1 + β)/μr = 1 − β. The upper face mirrors this back, and so on.
+The image is the path mirrored at the lower face with its current: horizontal parts keep their
+direction, vertical parts turn round. At that face the image's own B has the same part across it as
+the path's B, and the opposite part along it. So below, path and β times the image give (1 + β) B_z
+and (1 − β) H_t of the path alone. Above, 1 + β times the path's own B matches both since (1 + β)/μr
+= 1 − β. The upper face mirrors this back, and so on.
 
-Near images are taken individually, with the cross-section of their bars. The rest of the series is summed at once in
-the spectrum of plane waves (`coilarray.electromagnetics.plane_waves`), where it is geometric, Σ_n β^(2n) e^{−2nkt} =
-1/(1 − β² e^{−2kt}).
+Near images have the cross-section of their bars. The rest is summed at once in the spectrum of
+plane waves (`coilarray.electromagnetics.plane_waves`), Σ_n β^(2n) e^{−2nkt} = 1/(1 − β² e^{−2kt}).
 """
 
 from __future__ import annotations
@@ -65,10 +65,7 @@ class Slab:
 
 
 def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
-    """Return the magnetic region of sheets upwards from z = 0, or None.
-
-    Neighbouring sheets of one permeability make one slab. Magnetic sheets of different permeability, or with another
-    sheet between them, raise an ElastomerError.
+    """Return the magnetic region of sheets from z = 0, or None.
 
     >>> magnetic_slab([Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7)])
     Slab(lower=0.006, thickness=0.002, relative_permeability=2.7)

@@ -1,17 +1,16 @@
 """Plane waves in a stack of flat layers.
 
-The reflection of the stack and the field in it are computed for one wavenumber at a time. Outside of the source coils,
-the vertical flux density is B_z = Σ b(z) e^{ik·x}, and in flat layers each wave keeps its pattern in the plane. In a
-layer of relative permeability μ and conductivity σ, b'' = γ² b with γ² = k² + jωμ0μσ. Both b and b'/μ are continuous. A
-wave that comes from medium a to medium b is reflected with
+The vertical flux density is B_z = Σ b(z) e^{ik·x}, and in flat layers each wave keeps its pattern
+in the plane. In a layer of relative permeability μ and conductivity σ, b'' = γ² b with γ² = k² +
+jωμ0μσ. Both b and b'/μ are continuous. A wave from medium a to medium b is reflected with
 
     ρ = (γ_a/μ_a − γ_b/μ_b)/(γ_a/μ_a + γ_b/μ_b),
 
-and by a layer of thickness d with reflection r beyond it with (ρ + r e^{−2γd})/(1 + ρ r e^{−2γd}), from the outermost
-layer inwards (Dodd & Deeds, J. Appl. Phys. 39, 2829 (1968), for a circular coil over two media; Cheng, Dodd & Deeds,
-Int. J. NDT 3, 109 (1971), for any number). Without conduction H = −∇Ψ and b = −μ ∂Ψ/∂z, and the potential is reflected
-with −ρ. The electric potential above a board is the same with permittivities, except for its base. The copper holds the
-potential.
+and by a layer of thickness d with reflection r beyond it with (ρ + r e^{−2γd})/(1 + ρ r e^{−2γd}),
+from the outermost layer inwards (Dodd & Deeds, J. Appl. Phys. 39, 2829 (1968), for a circular coil
+over two media; Cheng, Dodd & Deeds, Int. J. NDT 3, 109 (1971), for any number). Without conduction
+H = −∇Ψ and b = −μ ∂Ψ/∂z, and the potential is reflected with −ρ. The electric potential above a
+board is the same with permittivities, but the copper below holds the potential.
 """
 
 from __future__ import annotations
@@ -58,12 +57,12 @@ def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Laye
 
 @dataclass(frozen=True, eq=False)
 class LayerWaves:
-    """Waves that come through air to flat layers, and their reflection.
+    """Waves in flat layers and their reflection, from the first face on.
 
-    The `layers` go from the first face outwards, with air beyond. `growths` (layers, …, k) is γ in 1/m of each layer,
-    inf in a perfect conductor, which has no field inside. `beyond`, of the same shape, is the reflection r at its outer
-    face, and `passed` is 1 − r, which cancellation would lose. `reflection` (…, k) is ρ of b at the first face and
-    `potential` 1 − ρ, the scalar potential at the first face over the potential of the wave alone.
+    `growths` (layers, …, k) are γ in 1/m, inf in a perfect conductor. `beyond` is the reflection r
+    at each outer face, and `passed` is 1 − r, which cancellation would lose. `reflection` (…, k) is
+    ρ of b at the first face and `potential` 1 − ρ, the potential there over the potential of the
+    wave alone.
     """
 
     layers: tuple[Layer, ...]
@@ -128,12 +127,10 @@ class LayerWaves:
 
 
 def layer_waves(layers: Sequence[Layer], wavenumbers: FloatArray, omega: FloatArray | float = 0.0) -> LayerWaves:
-    """Compute the waves in flat layers with air before and beyond.
+    """Compute the waves in flat layers between air.
 
-    The layers go from the first face outwards, the wavenumbers (k,) are positive, in 1/m. The axis of angular
-    frequencies (f, 1) in 1/s leads the shapes of the result.
-
-    A thick layer of the permeability 3 draws half of the flux in. A perfect conductor sends all back.
+    An `omega` (f, 1) in 1/s leads the shapes of the result. A thick layer of the permeability 3
+    draws half of the flux in, a perfect conductor sends all back:
 
     >>> k = np.array([100.0])
     >>> layer_waves([Layer(1.0, 3.0)], k).reflection.real
@@ -196,11 +193,12 @@ class PassedWaves:
 
 @dataclass(frozen=True)
 class Backing:
-    """Bodies below the coils that return their field at one frequency in Hz.
+    """Bodies below the coils that return their field.
 
-    `layers` go downwards from a `face` in m below all coils. `eddies` are currents above the face for 1 A in each of n
-    coils, with 2n weights each: the real parts, then the imaginary parts. `passed` are currents between the layers or
-    below them, seen from above, with the same pieces and weights.
+    `layers` go downwards from a `face` in m below all coils. `eddies` are currents above the face
+    for 1 A in each of n coils, with 2n weights each: the real parts, then the imaginary parts.
+    `passed` are currents between or below the layers, seen from above, with the same pieces and
+    weights.
     """
 
     face: float
@@ -237,11 +235,10 @@ class Backing:
         permeabilities: Sequence[float],
         lift: float = 0.0,
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Multiple reflections between the backing and flat sheets.
+        """Multiple reflections between the backing and sheets above it.
 
-        The sheets reach from z = `lift` in m upwards. The first result is how often each wave arrives at the sheets,
-        1/(1 − ρ_u ρ e^{−2kD}). The second is ρ e^{−2kD} times that, which arrives for a wave that leaves z = `lift`
-        downwards. Both have shape (k,).
+        The first result (k,) is how often each wave arrives at the sheets, 1/(1 − ρ_u ρ e^{−2kD}).
+        The second is ρ e^{−2kD} times that, for a wave that leaves z = `lift` downwards.
         """
         back = self.reflection(wavenumbers) * np.exp(-2 * wavenumbers * (lift - self.face))
         often = 1 / (1 + reflection(wavenumbers, thicknesses, permeabilities) * back)
@@ -269,10 +266,8 @@ def flat_profile(
 ) -> FloatArray:
     """Total potential g(z) in flat sheets, shape (n, k).
 
-    It is for an incident potential e^{−kz}, or for g(0) = 1. `wavenumbers` (k,) are positive, in 1/m. The heights `z`
-    (n,) are in m from 0, the lower face of the lowest sheet. Sheets, with thicknesses in m and relative permeabilities
-    (or permittivities), lie upwards from there, and air above. The base is air with an incident potential below
-    ("open"), or electrodes at z = 0 that hold the potential 1 ("grounded").
+    The incident potential is e^{−kz} from air below ("open"), or electrodes at z = 0 hold the
+    potential 1 ("grounded"). Heights `z` (n,) are in m from the lowest sheet's lower face.
     """
     waves = layer_waves(_sheets(thicknesses, permeabilities), wavenumbers)
     profile = np.empty((len(z), len(wavenumbers)))

@@ -1,15 +1,17 @@
 """Capacitance per length of flat strips in a layered dielectric.
 
-The strips lie on the planes of the layers (2-D electrostatics). A charge density σ cos kx on one plane makes potentials
-φ cos kx on all of them. With Y the tridiagonal matrix of the slabs between the planes,
+The strips lie on the planes of the layers (2-D electrostatics). A charge density σ cos kx on one
+plane makes potentials φ cos kx on all of them. With Y the tridiagonal matrix of the slabs between
+the planes,
 
     σ = Y φ,   Y_ii += ε0 ε k coth kd,   Y_i,i±1 = −ε0 ε k / sinh kd,   half space: Y_ii += ε0 ε k,
 
-so that Green's function of wavenumber k is G = Y⁻¹ (Itoh, IEEE Trans. MTT 28, 733 (1980), static limit). Here it is in
-closed form by recursion over the slabs. The charge on a strip of half width a is expanded in T_m(u)/(π a √(1 − u²)).
-This has the edge singularity of a thin strip, and its Fourier transform is i^m J_m(ka). Galerkin's method makes the
-matrix symmetric. A trace of finite thickness is two strips of one potential, its upper and its lower face. The side
-walls are left out, which makes C some 1 % too small at usual thickness.
+so that Green's function of wavenumber k is G = Y⁻¹ (Itoh, IEEE Trans. MTT 28, 733 (1980), static
+limit), here in closed form by recursion over the slabs. The charge on a strip of half width a is
+expanded in T_m(u)/(π a √(1 − u²)), which has the edge singularity of a thin strip and the Fourier
+transform i^m J_m(ka). Galerkin's method makes the matrix symmetric. A trace of finite thickness is
+two strips of one potential, its upper and its lower face. The side walls are left out, which makes
+C some 1 % too small at usual thickness.
 """
 
 from __future__ import annotations
@@ -43,11 +45,8 @@ _CUTOFF_DISTANCE = 5.0
 class LayeredMedium:
     """Parallel planes with dielectrics between, above and below.
 
-    `thicknesses` are the distances in m between consecutive planes, from the top plane down. `epsilon_r`, two longer,
-    are the relative permittivities from the region above the top plane to the region below the bottom plane.
-    `ground_above` and `ground_below` are the distances in m from the top (bottom) plane to a grounded plane. Without it
-    the region is a half space. Lengths that do not fit, a thickness that is not positive, or a permittivity below 1
-    raise a GeometryError.
+    `thicknesses` in m and `epsilon_r`, two longer, go from top to bottom. `ground_above` and
+    `ground_below` are distances in m of a grounded plane, without which the region is a half space.
     """
 
     thicknesses: tuple[float, ...]
@@ -83,11 +82,11 @@ class LayeredMedium:
         return self.ground_above is not None or self.ground_below is not None
 
     def green(self, k: FloatArray) -> FloatArray:
-        """Potential per charge density of planes (n, planes, planes) in V m²/C.
+        """Potential per charge density (n, planes, planes) in V m²/C.
 
-        The wavenumbers `k` (n,) are positive, in 1/m. Admittances looking up and down from each plane are carried
-        through a slab as along a line of length d: Y → y (y + Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the
-        potential by y/sinh kd/(y coth kd + Y).
+        Admittances up and down from each plane are carried through a slab as along a line of length
+        d: Y → y (y + Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the potential by y/sinh kd/(y
+        coth kd + Y).
         """
         n = self.planes
         y = EPSILON_0 * np.outer(self.epsilon_r, k)
@@ -145,25 +144,21 @@ def strip_capacitance(
     basis: int = 3,
     cutoff: float | None = None,
 ) -> FloatArray:
-    """Compute the Maxwell capacitance matrix of strips in F/m.
+    """Compute the Maxwell capacitance matrix of parallel strips in F/m.
 
-    The strips are parallel and repeated with a period. They lie on the `planes` (n,) of the medium, 0 on top, with
-    `centres` and `widths` (n,) across them in m. Strips of one of the `conductors` 0, 1, … share its potential. By
-    default each is a conductor of its own. Isolated strips without net charge need a `period` in m of many times their
-    extent, as the error falls as its square. With `mirror`, strips lie in 0 < x < period and are mirrored at x = 0 and
-    at x = period, with their potentials. Three functions per strip (`basis`) suffice for strips not much wider than
-    their distances. `cutoff` is the largest wavenumber in 1/m, by default from the widths and the distances of the
-    planes that carry strips.
+    The strips lie on the `planes` (n,) of the medium, 0 on top, with `centres` and `widths` (n,) in
+    m, repeated with the `period`. Isolated strips without net charge need a period of many times
+    their extent, as the error falls as its square. With `mirror`, strips lie in 0 < x < period and
+    are mirrored at both ends, with their potentials. Three functions per strip (`basis`) suffice
+    for strips not much wider than their distances. `cutoff` is the largest wavenumber in 1/m.
 
-    The matrix, charge per length of each conductor (of one period) per potential of each, is symmetric. Rows sum to the
-    capacitance to the grounded planes, or to zero without such a plane (no net charge). Strips that overlap on a plane
-    or do not fit into the period, or a width that is not positive, raise a GeometryError. Lengths that do not fit, a
-    plane that does not exist, a conductor without strip, or a period, basis or cutoff that is not positive raise a
-    ValueError.
+    The matrix, charge of each of the `conductors` per potential of each, is symmetric. Rows sum to
+    the capacitance to the grounded planes, or to zero without them (no net charge).
 
-    A q = V with A_pq = (1/P) Σ_n (2 − δ_n0) G(k_n) f_p(k_n) f_q(k_n), k_n = 2πn/P (mirrored: πn/P), and f the
-    transforms in the module's heading. Beyond the cutoff K, a strip's J_m J_m' averages to ±1/(πka) and G to 1/(ε0
-    (ε_above + ε_below) k). The tail is then 1/(π² a K ε0 (ε_above + ε_below)).
+    A q = V with A_pq = (1/P) Σ_n (2 − δ_n0) G(k_n) f_p(k_n) f_q(k_n), k_n = 2πn/P (mirrored: πn/P),
+    and f the transforms in the module's heading. Beyond the cutoff K, a strip's J_m J_m' averages
+    to ±1/(πka) and G to 1/(ε0 (ε_above + ε_below) k). The tail is then 1/(π² a K ε0 (ε_above +
+    ε_below)).
 
     >>> air = LayeredMedium((), (1.0, 1.0))
     >>> C = strip_capacitance(air, [0, 0], [-0.15e-3, 0.15e-3], [0.15e-3, 0.15e-3], period=20e-3)
@@ -223,14 +218,11 @@ def crossed_grid_capacitance(
 ) -> FloatArray:
     """Compute the Maxwell matrix of crossed grids in F/m².
 
-    The grids of traces lie above each other and run in different directions. Each of n faces has its plane in the
-    medium, the width and pitch of its traces in m, the number of its grid (the faces of one grid lie above each other)
-    and its conductor 0, 1, …, with `basis` as in `strip_capacitance`. A trace that is not narrower than its pitch
-    raises a GeometryError.
-
-    Grids of different direction, pitch or phase act on each other by the mean charge alone (k = 0). Their other
-    harmonics have no wavevector in common, and their induced charge comes back damped by exp(−4πh/pitch). Within a grid
-    all harmonics count. So the fill factor enters with its fringing.
+    Each of n faces has its plane in the medium, the width and pitch of its traces in m, the number
+    of its grid and its conductor. Grids of different direction, pitch or phase act on each other by
+    the mean charge alone (k = 0). Their other harmonics have no wavevector in common, and their
+    induced charge comes back damped by exp(−4πh/pitch). Within a grid all harmonics count, so the
+    fill factor enters with its fringing.
 
     >>> medium = LayeredMedium((0.2e-3,), (1.0, 4.5, 1.0))
     >>> C = crossed_grid_capacitance(medium, [0, 1], [0.15e-3] * 2, [0.3e-3] * 2, [0, 1], [0, 1])

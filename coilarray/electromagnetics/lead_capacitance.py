@@ -1,10 +1,10 @@
-"""Capacitance that leads add to a winding.
+"""Capacitance of leads at a winding, by the method of moments.
 
-It is computed by the method of moments with straight wires in the layered dielectric. The wires are the leads and, for
-the winding, a few ribbons per layer from ray to ray. A flat strip of width w acts as a round wire of radius w/4.
-Green's function of the layers is taken as a sum of images, Σ a/(2π √(ρ² + b²)), fitted in the spectral domain (Σ a
-exp(−kb)/k; Chow et al., IEEE Trans. MTT 39, 588 (1991), with fixed real depths b). The potential of a uniformly charged
-straight wire is then a logarithm. The result is good to 15 % (tests).
+Leads, and a few ribbons per layer of the winding from ray to ray, are straight wires in the layered
+dielectric. A flat strip of width w acts as a round wire of radius w/4. Green's function of the
+layers is taken as a sum of images, Σ a/(2π √(ρ² + b²)), fitted in the spectral domain (Σ a
+exp(−kb)/k; Chow et al., IEEE Trans. MTT 39, 588 (1991), with fixed real depths b). The potential of
+a uniformly charged straight wire is then a logarithm. The result is good to 15 % (tests).
 """
 
 from __future__ import annotations
@@ -46,15 +46,12 @@ class _Wire:
 
 @serial_algebra()
 def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: FloatArray, turns: Turns) -> float:
-    """Compute the capacitance that leads add between the winding's ends in F.
+    """Compute the capacitance in F that leads add to a winding.
 
-    The `medium` has a plane for every copper layer. `planes` (lines,) and `thicknesses` (lines,) in m are the plane and
-    the copper of each line of the path. The result is 0 without leads, never negative, and larger for longer leads.
-
-    Every lead has the potential of its end of the winding, whose potential rises evenly along the path. All wires
-    together float without net charge. The result is the capacitance of leads and ribbons less the capacitance of the
-    ribbons alone. Charges that are free in more places store more energy, so it grows with the leads. Vias and pads are
-    left out.
+    Every lead has the potential of its end of the winding, whose potential rises evenly along the
+    path. All wires together float without net charge. The result is the capacitance of leads and
+    ribbons less the capacitance of the ribbons alone, without vias and pads. Charges that are free
+    in more places store more energy, so it grows with the leads.
     """
     used = np.unique(planes)
     near = float(np.diff(np.cumsum((0.0, *medium.thicknesses))[used]).min()) if len(used) > 1 else math.inf

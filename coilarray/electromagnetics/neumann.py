@@ -1,13 +1,14 @@
 """Neumann's double integral over pairs of current paths.
 
-Equal pairs are computed once. Pairs whose bounding boxes lie apart are replaced by equivalent currents at the Chebyshev
-nodes of the boxes. There 1/R is smooth, so it equals its interpolation from the nodes of either box. A path is then
-represented by the vector W_p = ∫ L_p dl at every node p, with the Lagrange polynomials L_p, and
+Equal pairs are computed once. Pairs whose bounding boxes lie apart are replaced by equivalent
+currents at the Chebyshev nodes of the boxes, as 1/R is smooth there and equals its interpolation
+from the nodes of either box. A path is then the vector W_p = ∫ L_p dl at every node p, with the
+Lagrange polynomials L_p, and
 
     ∬ dl·dl'/R = Σ_pq W_p·W'_q / |x_p − x'_q|
 
-as in the black-box fast multipole method (Fong & Darve, J. Comput. Phys. 228, 8712, 2009). The other pairs go segment
-by segment through `coilarray.electromagnetics.neumann_near`.
+as in the black-box fast multipole method (Fong & Darve, J. Comput. Phys. 228, 8712, 2009). The
+other pairs go segment by segment through `coilarray.electromagnetics.neumann_near`.
 """
 
 from __future__ import annotations
@@ -120,9 +121,8 @@ def path_sums(
 ) -> FloatArray:
     """Compute Neumann's integral ∬ dl·dl'/R of pairs in m.
 
-    It is averaged over the cross-sections. µ0/4π times the result is the inductance. Pair k is the paths `first[k]` and
-    `second[k]`, with equal numbers for a path with itself. The result is infinite for thin filaments that overlap on
-    one line. A thin filament paired with itself raises a GeometryError.
+    It is averaged over the cross-sections of the paths `first[k]` and `second[k]`. Thin filaments
+    that overlap on one line give inf.
     """
     if not len(first):
         return np.zeros(0)

@@ -1,8 +1,7 @@
-"""Neumann's double integral of near pairs of paths, segment by segment.
+"""Neumann's double integral of near paths, segment by segment.
 
-The paths are cut into flat parts, as the layers of a planar coil, and the rest. A layer is often another layer turned
-over. The integral of two parts equals the integral of their mirror images, so pairs that differ only by a reflection
-are summed once.
+The paths are cut into flat parts, as the layers of a planar coil, and the rest. A layer is often
+another layer turned over, so pairs of parts that differ only by a reflection are summed once.
 """
 
 from __future__ import annotations
@@ -43,11 +42,10 @@ Sums = tuple[IntArray, FloatArray]  # numbers of pairs, and values to add to the
 class PathParts:
     """Parts of several paths and their distinct shapes.
 
-    `tables` are rows of `kernels.paths`, (segments, 12), of the distinct parts from the origin. `flat` and `upright`
-    (distinct,) mark the parts at one height, and the parts that run straight up and down. `first` (paths + 1,) is the
-    number of the first part of each path, and at the end the number of all parts. Part k is the distinct part
-    `number[k]`, mirrored by the signs `mirror[k]` of its coordinates and moved to `origin[k]` in m from the start of
-    its path. `sign[k]` is −1 if the current runs the other way.
+    `tables` are rows of `kernels.paths` of the distinct parts from the origin. `flat` and `upright`
+    (distinct,) mark parts at one height and vertical parts. `first` (paths + 1,) is the first part
+    of each path. Part k is the distinct part `number[k]`, mirrored by the signs `mirror[k]` of its
+    coordinates, moved to `origin[k]` in m from the start of its path, its current of the `sign[k]`.
     """
 
     tables: list[FloatArray]
@@ -170,12 +168,12 @@ def part_blocks(
     quantum: float,
     accuracy: Accuracy,
 ) -> list[Callable[[], Sums]]:
-    """Prepare the sums ∬ dl·dl'/R in m over pairs of near paths.
+    """Prepare the sums ∬ dl·dl'/R in m over near pairs.
 
-    The result is pieces of the work that several threads may call at once, whose results add up. `tables` are rows of
-    `kernels.paths`, each path from the origin, and `quanta` the largest differences in m between equal paths. Pair k is
-    the paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero for a path with itself). Equal
-    shifts differ by up to `quantum` in m.
+    The results of the returned pieces, which threads may call at once, add up. `quanta` are the
+    largest differences in m between equal paths, `quantum` between equal shifts. Pair k is the
+    paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero for a path with
+    itself).
     """
     if not len(first):
         return []
@@ -251,8 +249,8 @@ def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, I
 def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
     """Group equal pairs into classes.
 
-    Rows of `key` and `turned` (n, columns) mean the same. The result is one pair of each class (classes,), the class of
-    each pair (n,), and a mask (n,) of the pairs for which `turned` is used.
+    Rows of `key` and `turned` (n, columns) mean the same. The result is one pair of each class, the
+    class of each pair (n,), and where `turned` is used.
 
     >>> example, number, turn = pair_classes(np.array([[1, 2], [2, 1], [3, 3]]), np.array([[2, 1], [1, 2], [3, 3]]))
     >>> number, turn

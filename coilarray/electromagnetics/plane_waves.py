@@ -1,13 +1,15 @@
 """Reflection by flat bodies in the spectrum of plane waves.
 
-The bodies lie above or below the current paths. With J(k) = ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path, z counted
-from a face above all paths, and J' its conjugate with J_z reversed, F(h) is the mutual inductance in free space of path
-i and the image of path j. The image is mirrored at the face with its current and lifted by h,
+The bodies lie above or below the current paths. With J(k) = ∫ e^{i(k_x x + k_y y)} e^{kz} dl along
+a path, z counted from a face above all paths, and J' its conjugate with J_z reversed, F(h) is the
+mutual inductance in free space of path i and the image of path j. The image is mirrored at the face
+with its current and lifted by h,
 
     F(h) = µ0/4π ∫₀^∞ dk e^{−kh} ⟨J_i·J'_j⟩,   ⟨ ⟩ the mean over the directions of k.
 
-A body that reflects waves with a factor of their wavenumber has this factor in place of e^{−kh}. A face below all paths
-is a face above the mirrored paths. A wave between both faces counts with ⟨J_i·J'_j⟩ of one board and the other.
+A body that reflects waves with a factor of their wavenumber has this factor in place of e^{−kh}. A
+face below all paths is a face above the mirrored paths. A wave between both faces counts with
+⟨J_i·J'_j⟩ of one board and the other.
 """
 
 from __future__ import annotations
@@ -44,9 +46,8 @@ _MOST_WAVES = 1e10  # waves times corners, some minutes on a core
 class _Shape:
     """Path about its own origin, lengths in m.
 
-    `vertices` (m, 3) are its corners, `starts` and `ends` (n,) the vertices of each bar. `across` (n, 2) is half its
-    width as a vector, `up` (n,) the vertical part of half its thickness, and `weights` (n,) the number of equal bars
-    that it represents. Vertical bars are thin.
+    `across` (n, 2) is half the width of each bar as a vector, `up` (n,) the vertical part of half
+    its thickness, `weights` (n,) the number of equal bars. Vertical bars are thin.
     """
 
     vertices: FloatArray
@@ -137,11 +138,11 @@ def top_of(path: Conductor) -> float:
 
 
 def _nodes(radians: float, digits: float) -> int:
-    """Nodes of rules for e^{ix}, |x| ≤ radians, to the tolerance.
+    """Nodes of rules for e^{ix}, |x| ≤ radians.
 
-    A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the ellipse ρ (Trefethen,
-    Approximation Theory and Approximation Practice, thm. 19.3). n points on half a circle err in the same way on the
-    strip |Im θ| < ln ρ. ρ = 3 is near the best.
+    A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the ellipse ρ
+    (Trefethen, Approximation Theory and Approximation Practice, thm. 19.3), and so do n points on
+    half a circle on the strip |Im θ| < ln ρ. ρ = 3 is near the best.
     """
     return math.ceil((radians * 4 / 3 + digits) / (2 * math.log(3)))
 
@@ -195,12 +196,11 @@ def _grid(board: Board, other_kinds: int) -> _Grid | None:
 def reflected_inductance(
     boards: Sequence[Board], nodes: Sequence[float], weights: WeightArray, *, progress: Progress | None = None
 ) -> WeightArray:
-    """Sum reflected waves over wavenumbers, in H.
+    """Sum reflected waves over wavenumbers, (m, paths, paths) in H.
 
-    The sum is µ0/4π Σ_k w ⟨J_i·J'_j⟩, shape (m, paths, paths), over wavenumbers in 1/m. `boards` has the board below a
-    face above, and may also have the board of the mirrored paths below a face below. `weights` (m, pairs, nodes) are
-    for the pairs of boards with themselves and, between both, of one with the other. Paths with a number of corners, or
-    a width against their distance from the face, that would take hours raise a GeometryError.
+    The sum is µ0/4π Σ_k w ⟨J_i·J'_j⟩. `boards` has the board below a face above, and may have the
+    mirrored board below a face below. `weights` (m, pairs, nodes) are for the pairs of boards with
+    themselves and, between both, of one with the other.
     """
     require_few_waves(boards[0], nodes)
     grid = _grid(boards[0], len(boards[-1].heights))

@@ -1,8 +1,8 @@
 """Resistance of coils at direct and alternating current.
 
-The skin and the proximity effect of every trace are covered by two models, chosen by coil and frequency
-(`resistance_matrix`). Traces up to `WIDE` skin depths are computed in the local transverse field of all coils, wider
-traces by filaments in the cross-section of the coil's bundle of turns.
+Skin and proximity effect follow from two models, chosen by coil and frequency
+(`resistance_matrix`). Traces up to `WIDE` skin depths are computed in the local transverse field of
+all coils, wider traces by filaments in the cross-section of the coil's bundle of turns.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> Fl
 class CrossSection:
     """Losses of one straight isolated trace over frequency.
 
-    `resistance_ratio` is R_ac/R_dc without neighbours. `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a
-    uniform field of peak value H along the thickness or along the width adds the loss ½ g |H|² in W/m. All three losses
-    add without cross terms.
+    `resistance_ratio` is R_ac/R_dc. `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a
+    uniform field of peak value H along thickness or width adds ½ g |H|² in W/m, without cross
+    terms.
     """
 
     resistance_ratio: FloatArray
@@ -105,10 +105,7 @@ class CrossSection:
 
 
 def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
-    """Compute the skin depth δ = √(ρ/(π f µ0)) of copper in m.
-
-    The shape is that of `frequency` in Hz. A frequency that is not positive or above `HIGHEST` raises a ValueError, a
-    resistivity in Ω·m that is not positive and finite a GeometryError.
+    """Compute the skin depth √(ρ/(π f µ0)) of copper in m.
 
     >>> round(float(skin_depth(2e6)) * 1e6, 1)
     46.7
@@ -127,13 +124,10 @@ def cross_section(
 ) -> CrossSection:
     """Compute the losses of one straight isolated rectangular trace.
 
-    Sides are in m, frequencies in Hz of any shape, the resistivity in Ω·m. A size or resistivity that is not positive
-    and finite, or a side of more than `MOST_SKIN_DEPTHS`, raises a GeometryError, a frequency that is not positive and
-    finite a ValueError.
-
-    Filaments in the cross-section (P. Silvester, Proc. IEEE 54, 1147, 1966; W. T. Weeks et al., IBM J. Res. Dev. 23,
-    652, 1979) with exact mean logarithms on a mesh graded towards the edges. Every eddy mode adds β²c/(1 + β²λ²), so
-    that one decomposition per aspect ratio, which is cached, serves all frequencies.
+    By filaments in the cross-section (P. Silvester, Proc. IEEE 54, 1147, 1966; W. T. Weeks et al.,
+    IBM J. Res. Dev. 23, 652, 1979) with exact mean logarithms on a mesh graded towards the edges.
+    Every eddy mode adds β²c/(1 + β²λ²), so that one decomposition per aspect ratio, which is
+    cached, serves all frequencies.
 
     >>> trace = cross_section(0.1e-3, 35e-6, [1e6, 10e6])
     >>> trace.resistance_ratio.round(3)
@@ -203,28 +197,26 @@ def resistance_matrix(
 ) -> xr.Dataset:
     """Compute the resistance matrix R(f) of coils in Ω.
 
-    It contains the coils' own losses and the losses that they induce in each other's copper. Every segment of `source`
-    (see `as_conductors`) needs a cross-section. The `frequencies` in Hz have shape (n,), the `resistivity` is in Ω·m.
+    It contains the losses of the coils and their eddy losses in each other's copper. ``resistance``
+    (frequency, coil, other) is symmetric and positive definite: ½ Re(iᴴ R i) is the loss in W in
+    all copper for peak currents i, open and grounded coils included. ``model`` (frequency, coil) is
+    an element of `MODELS`:
 
-    ``resistance`` (frequency, coil, other) in Ω is real, symmetric and positive definite. For any peak currents i, ½
-    Re(iᴴ R i) is the loss in W in all copper, open and grounded coils included. ``dc_resistance`` (coil) is in Ω.
-    ``model`` (frequency, coil) is an element of `MODELS`. A segment without a cross-section, a resistivity that is not
-    positive and finite, or a trace of more than `MOST_SKIN_DEPTHS` raises a GeometryError. Frequencies that are not
-    positive and finite, or of another shape, raise a ValueError.
+    *Transverse field* (coils whose widest trace is at most `WIDE` skin depths): a segment of length
+    l in the fields h_i of unit currents adds l (ρ/A · R_ac/R_dc) to its own coil and l (g_n h_i·n
+    h_j·n + g_w h_i·w h_j·w) to R_ij (`cross_section`). The fields follow from Biot–Savart at Gauss
+    points on the segment, without its own field. The field of eddy currents acts on no other
+    copper.
 
-    *Transverse field* (coils whose widest trace is at most `WIDE` skin depths): a segment of length l lies in the
-    fields h_i of unit currents. It adds l (ρ/A · R_ac/R_dc) to its own coil and l (g_n h_i·n h_j·n + g_w h_i·w h_j·w)
-    to R_ij (`cross_section`). The fields follow from Biot–Savart at Gauss points on the segment, without its own field.
-    The field of eddy currents acts on no other copper.
-
-    *Section filaments* (wider traces): the same sum, with each part of a turn multiplied by three factors. The factors
-    come from radial cuts through the coil (`coilarray.geometry.winding.Turns.cuts`), with all turns on all layers as
-    infinite traces. Each factor is the heat by filaments over the heat by transverse field. The first is for the coil's
-    own current (with the mean local field where the cut alone has another). The other two are for a uniform field along
-    the thickness and the width, as other coils make it. Along the path the factors are linear from cut to cut, and on
-    leads they are 1. The part of two coils takes √ of both factors, which keeps R positive definite. So turns of one
-    coil shield each other, but coils do not. Corners, leads and turns shorter than a few bundle widths are the weak
-    points. Vertical segments (vias) count with their DC resistance. Eddy currents in pads and planes are left out.
+    *Section filaments* (wider traces): the same sum, with each part of a turn multiplied by three
+    factors from radial cuts through the coil (`coilarray.geometry.winding.Turns.cuts`), with all
+    turns on all layers as infinite traces. Each factor is the heat by filaments over the heat by
+    transverse field: for the coil's own current (with the mean local field where the cut alone has
+    another), and for a uniform field along thickness and width, as other coils make it. Factors are
+    linear along the path from cut to cut, and 1 on leads. The part of two coils takes √ of both
+    factors, which keeps R positive definite. So turns of one coil shield each other, but coils do
+    not. Corners, leads and turns shorter than a few bundle widths are the weak points. Vias count
+    with their DC resistance, eddy currents in pads and planes are left out.
 
     >>> from coilarray import load_design
     >>> result = resistance_matrix(load_design("gast2020").array, [1e5, 1.7e6])
@@ -317,10 +309,10 @@ class _Points:
 class _Traces:
     """Losses in the horizontal segments of coils of one shape.
 
-    `resistance` (frequencies,) in Ω leaves out the fields of other segments. The field of unit currents adds its square
-    times the loss of each of the `groups`, the indices and lengths in m of points on traces with equal losses. `own`,
-    `mixed` and `others` (2, frequencies, groups) in Ω·m are for fields along width and thickness. The field of the
-    coil's own current enters `own` twice, `mixed` once and `others` not at all.
+    `resistance` (frequencies,) in Ω leaves out the fields of other segments, whose squares add the
+    loss of each of the `groups`, points on traces with equal losses, by index and length in m.
+    `own`, `mixed` and `others` (2, frequencies, groups) in Ω·m are for fields along width and
+    thickness. The coil's own field enters `own` twice, `mixed` once, `others` not at all.
     """
 
     points: _Points

@@ -28,7 +28,7 @@ Source: TypeAlias = (
 def as_conductors(source: Source) -> tuple[Conductor, ...]:
     """Return the current paths of any coil description.
 
-    Plain arrays are polylines in m, which are thin filaments. No path at all, or anything else, raises a GeometryError.
+    Plain arrays are polylines in m, which are thin filaments.
 
     >>> square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]
     >>> len(as_conductors(np.array(square))), len(as_conductors([square, square]))

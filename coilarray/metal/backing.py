@@ -42,12 +42,10 @@ def backings_of(
     fineness: float = 1.0,
     outlined: OutlinedPlates | None = None,
 ) -> list[Backing]:
-    """Return the reflections by plates below the coils.
+    """Return the reflections by plates below the coils, by frequency.
 
-    There is one for each of the frequencies in Hz, or none without plates. The `fineness` is that of the mesh of
-    `coilarray.metal.finite_plates.moving_plate`, unless the finite plates are `outlined` already, as `outlined_below`
-    solves them. Raises MetalError for plates beside which nothing above is computed, and the errors of
-    `coilarray.metal.finite_plates.eddy_currents`.
+    The list is empty without plates. Finite plates may be `outlined` already, as `outlined_below`
+    solves them. Otherwise `fineness` is as in `coilarray.metal.finite_plates.moving_plate`.
     """
     require_below(plates, "an indentation or a sphere")
     face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])

@@ -1,19 +1,21 @@
-"""Exact eddy currents and magnetisation of a ball over coils and flat magnetic sheets.
+"""Exact response of a ball over coils and flat magnetic sheets.
 
-About the centre of a ball of radius a the potential of the coils, H = −∇Ψ, is a sum of R^l P_l^m(cos θ) e^{imφ}. Each
-term induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m e^{imφ}, with the polarisability
+About the centre of a ball of radius a the potential of the coils, H = −∇Ψ, is a sum of R^l
+P_l^m(cos θ) e^{imφ}. Each term induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m
+e^{imφ}, with the polarisability
 
-    α_l = l/(l + 1) · (r_l − l − (l + 1) μ)/(r_l − l + l μ),   r_l = x i_(l−1)(x)/i_l(x),   x = a √(jω μ0 μ σ)
+    α_l = l/(l + 1) · (r_l − l − (l + 1) μ)/(r_l − l + l μ),
+    r_l = x i_(l−1)(x)/i_l(x),   x = a √(jω μ0 μ σ)
 
 (J. R. Wait, Geophysics 16, 666 (1951), for l = 1), which is l/(l + 1) for a perfect conductor and
 −l (μ − 1)/(l μ + l + 1) without conductivity. A wave of the plane-wave spectrum has the multipoles
 
     e^{−kζ} J_m(kρ) = Σ_l (−1)^(l+m) (kR)^l/(l + m)! P_l^m(cos θ),
 
-and a multipole sends down the waves (−1)^(l+m)/(l − m)! ∫ k^l e^{kζ} J_m(kρ) dk, which the sheets below reflect to the
-ball. With the multipoles scaled to the weights w_l(k) = (−1)^(l+m) (ka)^l/√((l + m)! (l − m)!), both are integrals of
-w. The field at the ball is the sum of the coils' field and all reflections. By reciprocity the same weights lead back
-to the coils.
+and a multipole sends down the waves (−1)^(l+m)/(l − m)! ∫ k^l e^{kζ} J_m(kρ) dk, which the sheets
+below reflect to the ball. With the multipoles scaled to the weights w_l(k) = (−1)^(l+m) (ka)^l/√((l
++ m)! (l − m)!), both are integrals of w. The field at the ball is the sum of the coils' field and
+all reflections. By reciprocity the same weights lead back to the coils.
 """
 
 from __future__ import annotations
@@ -67,25 +69,22 @@ def ball_inductance(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by a ball above the coils, in H.
+    """Change of the impedance matrix by a ball above the coils.
 
-    The ball conducts or is magnetic. Its centres (positions, 3) are in m on the board, the frequencies (f,) in Hz, at
-    least 0. The flat `sheets` lie between the coils at z ≤ 0 and the ball, laterally large against both, and the
-    `plates`, infinite or finite, below the coils. The result (positions, f, coils, coils) is ΔZ/(jω) = ΔL − jΔR/ω in H
-    relative to sheets and plates alone, symmetric. Without plates the matrix ΔR is positive semidefinite. For
-    `fineness` see `coilarray.metal.finite_plates.moving_plate`.
+    The ball conducts or is magnetic. Its centres (positions, 3) are in m on the board. The flat
+    `sheets` lie between coils and ball, laterally large against both, the `plates` below the coils.
+    The result (positions, f, coils, coils) is ΔZ/(jω) = ΔL − jΔR/ω in H relative to sheets and
+    plates alone. Without plates ΔR is positive semidefinite. For `fineness` see
+    `coilarray.metal.finite_plates.moving_plate`.
 
-    Raises MetalError for centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils
-    or is so close to them that more than 120 multipoles count, a plate that is not below the coils, and cases that
-    `coilarray.metal.finite_plates.eddy_currents` refuses.
-
-    The result is exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and
-    infinite plates. Finite plates reflect the coils' field and, unless they are magnetic, once the field of the ball's
-    dipole. Compared with an infinite plate, 1 mm of aluminium 3 mm below the board, this was 0.16 % off for a ball of 5
-    mm at 1 mm over a bare board (0.5 % for ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
-    Multipoles are counted until they add less than 1e-7 of the whole. If, for example, a ball of 5 mm touches the
-    magnetic sheet of gast2020, the reflections alter the change by an aluminium ball by −6 % and by a ferrite ball by
-    19 %.
+    The result is exact for filaments: every multipole at any skin depth, and all reflections
+    between ball, sheets and infinite plates. Multipoles are counted until they add less than 1e-7
+    of the whole. Finite plates reflect the coils' field and, unless they are magnetic, once the
+    field of the ball's dipole. Compared with an infinite plate, 1 mm of aluminium 3 mm below the
+    board, this was 0.16 % off for a ball of 5 mm at 1 mm over a bare board (0.5 % for ferrite), and
+    0.1 % on the sheets of gast2020, meshes and rims included. If a ball of 5 mm touches the
+    magnetic sheet of gast2020, the reflections alter the change by −6 % for aluminium and by 19 %
+    for ferrite.
 
     A ball of 5 mm, perfectly conducting, 20 mm over a loop, in pH, and −2π a³ B²/μ0:
 
@@ -160,10 +159,10 @@ def multipole_inductance(
 ) -> ComplexArray:
     """Compute `ball_inductance` with any axisymmetric surroundings.
 
-    With a `backing` of layers the multipoles are for the waves of the coils, then for the waves of their mirror images,
-    see `with_images`. The field `returned` to dipoles, (positions, f, 3, 3) in T per A·m², acts on the ball's dipole
-    once. `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of
-    the ball (f, orders), and returns its `Multipoles`.
+    `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the
+    polarisabilities (f, orders). With a `backing` its multipoles are for the waves of the coils,
+    then of their mirror images. The field `returned` to dipoles, (positions, f, 3, 3) in T per
+    A·m², acts on the ball's dipole once.
     """
     frequency = checked_frequencies(frequencies)
     coils = coil_segments(source)
@@ -206,12 +205,12 @@ def multipole_inductance(
 
 @dataclass(frozen=True, eq=False)
 class Multipoles:
-    """Multipoles of a ball's exciting field and response, for m from 0 on.
+    """Multipoles of a ball's exciting field and response, by m.
 
-    l runs from max(m, 1). Each of the `fields` (orders, k), real or complex, is of the field at the ball for the
-    incident waves e^{−kz} J_m(kr), scaled so that the multipoles of the waves alone are the weights w_l e^{−kz} of the
-    module's text. The `answers` (f, orders, orders) are the strengths of the ball's own multipoles for these, with all
-    reflections.
+    l runs from max(m, 1). Each of the `fields` (orders, k) is the field at the ball for the
+    incident waves e^{−kz} J_m(kr), scaled so that the waves alone have the weights w_l e^{−kz} of
+    the module's text. The `answers` (f, orders, orders) are the ball's own multipoles for these,
+    with all reflections.
     """
 
     fields: Sequence[FloatArray | ComplexArray]

@@ -1,9 +1,9 @@
-"""Finite plates in the air between infinite layers: coils' field, matrices and fluxes.
+"""Finite plates between infinite layers: coils' field, matrices, fluxes.
 
-Every pair of plates couples by its own field and by the images of one of them in the infinite layers
-(`coilarray.metal.layered_air`). Coils and plates couple in the same way. A plate's own images add to its own matrix.
-The positions of a plate parallel to the board share a few heights. At heights where the coils' field in air is smooth
-enough, far enough from the copper, it is interpolated on a grid by splines of the fifth order.
+Coils and plates couple by their own fields and by images in the infinite layers
+(`coilarray.metal.layered_air`). The positions of a plate parallel to the board share a few heights.
+Where the coils' field in air is smooth enough, far from the copper, it is interpolated on a grid by
+splines of the fifth order.
 """
 
 from __future__ import annotations

@@ -56,9 +56,9 @@ _SQUARES = np.array([np.roll(_SQUARE, k, axis=1) for k in (1, 2, 0)])
 class EddyCurrents:
     """Currents on the faces and the rim of a plate.
 
-    `corners` (k, 3, 3) are the corners of the triangles in m on the board. `density` (coils, k, 3) is their current in
-    A/m for 1 A in each coil, complex for e^{jωt}. Each face carries its own current, so the current of a thin plate is
-    their sum. The current of a magnetic plate is the current in its skin, n × H.
+    `density` (coils, k, 3) in A/m is for 1 A in each coil, on triangles with `corners` (k, 3, 3) in
+    m on the board. The current of a thin plate is the sum over its faces. The current of a magnetic
+    plate is the current in its skin, n × H.
     """
 
     corners: FloatArray
@@ -69,9 +69,9 @@ class EddyCurrents:
 class PlateError:
     """Errors of the change by a finite plate, by mesh and model.
 
-    `absolute` and its part `mesh` are complex, in H, of the shape of the `change` (positions, frequencies, paths,
-    paths). Their real parts cover the deviation of ΔL and their imaginary parts the deviation of ΔR/ω. Both are at
-    least 0. `depths` is the thickness in skin depths, 0 for a perfect conductor.
+    `absolute` and its part `mesh` are in H, of the shape of the `change`. Their real parts cover
+    the deviation of ΔL, their imaginary parts the deviation of ΔR/ω. `depths` is the thickness in
+    skin depths, 0 for a perfect conductor.
     """
 
     change: ComplexArray
@@ -121,61 +121,32 @@ def moving_plate(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> PlateError:
-    """Change of the inductance matrix by a finite plate at positions in H, and its error.
+    """Change of the inductance matrix by a finite plate, and its error.
 
-    The change (positions, frequencies, paths, paths) is ΔZ/jω = ΔL − jΔR/ω relative to the same without the plate,
-    symmetric. In air and over sheets −Im is positive semidefinite. Beside other metal only the sum over all metal is.
+    The change (positions, frequencies, paths, paths) is ΔZ/jω = ΔL − jΔR/ω in H relative to the
+    same without the plate. In air and over sheets −Im is positive semidefinite. Beside other metal
+    only the sum over all metal is. The plate's centre moves to the `positions` (positions, 3) in m,
+    entirely above or below the copper, with its own tilt. Each segment of the `source` acts as a
+    thin filament on its centre line. The flat `sheets` are laterally large against coils and
+    plates, which lie above the magnetic sheets or below the copper. `beside` is fixed metal,
+    `fineness` 2 halves the element lengths.
 
-    Parameters
-    ----------
-    source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
-    plate : FinitePlate
-        Plate with its own tilt. Its own centre is not used.
-    positions : array_like, shape (positions, 3)
-        Centres of the plate in m, with the plate entirely above or entirely below the copper.
-    frequencies : array_like, shape (frequencies,)
-        Frequencies in Hz, positive.
-    sheets : sequence of Sheet
-        Flat sheets upwards from z = 0, laterally large against coils and plates. The plates lie above the magnetic
-        sheets or below the copper.
-    beside : sequence of Plate or FinitePlate
-        Fixed metal: infinite plates, magnetic or not, and other finite plates.
-    fineness : float
-        Fineness of the mesh. A value of 2 gives half the element lengths of 1 (see Notes).
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
+    The currents on the faces and the rim follow from a stream function
+    (`coilarray.metal.half_body`). Their impedance holds for any ratio of thickness to skin depth
+    (`coilarray.metal.surface_impedance`), if either is small compared with the plate's width and
+    the distances to coils and other metal. Sheets and infinite plates reflect the fields of coils
+    and currents (`coilarray.metal.layered_air`). One matrix serves every position in air, over
+    layers every height. Beside fixed finite plates it is assembled at every position, and all
+    plates are solved together. A magnetic plate has its own equations
+    (`coilarray.metal.magnetic_plates`), which hold if it is at least three skin depths thick.
 
-    Raises
-    ------
-    GeometryError
-        Positions or frequencies that are empty or of a wrong shape, a fineness that is not positive, a plate that
-        reaches into copper, sheets or other plates, a plate too thick for its size if the field enters deeply (the
-        message gives the number), or an outline that is too narrow.
-    MetalError
-        A plate or a coil in an infinite layer. Also a magnetic plate that is less than three skin depths thick, has a
-        hole, or lies beside other finite plates.
+    Every result is extrapolated from two meshes, with element lengths in the ratio 2, by the second
+    order of linear elements. The error of the mesh is this correction of the finer mesh, which
+    covers orders of convergence from 1.3 upwards, for ΔL and ΔR separately. The error of the model
+    has two parts: the impedance is taken at one wavenumber for all patterns of the current, and the
+    rim (`coilarray.metal.surface_impedance.with_rim`), where a plate within the coils has most of
+    its losses, is approximate.
 
-    Notes
-    -----
-    The currents on the faces and the rim follow from a stream function (`coilarray.metal.half_body`). Their impedance
-    holds for any ratio of thickness to skin depth (`coilarray.metal.surface_impedance`). One matrix serves every
-    position and is factorised once per frequency. Sheets and infinite plates reflect the fields of coils and currents
-    (`coilarray.metal.layered_air`). Then the matrix is assembled once per height. All finite plates are solved
-    together. Beside fixed finite plates the matrix is assembled at every position. The impedance holds if skin depth or
-    thickness is small compared with the plate's width and the distances to coils and other metal.
-
-    A magnetic plate has its own surface condition and its own equations (`coilarray.metal.magnetic_plates`), which hold
-    if it is at least three skin depths thick.
-
-    Every result is extrapolated from two meshes, with element lengths in the ratio 2, by the second order of linear
-    elements. The error of the mesh is this correction of the finer mesh. It covers orders of convergence from 1.3
-    upwards, for ΔL and ΔR separately. The error of the model has two parts. The impedance is taken at one wavenumber
-    for all patterns of the current. The rim (`coilarray.metal.surface_impedance.with_rim`) is approximate, and a plate
-    within the coils has most of its losses there.
-
-    Examples
-    --------
     >>> from coilarray.geometry.bodies import MATERIALS
     >>> from coilarray.geometry.bodies import Disc
     >>> angle = np.linspace(0, 2 * np.pi, 49)
@@ -337,11 +308,11 @@ def eddy_currents(
     fineness: float = 1.0,
     alone: bool = False,
 ) -> list[list[EddyCurrents]]:
-    """Compute the eddy currents in all finite plates, one list for each frequency (f,) in Hz.
+    """Compute the eddy currents in all finite plates, by frequency.
 
-    The plates are at their own centres, and each path in turn carries 1 A. Arguments and errors are as in
-    `outlined_inductance`. With `alone` they are the currents whose field outside the plates is that of the plates: in
-    magnetic plates other currents then take the place of the magnetic charges.
+    The plates are at their own centres, and each path in turn carries 1 A. With `alone` the
+    currents alone make the field outside the plates: in magnetic plates other currents then take
+    the place of the magnetic charges.
     """
     paths, f = as_conductors(source), checked_frequencies(frequencies, positive=True)
     magnetic = _magnetic_plate(plates, f)

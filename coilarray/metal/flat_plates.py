@@ -1,11 +1,12 @@
-"""Eddy currents and iron of infinite plates, and their effect on the inductance matrix.
+"""Eddy currents and iron of infinite plates, by plane waves.
 
-The reflection of each plane wave of the coils' field follows `coilarray.electromagnetics.flat_stack`. Between
-reflectors with r_u above and r_l below, at the distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
+The reflection of each plane wave of the coils' field follows
+`coilarray.electromagnetics.flat_stack`. Between reflectors with r_u above and r_l below, at the
+distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
 
-If a plate is near the copper, short waves matter too, and there are too many of them for the integral. For them alone
-the reflection is approximated as Σ c e^{−2kd} with a few real distances d. This is the mutual inductance to images at
-these distances, with the cross-section of their bars. The remainder at long waves is integrated like the rest.
+Near the copper there are too many short waves for the integral. For them alone the reflection is
+approximated as Σ c e^{−2kd} with a few real distances d, the mutual inductance to images at these
+distances with the cross-section of their bars. The remainder is integrated.
 """
 
 from __future__ import annotations
@@ -149,11 +150,11 @@ class _Stack:
 class _Around:
     """Surroundings of the paths above and below, in every case.
 
-    The paths lie between `bottom` and `top`, and `omega` are the angular frequencies. Each of the cases has a stack
-    above and a stack below. `sheets` is the stack above without plates. Waves are counted from a face above and a face
-    below, `faces`, on the `sides` that hold anything in any case (0 above, 1 below). Lengths are in m. The kinds of
-    waves are the sides to which they leave a path and from which they finally reach a path: up–up (0, 0), up–down (0,
-    1), which includes down–up, and down–down (1, 1).
+    The paths lie between `bottom` and `top` in m. Each of the cases has a stack above and a stack
+    below. `sheets` is the stack above without plates. Waves are counted from the `faces` on the
+    `sides` that hold anything in any case (0 above, 1 below). The kinds of waves are the sides to
+    which they leave a path and from which they finally reach a path: up–up (0, 0), up–down (0, 1),
+    which includes down–up, and down–down (1, 1).
     """
 
     stacks: tuple[tuple[_Stack, _Stack], ...]
@@ -294,10 +295,10 @@ def _images(
 ) -> tuple[FloatArray, ComplexArray | None, float]:
     """Distances in m and shares of images for short waves.
 
-    The shares (cases · f, kinds, distances) hold for waves from `split` to `highest` in 1/m. Also returns the
-    wavenumber from which they hold to the `tolerance` of the largest wave. The shares are None if the integral takes
-    all waves. Every image costs a `mutual_inductance`, so the fewest images are chosen, in the order of a QR
-    factorisation with pivots.
+    The shares (cases · f, kinds, distances) hold for waves from `split` to `highest` in 1/m, the
+    third result is the wavenumber from which they hold to the `tolerance`. They are None if the
+    integral takes all waves. Every image costs a `mutual_inductance`, so the fewest are chosen, in
+    the order of a QR factorisation with pivots.
     """
     ways, every = around.ways, np.geomspace(1 / extent, highest, _FITTED)
     largest = np.abs(around.weights(every) * np.exp(-np.outer(ways, every))).max(axis=(1, 2))

@@ -31,9 +31,9 @@ def checked_frequencies(frequencies: npt.ArrayLike, *, positive: bool = False) -
 class FrequencyBand:
     """Frequencies from `low` to `high` in Hz with Chebyshev nodes.
 
-    ΔL − jΔR/ω is computed at Chebyshev points of log f, as many as the relative `error` needs. The change over log f
-    has its nearest poles at ±jπ/2, the poles of a single time constant. Polynomials through n points of a band of the
-    half width w have an error of ρ⁻ⁿ, ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
+    ΔL − jΔR/ω over log f has its nearest poles at ±jπ/2, the poles of a single time constant.
+    Polynomials through n points of a band of the half width w have an error of ρ⁻ⁿ, ρ = π/(2w) +
+    √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
     """
 
     low: float

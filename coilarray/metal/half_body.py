@@ -1,13 +1,15 @@
-"""Eddy currents by a stream function on a body that is symmetric about z = 0.
+"""Eddy currents by a stream function on a body symmetric about z = 0.
 
-The currents K = ∇ψ × n of linear elements ψ are free of sources and constant on each triangle: e_i/2A for node i, e_i
-the side opposite to it. With E = −jω(A + A_K) = Z K tested by such currents (Galerkin), and λ = Z/jω,
+The currents K = ∇ψ × n of linear elements ψ are free of sources and constant on each triangle:
+e_i/2A for node i, e_i the side opposite to it. With E = −jω(A + A_K) = Z K tested by such currents
+(Galerkin), and λ = Z/jω,
 
     (λ G + M) ψ = −b,   M_ij = µ0/4π ∫∫ K_i·K_j/r,   G_ij = ∫ K_i·K_j,   b_i = ∫ ψ_i B·n,
 
-ψ = 0 on the outer rim at mid-height and a constant on each hole's rim, with the flux through the hole in b. Currents
-that are even about the mid-plane (K_z odd) do not couple to odd currents, so the upper half carries two problems of
-half the size, with the currents' mirror images in M and b. Then ΔL = bᵀψ is symmetric and −Im ΔL positive semidefinite.
+ψ = 0 on the outer rim at mid-height and a constant on each hole's rim, with the flux through the
+hole in b. Currents that are even about the mid-plane (K_z odd) do not couple to odd currents, so
+the upper half carries two problems of half the size, with the currents' mirror images in M and b.
+Then ΔL = bᵀψ is symmetric and −Im ΔL positive semidefinite.
 """
 
 from __future__ import annotations

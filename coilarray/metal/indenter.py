@@ -1,11 +1,12 @@
-"""Effect of a metal or ferrite ball on the coils, in a dent or over the sheets.
+"""Effect of a ball on the coils, in a dent or over the sheets.
 
-A body on a sphere of radius a responds to the harmonics P_l of the potential there. With P̂_l normalised over sin θ dθ,
-the harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d = U_f + ψ have two parts. The first are the
-harmonics of the flat sheets' U_f at the places that the mapping of `coilarray.elastomer.scattering` gives. From them pᵀ
-a_d⁻¹ Δa(U_f, ·) is subtracted, with the load p of P̂_l on the sphere. A layer of the strength P̂_l' on it makes the
-harmonics pᵀ a_d⁻¹ p', whose values in air are known. The reflection by the sheets is the difference to air on the same
-elements, so that the layer needs no elements for itself.
+A body on a sphere of radius a responds to the harmonics P_l of the potential there. With P̂_l
+normalised over sin θ dθ, the harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d =
+U_f + ψ are the harmonics of the flat sheets' U_f, at the places that the mapping of
+`coilarray.elastomer.scattering` gives, less pᵀ a_d⁻¹ Δa(U_f, ·), with the load p of P̂_l on the
+sphere. A layer of the strength P̂_l' on it makes the harmonics pᵀ a_d⁻¹ p', whose values in air are
+known. The reflection by the sheets is the difference to air on the same elements, so that the layer
+needs no elements for itself.
 """
 
 from __future__ import annotations
@@ -87,9 +88,9 @@ def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
 def _normalised(orders: int, m: int, x: FloatArray) -> FloatArray:
     """Normalised associated Legendre functions P_l^m(x), shape (l, n).
 
-    They are for l = max(m, 1) to `orders`, with ∫ P² dx = 1 and no sign of Condon and Shortley. They follow from the
-    recurrence in l of the normalised functions, whose terms stay within the range of numbers at any order. The
-    factorials and P_l^m themselves do not. Holmes and Featherstone, J. Geodesy 76, 279 (2002), Eqs. 11 to 13.
+    l = max(m, 1) to `orders`, with ∫ P² dx = 1 and no sign of Condon and Shortley. The recurrence
+    in l stays within the range of numbers at any order, unlike factorials and P_l^m themselves
+    (Holmes and Featherstone, J. Geodesy 76, 279 (2002), Eqs. 11 to 13).
     """
     odd = np.arange(1, 2 * m, 2)
     found = [np.sqrt((m + 0.5) * np.prod(odd / (odd + 1))) * (1 - x**2) ** (m / 2)]
@@ -114,23 +115,22 @@ def indenter_inductance(
     *,
     mesh: LayerMesh | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by a ball in its dents, in H.
+    """Change of the impedance matrix by a ball in its dents.
 
-    The ball may also be over sheets that it does not touch. The result (dents, places, coils, coils) is ΔL − jΔR/ω
-    relative to the dented sheets without the ball. The `dents` are of the same sheets, for example one for each depth.
-    The `places` (places, 2) of the ball's axis are in m. `distances` are heights in m of its lowest point over the
-    sheets of each dent, above zero if they are not dented, inf without the ball. `backing` has plates below the coils
-    at this frequency in Hz, and `outlined` the finite plates there, which also reflect the field of the ball's dipole.
-    Errors are those of `coilarray.metal.ball.ball_inductance`.
+    The result (dents, places, coils, coils) is ΔL − jΔR/ω in H relative to the dented sheets
+    without the ball. The `dents` are of the same sheets, for example one for each depth.
+    `distances` are heights in m of the ball's lowest point over the sheets of each dent, above zero
+    if they are not dented, inf without the ball. `backing` has plates below the coils, and
+    `outlined` the finite plates there, which also reflect the field of the ball's dipole.
 
-    In its dent the ball is solved together with the dented sheets. This agrees within 0.5 % with finite elements at 1
-    mm in the sheets of gast2020. In that case flat sheets as thick as under the tip would make the effect of aluminium
-    9 % too large and the effect of ferrite 0.5 to 2 % too small at 0.5 mm. Sheets that the tip just touches would make
-    them 8 to 25 % too small.
+    In its dent the ball is solved together with the dented sheets. This agrees within 0.5 % with
+    finite elements at 1 mm in the sheets of gast2020. Flat sheets as thick as under the tip would
+    make the effect of aluminium 9 % too large there and the effect of ferrite 0.5 to 2 % too small
+    at 0.5 mm, sheets that the tip just touches 8 to 25 % too small.
 
-    Over a backing the reflected field of the coils is included completely. The reflected field of ball and dent is left
-    out, except for a ball over flat sheets and layers. The reflection of the ball's dipole by finite plates is
-    included, as if the sheets were flat.
+    Over a backing the reflected field of the coils is included completely. The reflected field of
+    ball and dent is left out, except for a ball over flat sheets and layers, and for the reflection
+    of the ball's dipole by finite plates, as if the sheets were flat.
     """
     coils = len(as_conductors(source))
     change = np.zeros((len(dents), len(places), coils, coils), dtype=np.complex128)

@@ -1,17 +1,19 @@
-"""Reflection and transmission by infinite plates and magnetic sheets, as images.
+"""Reflection and transmission by infinite plates and sheets, as images.
 
-The images are of currents between the layers. A source is at the height s in one gap of air and a place at z in the
-same or a higher gap. z_l is the lower face of the lower gap and z_u the upper face of the upper gap. Waves leave the
-source upwards or downwards and arrive from below or from above, by the ways
+The images are of currents between the layers. A source is at the height s in one gap of air and a
+place at z in the same or a higher gap. z_l is the lower face of the lower gap and z_u the upper
+face of the upper gap. Waves leave the source upwards or downwards and arrive from below or from
+above, by the ways
 
     2 z_u − s − z,   s + z − 2 z_l,   z − s,   2 (z_u − z_l) + s − z,
 
-the first two by an odd number of reflections, as from a mirror image of the source, the last two by an even number. In
-a single gap the third is 2 (z_u − z_l) + z − s, as the direct wave is not included. Each way has the weight w(k)
-e^{−k·way}. With ρ_u and ρ_l the reflections at the faces of the source's gap of height D, w contains 1/(1 − ρ_u ρ_l
-e^{−2kD}) for all waves that go up and down in it. A sum Σ c e^{−2kd} with a few real distances d approximates w. These
-are images farther away by 2d, real for currents of any shape in any body. Horizontal currents keep their direction in
-every image, vertical currents reverse in mirror images.
+the first two by an odd number of reflections, as from a mirror image of the source, the last two by
+an even number. In a single gap the third is 2 (z_u − z_l) + z − s, as the direct wave is not
+included. Each way has the weight w(k) e^{−k·way}. With ρ_u and ρ_l the reflections at the faces of
+the source's gap of height D, w contains 1/(1 − ρ_u ρ_l e^{−2kD}) for all waves that go up and down
+in it. A sum Σ c e^{−2kd} with a few real distances d approximates w. These are images farther away
+by 2d, real for currents of any shape in any body. Horizontal currents keep their direction in every
+image, vertical currents reverse in mirror images.
 """
 
 from __future__ import annotations

@@ -1,33 +1,38 @@
 """Finite magnetic plates with a small skin depth, such as steel targets.
 
-Currents in the metal's skin leave no field deep inside, but iron also guides flux along its surface. With k = (1 + j)/δ
-the field in the skin falls as e^{−kζ}, and div B = 0 gives at the surface, with n outwards,
+Currents in the metal's skin leave no field deep inside, but iron also guides flux along its
+surface. With k = (1 + j)/δ the field in the skin falls as e^{−kζ}, and div B = 0 gives at the
+surface, with n outwards,
 
     H_n = −∇·(ℓ H_t),   ℓ = µr/k = µr δ (1 − j)/2
 
-(Leontovich's condition): ℓ = 0 is a perfect conductor, ℓ → ∞ perfect iron. Outside H = H_c − ∇φ with the coils' H_c.
-With the exterior's Λ = −∂/∂n on the closed surface, and linear functions v on its triangles,
+(Leontovich's condition): ℓ = 0 is a perfect conductor, ℓ → ∞ perfect iron. Outside H = H_c − ∇φ
+with the coils' H_c. With the exterior's Λ = −∂/∂n on the closed surface, and linear functions v on
+its triangles,
 
     (Λ + ℓ S) φ = ℓ t − b/µ0,   S = ∫ ∇v·∇v',  t = ∫ ∇v·H_c,  b = ∫ v B_c·n,
     Λ = W + (½ − K)ᵀ V⁻¹ (½ − K),
 
-with V and K the single layer and the double layer of 1/4πr, and W = M/µ0 the energy of the currents ∇v × n
-(`coilarray.metal.half_body`). This is M. Costabel's symmetric coupling, see O. Steinbach, Numerical Approximation
-Methods for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's place H_c = −∇u, with S u = −t, and by
-reciprocity
+with V and K the single layer and the double layer of 1/4πr, and W = M/µ0 the energy of the currents
+∇v × n (`coilarray.metal.half_body`). This is M. Costabel's symmetric coupling, see O. Steinbach,
+Numerical Approximation Methods for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's
+place H_c = −∇u, with S u = −t, and by reciprocity
 
     ΔL_ij − jΔR_ij/ω = −µ0 (c_iᵀ (Λ + ℓ S)⁻¹ c_j − u_iᵀ b_j/µ0 + ℓ u_iᵀ t_j),   c = ℓ t − b/µ0.
 
-Between sheets and infinite plates, G = 1/4πr also has the images of `coilarray.metal.layered_air`: shares of charges
-and double layers, of the other sign in mirror images. H_c is then the coils' field between the layers.
+Between sheets and infinite plates, G = 1/4πr also has the images of `coilarray.metal.layered_air`:
+shares of charges and double layers, of the other sign in mirror images. H_c is then the coils'
+field between the layers.
 
-The skin depth is at most a third of the thickness, and small against the width. A hole would need a cut.
+The skin depth is at most a third of the thickness, and small against the width. A hole would need a
+cut.
 
-Near an edge the field enters from both sides, which the condition does not include. With the same H along the edge on
-both faces the strip of `coilarray.metal.surface_impedance` has, for t ≫ δ, F = (1 − 8/πkt)/k: at each of its two edges
-the surface is short of 8/(2√2 π) = 0.9 skin depths, about a half on either side. A change of ℓ on a part of the surface
-changes ΔL − jΔR/ω by −µ0 δℓ ∫ H_t·H_t there. The error of the edges is estimated as this change for |δℓ| = |ℓ| within
-half a skin depth of them. H_t is about constant up to the distance |ℓ| from the edge. Farther away it falls as along a
+Near an edge the field enters from both sides, which the condition does not include. With the same H
+along the edge on both faces the strip of `coilarray.metal.surface_impedance` has, for t ≫ δ, F = (1
+− 8/πkt)/k: at each of its two edges the surface is short of 8/(2√2 π) = 0.9 skin depths, about a
+half on either side. A change of ℓ on a part of the surface changes ΔL − jΔR/ω by −µ0 δℓ ∫ H_t·H_t
+there. The error of the edges is estimated as this change for |δℓ| = |ℓ| within half a skin depth of
+them. H_t is about constant up to the distance |ℓ| from the edge. Farther away it falls as along a
 perfect conductor, with the third root of the distance.
 """
 
@@ -99,9 +104,9 @@ def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArr
 def magnetic_currents(around: PlatesInAir, plate: PosedPlate, *, alone: bool = False) -> list[ComplexArray]:
     """Compute n × H in A/m for 1 A in each path, by frequency.
 
-    The plate is at its only place. The arrays (paths, 2k, 3) are along the board's axes, on the triangles of the upper
-    half and of its mirror image. With `alone` they are the currents that, without magnetic charges, produce the plate's
-    field outside.
+    The arrays (paths, 2k, 3) are along the board's axes, on the triangles of the upper half and of
+    its mirror image. With `alone` the currents produce the plate's field outside without magnetic
+    charges.
     """
     lengths = _lengths(plate.plate, around.air.frequencies).tolist()
     currents, n = _currents(plate), len(plate.body.mesh.nodes)
@@ -125,9 +130,9 @@ def _lengths(plate: FinitePlate, frequencies: FloatArray) -> ComplexArray:
 class Potentials:
     """Operators and loads for potentials on a body.
 
-    Λ and S are in m, and b/µ0, t and u of shape (unknowns, places, paths). `basis` maps the unknowns to the nodes of
-    the upper half, then of the lower half. `means` are the integrals of the functions over the triangles and `rest` is
-    ½ − K, both in m². `known` are all unknowns, except for one of them if a constant is free.
+    Λ and S are in m, and b/µ0, t and u (unknowns, places, paths). `basis` maps the unknowns to the
+    nodes of the upper half, then the lower. `means` integrate the functions over the triangles and
+    `rest` is ½ − K, both in m². `known` leaves an unknown out if a constant is free.
     """
 
     basis: sp.csr_array

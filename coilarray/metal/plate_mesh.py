@@ -1,10 +1,10 @@
-"""Triangles on the upper half of a plate: the upper face and the rim to mid-thickness.
+"""Triangles on a plate's upper half: face, and rim to mid-thickness.
 
-A plate is its own mirror image at its mid-plane, so this half is enough. Currents follow the local width and crowd at
-the rim. Strips lead inwards from every place of the rim. Their widths grow as the squares of their numbers towards the
-middle of the largest circle that touches the rim there. Inside them is a lattice, joined by Delaunay's triangulation.
-The two meshes of a plate are nested: every triangle of the coarse mesh is four of the fine mesh, so that their results
-can be extrapolated.
+Currents follow the local width and crowd at the rim. Strips lead inwards from every place of the
+rim, with widths that grow as the squares of their numbers towards the middle of the largest circle
+that touches the rim there. Inside them is a lattice, joined by Delaunay's triangulation. The two
+meshes of a plate are nested: every triangle of the coarse mesh is four of the fine mesh, so that
+their results can be extrapolated.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ Sizes: TypeAlias = Callable[[FloatArray], FloatArray]  # required side of a tria
 
 @dataclass(frozen=True, eq=False)
 class HalfBody:
-    """Upper half of a body that is its own mirror image at z = 0.
+    """Upper half of a body that is its mirror image.
 
-    `nodes` (n, 3) are in m about the centre. `triangles` (k, 3) are anticlockwise seen from outside, and `rim` (k,)
-    marks the triangles of the rim. `ring` has the nodes at z = 0 of the outer rim, `hole_rings` the nodes of each hole.
-    `caps` has, for each hole, points (m, 2) in m and their share of its area in m². Each node of the finer of two
-    meshes lies in the middle between its `parents` (n, 2), nodes of the coarser mesh.
+    `nodes` (n, 3) are in m about the centre. `triangles` (k, 3) are anticlockwise seen from
+    outside, and `rim` (k,) marks the triangles of the rim. `ring` and `hole_rings` have the nodes
+    at z = 0. `caps` has, for each hole, points (m, 2) in m and their share of its area in m². Each
+    node of the finer mesh lies midway between its `parents` (n, 2) in the coarser.
     """
 
     nodes: FloatArray
@@ -126,12 +126,12 @@ def plate_meshes(
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Places of a plate's nodes, and its triangles.
+    """Places of a plate's nodes, and its triangles, in m.
 
-    Nodes of the rims lie at `places` (n,) in m along each of the `rims`. From each a row of nodes goes inwards by
-    `depths` of its way (n, 2) in m. `core` has the triangles of the rows' ends and the `inner` points (m, 2) in m.
-    `heights` are the heights of the rim's nodes over half the thickness. Triangles in holes, over which the coils' flux
-    is integrated, are of the `sizes`, at most a `step` in m.
+    From the `places` (n,) along each of the `rims` a row of nodes goes inwards by `depths` of its
+    way (n, 2). `core` has the triangles of the rows' ends and the `inner` points (m, 2). `heights`
+    are the heights of the rim's nodes over half the thickness. Triangles in holes, over which the
+    coils' flux is integrated, are of the `sizes`, at most a `step`.
     """
 
     rims: tuple[_Rim, ...]

@@ -1,24 +1,27 @@
-"""Surface impedance of a plate for any ratio of thickness to skin depth.
+"""Surface impedance of a plate for any thickness over skin depth.
 
-Currents on both faces of a plate in air represent the currents in it. With k² = jωµ0σ and κ the wavenumber along the
-plate, a vector potential that is even about the mid-plane is A cosh(γz)/cosh(γt/2) in the metal, γ² = κ² + k². In air
-it would be A cosh(κz)/cosh(κt/2). So the current of each face, the jump of H from the air solution inside to the air
-outside, is A (γ tanh(γt/2) − κ tanh(κt/2))/µ0. An odd potential has coth in place of tanh. The ratio of A to the
+Currents on both faces of a plate in air represent the currents in it. With k² = jωµ0σ and κ the
+wavenumber along the plate, a vector potential that is even about the mid-plane is A
+cosh(γz)/cosh(γt/2) in the metal, γ² = κ² + k². In air it would be A cosh(κz)/cosh(κt/2). So the
+current of each face, the jump of H from the air solution inside to the air outside, is A (γ
+tanh(γt/2) − κ tanh(κt/2))/µ0. An odd potential has coth in place of tanh. The ratio of A to the
 current is
 
     λ_even = µ0/(γ tanh(γt/2) − κ tanh(κt/2)),   λ_odd = µ0/(γ coth(γt/2) − κ coth(κt/2)),
 
-and Z = jωλ. For patterns that are wide compared with t or the skin depth (κ → 0) it no longer depends on κ. For t ≪ δ
-it is the sheet's 2/σt on each face and 6/σt, for t ≫ δ both are (1 + j)/σδ. A single κ is used for all patterns, the
-wavenumber of the coils' field, which is 2 over the sum of their radius and distance. If the skin depth is large, the
-field in the metal is the coils' field, for any pattern of the currents. If it is small, κ hardly counts. At the rim, in
-the corner of a strip of metal, p_n = (2n + 1)π/t,
+and Z = jωλ. For patterns that are wide compared with t or the skin depth (κ → 0) it no longer
+depends on κ. For t ≪ δ it is the sheet's 2/σt on each face and 6/σt, for t ≫ δ both are (1 + j)/σδ.
+A single κ is used for all patterns, the wavenumber of the coils' field, which is 2 over the sum of
+their radius and distance. If the skin depth is large, the field in the metal is the coils' field,
+for any pattern of the currents. If it is small, κ hardly counts. At the rim, in the corner of a
+strip of metal, p_n = (2n + 1)π/t,
 
-    F = Σ 8 k²/((2n + 1)²π² (p_n² + k²)^{3/2}),   λ_along = µ0/(k² F),   λ_across = µ0 F/(1 − tanh(kt/2)/(kt/2)),
+    F = Σ 8 k²/((2n + 1)²π² (p_n² + k²)^{3/2}),
+    λ_along = µ0/(k² F),   λ_across = µ0 F/(1 − tanh(kt/2)/(kt/2)),
 
-are the current along the rim beyond the current of the faces (A = 1 on all sides of the strip), and the flux beyond the
-flux of the faces (H = 1 on all sides). For t ≫ δ both are the same (1 + j)/σδ. For t ≪ δ there is no current along the
-rim, as the faces carry all of it.
+are the current along the rim beyond the current of the faces (A = 1 on all sides of the strip), and
+the flux beyond the flux of the faces (H = 1 on all sides). For t ≫ δ both are the same (1 + j)/σδ.
+For t ≪ δ there is no current along the rim, as the faces carry all of it.
 """
 
 from __future__ import annotations
@@ -101,11 +104,12 @@ class ModelError:
 
 
 def model_error(material: Material, thickness: float, frequency: float, taken: float, kappa: float) -> ModelError:
-    """Errors of the reflection by an infinite plate for the wavenumber `kappa`.
+    """Errors of an infinite plate's reflection for the wavenumber `kappa`.
 
-    They are due to λ at the κ `taken`, both in 1/m. With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))), as each
-    face lies in the field of both. A magnetic plate has R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and
-    its errors are the errors of |R|, of the whole |ΔL − jΔR/ω|. The error by its edges comes with its solution.
+    They are due to λ at the κ `taken`, both in 1/m. With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 +
+    2κλ/(µ0 (1 ± e))), as each face lies in the field of both. A magnetic plate has R = (κℓ − 1)/(κℓ
+    + 1) by `coilarray.metal.magnetic_plates`, and errors of |R|. The error by its edges comes with
+    its solution.
     """
     if math.isinf(material.conductivity):
         return ModelError()
@@ -134,11 +138,11 @@ def own_share(material: Material, thickness: float, frequency: float, kappa: flo
 
 
 def with_rim(error: ModelError, thickness: float, inscribed: float, nearest: float, margin: float) -> ModelError:
-    """Add the error by a plate's sharp rim.
+    """Add the error by the sharp rim of a plate without iron.
 
-    The plate is not magnetic. The model includes only the mean current of the rim. `nearest` is the distance d in m
-    between the planes of plate and coils. `margin`, m, is the extension of the plate beyond the coils, 0 if its rim
-    lies within them. The eddy currents that a coil induces there fall as d²/(d² + m²), and the losses as their square.
+    The model includes only the mean current of the rim. `nearest` is the distance d in m between
+    the planes of plate and coils, `margin` m the extension of the plate beyond the coils. The eddy
+    currents that a coil induces there fall as d²/(d² + m²), and the losses as their square.
     """
     share = (1 + (margin / nearest) ** 2) ** -2
     L, R = _AT_RIM

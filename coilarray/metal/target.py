@@ -31,15 +31,13 @@ def target_inductance(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> tuple[ComplexArray, PlateError | None]:
-    """Change of the impedance matrix by a target, in H, and errors of a plate.
+    """Change of the impedance matrix by a target, in H.
 
-    The change (d, p, f, n, n) is ΔZ/(jω) = ΔL − jΔR/ω, with the target minus without. Errors are None for bodies that
-    are not finite plates. The target's own places and distances are not used: its centre is at `places` (p, 2) in m on
-    the board, its nearest point at `distances` in m from the upper face of the sheets, or from the board without
-    sheets. `frequencies` (f,) in Hz rise. `plates` are fixed metal. `accuracy` is of an infinite target, see
-    `coilarray.metal.flat_plates.plate_inductance`, and `fineness` of the mesh of a finite plate, see
-    `coilarray.metal.finite_plates.moving_plate`. Raises MetalError for a sphere beside plates above the coils,
-    GeometryError for a target that reaches into metal, sheets or copper, and the errors of the body's solver.
+    The change (d, p, f, n, n) is ΔZ/(jω) = ΔL − jΔR/ω, with the target minus without. The second
+    result are the errors of a finite plate, else None. The target's centre is at `places` (p, 2) in
+    m on the board, its nearest point at `distances` in m from the upper face of the sheets, or from
+    the board without sheets. `plates` are fixed metal. `accuracy` is of an infinite target,
+    `fineness` of the mesh of a finite plate.
     """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]

@@ -1,8 +1,7 @@
-"""Causes of the motion of a coil's fitted centre x0 with δ, from computed maps.
+"""Causes of the motion of a coil's fitted centre with δ.
 
-The maps are processed as in the paper, with each cause switched off in turn. Nothing here is fitted to x0. Every map
-goes through the same refinement, sweep and ellipse fit. The effect of a cause is the part that x0 loses if the cause is
-switched off.
+The computed maps are processed as in the paper, with each cause switched off in turn. Nothing here
+is fitted to x0. The effect of a cause is the part that x0 loses if the cause is switched off.
 """
 
 from __future__ import annotations
@@ -68,26 +67,27 @@ def distortion(
 ) -> xr.Dataset:
     """Predict x0(δ), A(δ), B(δ) and the causes of their distortion.
 
-    The first depth and the grid of the design's indentation are used. `states` are states of the scan, each named after
-    its coil, and `deltas`, shape (n,), are rising levels of δ. `imperfections` are deviations of the experiment in
-    every map. `draws`, none or at least two, are other possible designs, as
-    `coilarray.studies.calibrate.calibration.posterior_draws` returns them. Their scatter is the error of x0 and of the
-    effect of the neighbours. `progress` is called with (done, total) as the maps are computed.
+    The first depth and the grid of the design's indentation are used. `states` are states of the
+    scan, each named after its coil, and `deltas` (n,) rising levels of δ. `imperfections` are
+    deviations of the experiment in every map. `draws`, none or at least two, are other possible
+    designs, as `coilarray.studies.calibrate.calibration.posterior_draws` returns them. Their
+    scatter is the error of x0 and of the effect of the neighbours.
 
-    The result has the variables of `DISTORTION`. The neighbours are ``grounded`` (as in the design's scan) and
-    ``open``. Published values are those of Table A1, NaN for other states. ``effect`` is the part of x0 that is lost
-    without the cause. An indenter is ``without`` a material, or of steel, aluminium or ferrite. ``indenter_peak`` is
-    the largest δ of its map. Values are NaN at levels that a map does not reach. Effects and root mean squares leave
-    undetermined levels out.
+    The result has the variables of `DISTORTION`. The neighbours are ``grounded`` (as in the
+    design's scan) and ``open``. Published values are from Table A1. ``effect`` is the part of x0
+    that is lost without the cause. An indenter is ``without`` a material, or of steel, aluminium or
+    ferrite. ``indenter_peak`` is the largest δ of its map. Values are NaN at levels that a map does
+    not reach. Effects and root mean squares leave undetermined levels out.
 
-    The causes are ``all neighbours`` and each neighbour (opened), ``window`` (18 and 12 mm wider, as far as the sample
-    reaches), ``grid`` (half the step), ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the
-    wide and fine map), ``winding and leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all
-    coils at one height), ``tilt`` and ``noise``. Tilt and noise are switched on, since the computed map has neither.
-    For noise the effect is the standard deviation of x0, for the noise of δ in the noise budget of the design: each
-    coil's own, the attribute ``noise``, and the common noise, once a map. Materials of the indenter are also switched
-    on, if it is a hemisphere without one: eddy currents and magnetisation of a ball, with L_0 read as it just touches
-    the sheets.
+    The causes are ``all neighbours`` and each neighbour (opened), ``window`` (18 and 12 mm wider,
+    as far as the sample reaches), ``grid`` (half the step), ``ellipse`` (fitted centre minus the
+    middle of the level curve on y = 0, on the wide and fine map), ``winding and leads`` (each coil
+    averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
+    ``noise``. Tilt and noise are switched on, since the computed map has neither. The effect of
+    noise is the standard deviation of x0 for the design's noise budget: each coil's own noise of δ,
+    the attribute ``noise``, and the common noise, once a map. Materials of the indenter are also
+    switched on, if it is a hemisphere without a material: eddy currents and magnetisation of a
+    ball, with L_0 read as it just touches the sheets.
     """
     names = design.array.names
     for state in states:

@@ -1,37 +1,42 @@
-"""Ellipses through the level curves of a response, the first half of the paper's model.
+"""Ellipses through level curves, the first half of the paper's model.
 
-For a state of the scan and one depth, δ(x, y) is a hill over the coil. Its curves of equal δ are modelled as ellipses
+For a state of the scan and one depth, δ(x, y) is a hill over the coil. Its curves of equal δ are
+modelled as ellipses
 
-    (x − x0)²/A² + y²/B² = 1                                                                        (Eq. 3)
+    (x − x0)²/A² + y²/B² = 1                                                             (Eq. 3)
 
-with the centre on y = 0 and the axes along x and y. x0, A and B depend on δ (Gast & Zimmermann 2020, Sect. 4 and 5).
+with the centre on y = 0 and the axes along x and y. x0, A and B depend on δ (Gast & Zimmermann
+2020, Sect. 4 and 5).
 
 Details that the paper leaves open, and their interpretation here:
 
-- *Refined by cubic interpolation*: the paper gives neither the factor nor which of MATLAB's two cubic rules. Here every
-  spacing of the grid is divided into 20, with the spline that has no free ends ("not a knot", MATLAB's ``'spline'``).
-- *A stepwise sweep*, threshold ±2e-5 and step 3e-5: all points of the refined map with |δ − d_k| at most 2e-5 belong to
-  the level d_k, and neighbouring levels share a quarter of their points. The levels are the multiples of the step. The
-  lowest, 3e-5, then reaches down to 1e-5 and leaves out δ = 0, where the map is flat. Points that are not connected
-  with the hill are left out: no path with δ of at least d_k − 2e-5 connects them with the largest δ. A map without
-  noise has none of them. With noise of 1e-5 a few such points far away move x0 by up to 6 mm.
-- *The fit* follows Gal (2003): linear least squares of the conic's coefficients about the mean of the points. Gal's
-  function also fits the terms xy and y. Eq. 3 does not have them, and they are left out.
-- *Which steps were kept* is not given. Here a step is refused if it has fewer than 6 points (twice the unknowns), if
-  the conic is not an ellipse, or if its centre is outside the map.
-- *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like closed curves. If a
-  single arc is left, on one side of the centre, it determines its crossing of y = 0, x0 + A or x0 − A, but hardly x0
-  and A separately. A level as wide as its arc is high then draws the fit inwards. On a map made of Table A1's own
-  ellipses this happens for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A
-  by 0.1 to 0.3 mm. Below these δ the printed x0 and A of the outer coils are therefore hardly known, while the values
-  of coil 2 are.
-- *Which levels are determined* is not a question of the paper. Here every level has standard errors of x0, A and B from
-  its own points. It is undetermined if the error of x0 exceeds the map's step along x, or if its points do not reach
-  half a semi-axis beyond the centre on both sides (30° past the highest point). Then one arc is left, and the errors do
-  not include how far the width of the level draws the fit inwards. On the map of Table A1 the levels that are wrong by
-  6 mm and more reach at most 0.2 of A to one side and the others at least 0.85. A level is also undetermined if its
-  ellipse leaves the largest δ outside by more than that step: an arc across the window may be fitted by a small
-  ellipse, 18 mm from the coil.
+- *Refined by cubic interpolation*: the paper gives neither the factor nor which of MATLAB's two
+  cubic rules. Here every spacing of the grid is divided into 20, with the spline that has no free
+  ends ("not a knot", MATLAB's ``'spline'``).
+- *A stepwise sweep*, threshold ±2e-5 and step 3e-5: all points of the refined map with |δ − d_k| at
+  most 2e-5 belong to the level d_k, and neighbouring levels share a quarter of their points. The
+  levels are the multiples of the step. The lowest, 3e-5, then reaches down to 1e-5 and leaves out δ
+  = 0, where the map is flat. Points are left out that no path with δ of at least d_k − 2e-5
+  connects with the largest δ. A map without noise has none of them. With noise of 1e-5 a few such
+  points far away move x0 by up to 6 mm.
+- *The fit* follows Gal (2003): linear least squares of the conic's coefficients about the mean of
+  the points, without Gal's terms xy and y, which Eq. 3 does not have.
+- *Which steps were kept* is not given. Here a step is refused if it has fewer than 6 points (twice
+  the unknowns), if the conic is not an ellipse, or if its centre is outside the map.
+- *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like
+  closed curves. A single arc, on one side of the centre, determines its crossing of y = 0, x0 + A
+  or x0 − A, but hardly x0 and A separately. A level as wide as its arc is high then draws the fit
+  inwards. On a map made of Table A1's own ellipses this happens for coil 1 below δ = 2.7e-4 and for
+  coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A by 0.1 to 0.3 mm. Below these δ the
+  printed x0 and A of the outer coils are therefore hardly known, while the values of coil 2 are.
+- *Which levels are determined* is not a question of the paper. Here every level has standard errors
+  of x0, A and B from its own points. It is undetermined if the error of x0 exceeds the map's step
+  along x, or if its points do not reach half a semi-axis beyond the centre on both sides (30° past
+  the highest point). Then one arc is left, and the errors do not include how far the width of the
+  level draws the fit inwards. On the map of Table A1 the levels that are wrong by 6 mm and more
+  reach at most 0.2 of A to one side and the others at least 0.85. A level is also undetermined if
+  its ellipse leaves the largest δ outside by more than that step: an arc across the window may be
+  fitted by a small ellipse, 18 mm from the coil.
 """
 
 from __future__ import annotations
@@ -103,13 +108,12 @@ class Ellipse:
 
 
 def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
-    """Fit an ellipse to points by least squares.
+    """Fit the ellipse (x − x0)²/A² + y²/B² = 1 to points.
 
-    (x − x0)²/A² + y²/B² = 1: the centre is on y = 0 and the axes are along x and y. At least three points (n,) in m are
-    needed. The fit is by least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB
-    Central File Exchange 3215, 2003) without its terms in xy and y. The mean matters: if the points are on no ellipse,
-    an equation whose constant is set to 1 gives another fit about another origin. Raises LocalizeError for points that
-    are too few or not finite, or whose conic is not an ellipse.
+    The fit is by least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's
+    fit_ellipse (MATLAB Central File Exchange 3215, 2003) without its terms in xy and y. The mean
+    matters: if the points are on no ellipse, an equation whose constant is set to 1 gives another
+    fit about another origin.
     """
     if np.shape(x) != np.shape(y):
         raise LocalizeError(f"x and y must have the same shape; got {np.shape(x)} and {np.shape(y)}.")
@@ -133,12 +137,11 @@ def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
 
 
 def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent: int) -> tuple[float, float, float]:
-    """Return the standard errors of an ellipse in m.
+    """Return the standard errors of x0, A and B in m.
 
-    They are the errors of x0, A and B. The ellipse was fitted by `fit_ellipse` to points (n,) in m. The errors are of
-    first order, with the scale of the residuals estimated. `independent`, at least four, is the number of independent
-    points that the n points represent, as points interpolated from the same samples have common errors. The errors are
-    infinite if the points do not determine all three.
+    The errors are of first order, with the scale of the residuals estimated. `independent` is the
+    number of independent points that the n points represent, as points interpolated from the same
+    samples have common errors. They are infinite if the points do not determine all three.
     """
     length = max(float(np.ptp(x)), float(np.ptp(y)))
     mean = float(x.mean())
@@ -168,9 +171,8 @@ def closes(x: FloatArray, x0: float, A: float) -> bool:
 def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArray:
     """Refine a map (y, x) by a bicubic spline.
 
-    Every spacing is divided into `refinement` parts, and 1 leaves the map unchanged. At the sampled positions, in m, it
-    has the sampled values. Raises LocalizeError for fewer than four positions along x or y, coordinates that do not
-    rise, values that are not finite, or a refinement that is not positive.
+    Every spacing is divided into `refinement` parts. At the sampled positions, in m, the map keeps
+    the sampled values.
     """
     if refinement < 1 or refinement != int(refinement):
         raise LocalizeError(f"refinement must be a positive integer; got {refinement}.")

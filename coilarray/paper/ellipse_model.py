@@ -1,26 +1,29 @@
-"""The paper's ellipse model: the x of an indentation from readings of two coils.
+"""The paper's ellipse model: an indentation's x from two coils.
 
-x0, A and B of every coil are polynomials of the fourth degree of δ (Eq. 4). A reading puts the indentation on the
-coil's ellipse. Two coils' ellipses intersect in (x, ±y), and x is the position (Gast & Zimmermann 2020, Sect. 4 and 5).
-The difference of the two equations is a quadratic equation for x.
+x0, A and B of every coil are polynomials of the fourth degree of δ (Eq. 4). A reading puts the
+indentation on the coil's ellipse. Two coils' ellipses intersect in (x, ±y), and x is the position
+(Gast & Zimmermann 2020, Sect. 4 and 5).
 
 Details that the paper leaves open, and their interpretation here:
 
 - *The pair of coils*: the coil with the largest δ and the neighbour with the greater δ.
-- *Case three*, "in the area close to the coil center, the points of intersection are found by evaluating the two
-  adjacent inductances": if the largest δ is at least 1e-3 (Sect. 5) and both neighbours' readings are within the model,
-  their two ellipses are intersected. If they do not intersect, or one neighbour is missing at the end of the row, the
-  usual pair is taken. Otherwise row 4 of Table 2 would have no position: with Table A1, δ of coil 2 is 1.25e-3 there,
-  and no ellipse of coil 1 reaches it. For a model of another map the 1e-3 is taken in proportion, 1e-3 of the 1.2e-3
-  beyond which the paper's polynomials vanish.
-- *One solution for x*: two ellipses can intersect at two values of x. The value between their centres is taken, after a
-  check that there is only one.
-- *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`. Nothing is added by default.
-- *The steps*: a step whose points do not determine its ellipse (`coilarray.paper.ellipse`) is left out if the
-  ellipse lies beyond the coil, twice its own semi-axis away from the centre of the highest determined step. An arc
-  across the window's end may give such an ellipse, which would distort the polynomials at all δ.
-- *The range of δ* is not given. A fitted model reaches from the threshold below its first step to the threshold above
-  the largest δ of the map.
+- *Case three*, "in the area close to the coil center, the points of intersection are found by
+  evaluating the two adjacent inductances": if the largest δ is at least 1e-3 (Sect. 5) and both
+  neighbours' readings are within the model, their two ellipses are intersected. If they do not
+  intersect, or one neighbour is missing at the end of the row, the usual pair is taken. Otherwise
+  row 4 of Table 2 would have no position: with Table A1, δ of coil 2 is 1.25e-3 there, and no
+  ellipse of coil 1 reaches it. For a model of another map the 1e-3 is taken in proportion, 1e-3 of
+  the 1.2e-3 beyond which the paper's polynomials vanish.
+- *One solution for x*: two ellipses can intersect at two values of x. The value between their
+  centres is taken, after a check that there is only one.
+- *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`. Nothing is added by
+  default.
+- *The steps*: a step whose points do not determine its ellipse (`coilarray.paper.ellipse`) is left
+  out if the ellipse lies beyond the coil, twice its own semi-axis away from the centre of the
+  highest determined step. An arc across the window's end may give such an ellipse, which would
+  distort the polynomials at all δ.
+- *The range of δ* is not given. A fitted model reaches from the threshold below its first step to
+  the threshold above the largest δ of the map.
 """
 
 from __future__ import annotations
@@ -71,9 +74,9 @@ _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest se
 class CoilEllipses:
     """Ellipses of one coil as polynomials of δ.
 
-    They are named after the state in which the coil is measured. `x0`, `A` and `B` are coefficients p4 … p0 in m, for δ
-    from `lowest` to `highest`. From `centre` on the indentation counts as near the coil's centre. Raises LocalizeError
-    for coefficients that are not five finite numbers, or an invalid range.
+    `state` is the state in which the coil is measured. `x0`, `A` and `B` are coefficients p4 … p0
+    in m, for δ from `lowest` to `highest`. From `centre` on the indentation counts as near the
+    coil's centre.
     """
 
     name: str
@@ -217,11 +220,9 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
 
 
 def model_from_json(text: str) -> EllipseModel:
-    """Read a model that `model_to_json` wrote.
+    """Read a model that `model_to_json` or a person wrote.
 
-    Raises LocalizeError for text that is not JSON, is of another kind or schema, or has keys that are missing or not
-    numbers. The same holds for models that `EllipseModel` and `CoilEllipses` refuse, and for a wrong checksum. A model
-    that a person wrote need not have a checksum.
+    A person need not write a checksum. A wrong checksum raises a LocalizeError.
     """
     try:
         data = json.loads(text)
@@ -244,10 +245,9 @@ def model_from_json(text: str) -> EllipseModel:
 def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
     """Return x and |y| in m where two ellipses intersect.
 
-    Their centres are on y = 0. y is 0 if they touch on the axis. With y² = B²(1 − (x − x0)²/A²) of both, (k1 − k2) x² −
-    2 (k1 x1 − k2 x2) x + k1 x1² − k2 x2² − B1² + B2² = 0 where k = B²/A². It is solved about the middle of the centres.
-    Raises LocalizeError for ellipses that do not intersect, and for ellipses that intersect at two values of x of which
-    not exactly one is between the centres.
+    With y² = B²(1 − (x − x0)²/A²) of both, (k1 − k2) x² − 2 (k1 x1 − k2 x2) x + k1 x1² − k2 x2² −
+    B1² + B2² = 0 where k = B²/A². It is solved about the middle of the centres. Exactly one
+    solution may lie between them. y is 0 if the ellipses touch on the axis.
     """
     middle = (first.x0 + second.x0) / 2
     length = max(first.A, second.A, first.B, second.B)
@@ -278,11 +278,9 @@ def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
 
 
 def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, second: str) -> EllipsePosition:
-    """Intersect the ellipses of two given coils.
+    """Intersect the ellipses of two given coils for their readings δ.
 
-    The ellipses follow from their readings δ. The case is "adjacent coils" if a coil lies between the two, else "two
-    points" or "touching". Raises LocalizeError for a coil that the model does not have, a reading that is missing, not
-    finite or beyond the model, ellipses that do not intersect.
+    The case is "adjacent coils" if a coil lies between the two, else "two points" or "touching".
     """
     if first == second:
         raise LocalizeError(f"two coils must be given; got {first} twice.")
@@ -297,13 +295,10 @@ def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, seco
 
 
 def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePosition:
-    """Locate an indentation by the readings δ of all coils.
+    """Locate an indentation by the readings δ of a model's coils.
 
-    They are the coils of a model. Readings of other coils are not used. Raises LocalizeError for a reading that is
-    missing, not finite, or beyond the model, ellipses that do not intersect, a model of one coil.
+    Readings of other coils are not used.
 
-    Examples
-    --------
     >>> from coilarray.paper.published import published_model
     >>> place = locate_x(published_model(), {"coil1": 2.1125e-4, "coil2": 1.7582e-3, "coil3": 1.6317e-4})
     >>> round(place.x * 1e3, 2), place.case, place.coils

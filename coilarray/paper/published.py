@@ -93,11 +93,10 @@ def undetermined_levels(
     x: tuple[float, float] = (-_X, _X),
     y: tuple[float, float] = (-_Y, _Y),
 ) -> npt.NDArray[np.bool_]:
-    """Test which levels of a coil are undetermined.
+    """Test which levels δ (n,) of a coil are undetermined.
 
-    A level is undetermined if too little of its ellipse at δ (n,) is in the window of the map. The window reaches over
-    `x` and `y` in m, by default the paper's window, x ±26 and y ±6 mm. The points of each ellipse within it are judged
-    like the points of a computed level, by `coilarray.paper.ellipse.closes`.
+    Too little of their ellipse is in the window over `x` and `y` in m, by default the paper's. The
+    points within it are judged like the points of a computed level.
     """
     angle = np.linspace(0, 2 * np.pi, _ANGLES)
     marks = []
@@ -111,9 +110,9 @@ def undetermined_levels(
 def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None) -> xr.Dataset:
     """Return the response whose level curves are Table A1's ellipses.
 
-    It is the response of coils 1 to 3. It was not measured but follows from the paper's model. Positions along x and y
-    are in m, by default the paper's grid, 2 mm apart over x ±26 and y ±6 mm. Each δ is found by bisection. Beyond the
-    ellipse of δ = 0 the polynomials are continued down to δ = -2e-4, so that the map passes smoothly through zero.
+    It follows from the paper's model of coils 1 to 3 and was not measured. Positions in m are by
+    default on the paper's grid, 2 mm apart. Each δ is found by bisection. Beyond the ellipse of δ =
+    0 the polynomials are continued down to δ = -2e-4, so that the map passes smoothly through zero.
     Further out it is flat.
     """
     along, across = (

@@ -1,7 +1,6 @@
-"""Datasets for pictures.
+"""Solids, paths and fields of the model as PyVista meshes.
 
-They are the model's solids, paths and fields as PyVista meshes, with no window and no colours.
-
-Every coordinate of a dataset is in mm, because people read pictures of boards in mm. The values of its arrays stay in
-SI. Their names contain the unit, as in ``"B (T)"``. PyVista is imported when the first dataset is made.
+Every coordinate of a dataset is in mm, because people read pictures of boards in mm. The values of
+its arrays are in SI, with the unit in their names, as in ``"B (T)"``. PyVista is imported when the
+first dataset is made.
 """

@@ -57,12 +57,11 @@ def dented_sheet_meshes(
     centre: tuple[float, float],
     extent: tuple[float, float, float, float],
 ) -> dict[str, pyvista.PolyData]:
-    """Surfaces of the deformed sheets in mm by name.
+    """Closed surfaces of the deformed sheets in mm by name.
 
-    They are closed, and the quarter of lower x and lower y is cut out. The `indentation` is one depth of the result of
-    `coilarray.indent`. The `sheets` go from the board upwards. `centre` is x and y of the indenter, and `extent` x_min,
-    y_min, x_max, y_max of the flat sheet that is shown, in m. A finite sample ends at its own edge. A centre that is
-    not inside the extent raises a ValueError.
+    The quarter of lower x and lower y is cut out. The `indentation` is one depth of the result of
+    `coilarray.indent`. `centre` is x and y of the indenter, and `extent` x_min, y_min, x_max, y_max
+    of the flat sheet, in m. A finite sample ends at its own edge.
     """
     plane = indentation.attrs["symmetry"] == "plane"
     angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)

@@ -68,11 +68,10 @@ def field_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.
 
 
 def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
-    """Arrows in mm along B.
+    """Arrows in mm along B, with the point arrays of the grid.
 
-    They are centred at points of a grid that are at least a spacing in m apart along each axis. The length of an arrow
-    is the spacing times the square root of |B| over its maximum, so that arrows are visible where the field is weak.
-    They have the point arrays of the grid.
+    They are at least a `spacing` in m apart along each axis, and as long as the spacing times the
+    square root of |B| over its maximum, so that they are visible where the field is weak.
     """
     kept = [_thinned(np.asarray(axis, dtype=np.float64), spacing * MM_PER_M) for axis in (grid.x, grid.y, grid.z)]
     nx, ny, _ = grid.dimensions
@@ -88,11 +87,10 @@ def arrows_at(
     names: tuple[str, str] = (FIELD, AMOUNT),
     largest: float | None = None,
 ) -> pyvista.PolyData:
-    """Arrows along vectors, as in `field_arrows`.
+    """Arrows along vectors (n, 3) about points in mm.
 
-    Their centres are at points in mm. Points and vectors have shape (n, 3). `names` are the names of the point arrays
-    of the vectors and of their magnitude. An arrow as strong as `largest`, by default the strongest arrow, is as long
-    as the `spacing` in m.
+    `names` are the point arrays of the vectors and of their magnitude. An arrow as strong as
+    `largest`, by default the strongest arrow, is as long as the `spacing` in m.
     """
     from coilarray.viz.extra_3d import pyvista
 

@@ -49,9 +49,9 @@ def coupling_arcs(
 ) -> pyvista.PolyData:
     """Join every pair of coils by an arc in mm.
 
-    `centres`, shape (coils, 2), and the `height` of the ends are in m. `coupling`, shape (coils, coils), has the
-    coefficients k. A pair with |k| below `least` has no arc. Arcs are parabolas that rise by 0.3 of their span,
-    with the cell arrays ``"coil"``, ``"other"`` (indices of the coils) and ``"k"``.
+    `centres` (coils, 2) and the `height` of the ends are in m. A pair with |k| below `least` has no
+    arc. Arcs are parabolas that rise by 0.3 of their span, with the cell arrays ``"coil"``,
+    ``"other"`` (indices of the coils) and ``"k"``.
     """
     places, k = np.asarray(centres, dtype=np.float64), np.asarray(coupling, dtype=np.float64)
     share = np.linspace(0.0, 1.0, _POINTS_OF_ARC)
@@ -100,12 +100,11 @@ def response_surface(
     relief: float = 0.0,
     above: float = 0.0,
 ) -> tuple[pyvista.PolyData, pyvista.PolyData]:
-    """Surface of δ of one state, and outlines of coils laid on it, in mm.
+    """Surface of δ of one state with outlines of coils, in mm.
 
-    The map lies over its place on the board. The surface has a quadrilateral between each four positions of the
-    indenter, and the point array ``"delta (1)"``. `height` in m is the height of δ = 0, and `relief` the rise at the
-    largest |δ|. `outlines`, corners (n, 2) on the board in m, lie `above` the surface, one polyline for each part over
-    the map. A response without the state or depth, or with fewer than two positions along x or y, raises a ValueError.
+    The point array is ``"delta (1)"``. `height` in m is the height of δ = 0, and `relief` the rise
+    at the largest |δ|. `outlines`, corners (n, 2) on the board in m, lie `above` the surface, one
+    polyline for each part over the map.
     """
     from scipy.interpolate import RegularGridInterpolator  # half of the import time of this package
 
@@ -152,13 +151,9 @@ def uncertainty_ellipse(
 ) -> pyvista.PolyData:
     """Ellipse in mm that contains a position with a given probability.
 
-    The errors are Gaussian. The `centre` in m and the `covariance` in m², shape (2, 2), are those of x and y. The
-    ellipse is drawn too large by the `magnification`, at a `height` in m.
-
-    Notes
-    -----
-    (r − r̂)ᵀ Σ⁻¹ (r − r̂) = q with q the quantile of χ² for two degrees of freedom, −2 ln(1 − confidence). With the
-    Cholesky factor Σ = L Lᵀ it is r̂ + √q L (cos t, sin t).
+    The `centre` is in m, the `covariance` (2, 2) of the Gaussian errors of x and y in m². (r − r̂)ᵀ
+    Σ⁻¹ (r − r̂) = q with q the quantile of χ² for two degrees of freedom, −2 ln(1 − confidence).
+    With the Cholesky factor Σ = L Lᵀ it is r̂ + √q L (cos t, sin t), times the `magnification`.
     """
     angle = np.linspace(0.0, 2 * np.pi, _POINTS_OF_ELLIPSE)
     circle = semi_axis_factor(confidence) * np.column_stack((np.cos(angle), np.sin(angle)))

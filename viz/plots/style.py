@@ -1,8 +1,7 @@
 """Common parts of all flat figures.
 
-Settings, sizes, units, colour bars, grids, legends, maps, and the coils' outlines.
-
-The label of an axis reads ``inductance (µH)``. Its ticks are plain numbers, on logarithmic axes too.
+The label of an axis reads ``inductance (µH)``. Its ticks are plain numbers, on logarithmic axes
+too.
 """
 
 from __future__ import annotations
@@ -282,11 +281,9 @@ def largest(values: npt.NDArray[np.float64]) -> float:
 def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> DisplayUnit:
     """Choose the prefix of a unit for an axis.
 
-    It brings the largest of the finite values between 1 and 1000. `unit` is an SI unit without a prefix, by default
-    from the attributes of `values`. For a pure number, "" or "1", the power of ten is written out.
+    It brings the largest of the finite values between 1 and 1000. `unit` is an SI unit without a
+    prefix. For a pure number, "" or "1", the power of ten is written out.
 
-    Examples
-    --------
     >>> axis_unit([58.2e-6, -3e-6], "H").label("L")
     'L (µH)'
     >>> axis_unit([7.9e-4], "1").label("δ"), axis_unit([19.5], "ohm").label("R")

@@ -73,13 +73,11 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Find places where samples change their sign.
+    """Find places where samples at ascending x change their sign.
 
-    The samples are at ascending x, and the places ascend too. Monotone cubics interpolate between the samples. Two
-    samples of one sign have no zero between them, and no zero is looked for beside a NaN. A sample that is zero counts.
+    Monotone cubics interpolate between the samples. Two samples of one sign have no zero between
+    them. A sample that is zero counts.
 
-    Examples
-    --------
     >>> zero_crossings([0.0, 1.0, 2.0, 3.0], [2.0, 1.0, -1.0, -2.0]).tolist()
     [1.5]
     """

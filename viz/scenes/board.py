@@ -73,12 +73,10 @@ def scene_of_board(
     box: Box | None = None,
     name_heights: npt.ArrayLike = 0.0,
 ) -> Scene:
-    """Scene of a board.
+    """Scene of a board: laminate, copper by layer, barrels, names, rulers.
 
-    It has laminate, copper with a group per layer, barrels, names of the coils and rulers. `layers` are the copper
-    layers that are shown, all by default. A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers,
-    barrels and names. `name_heights` in m, a number or an array over the coils, lift the names above anything that
-    covers the coils. A layer that the board lacks raises a GeometryError.
+    A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names.
+    `name_heights` in m lift the names above anything that covers the coils.
     """
     every = cycled(LAYERS, array.stackup.names)
     for layer in layers or ():

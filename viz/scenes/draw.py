@@ -190,8 +190,6 @@ def pixel_of(size: Sequence[int]) -> float:
 
     In a narrow picture they are fewer, so that legend and bars have room.
 
-    Examples
-    --------
     >>> pixel_of((1600, 900)), pixel_of((960, 540)), pixel_of((700, 900))
     (1.0, 0.6, 0.5)
     """
@@ -236,12 +234,8 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
 
 
 def shown_units(scale: Scale) -> tuple[float, str]:
-    """Factor and title of a scale's colour bar.
+    """Factor from values to the numbers on a colour bar, and title.
 
-    The factor converts values to the numbers on the bar. The title contains the unit.
-
-    Examples
-    --------
     >>> shown_units(Scale("B", "B", "T", 1e-8, 2e-6))
     (1000000.0, 'B (µT)')
     >>> shown_units(Scale("k", "k", "", -0.05, 0.05))

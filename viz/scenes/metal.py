@@ -253,11 +253,10 @@ def scene_of_metal(
 ) -> Scene:
     """Scene of plates, target and eddy currents of a design.
 
-    `shown` has "plates", "target" and "eddies", which flow in the bodies that are shown. A `coil` is measured with 1 mA
-    and the others are `terminated` or open. The slider of the target stands first at a `distance` in m, by default
-    the least. The target is at x and y in m on the board, by default at its place nearest to the coil. A `still` scene
-    shows it at this distance alone, as the rest of the scene is made for it. Metal that the design lacks or that is not
-    computed raises a MetalError.
+    `shown` has "plates", "target" and "eddies", which flow in the bodies that are shown. A `coil`
+    is measured with 1 mA and the others are `terminated` or open. The slider of the target stands
+    first at a `distance` in m, by default the least. The target is `at` x and y in m, by default at
+    its place nearest to the coil. A `still` scene shows it at this distance alone.
     """
     within = around_board(design.array)
     plates = design.plates if "plates" in shown else ()

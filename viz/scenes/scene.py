@@ -54,9 +54,8 @@ def aim(
 ) -> Camera:
     """Aim a camera at the centre of a box.
 
-    It looks from a side or as another camera. `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares
-    `left`, `right` and `bottom` of the picture's width and height stay free at its edges, for a legend, colour bars and
-    notes.
+    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares `left`, `right` and
+    `bottom` of the picture's width and height stay free for a legend, colour bars and notes.
     """
     if isinstance(view, Camera):
         out = np.array(view.position) - view.focus
@@ -107,10 +106,10 @@ _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 class Scale:
     """Mapping from values of an array to colours.
 
-    The `array` of this name belongs to points or cells. The colour bar has the `title` and behind it the `unit`, which
-    is SI without a prefix, or empty. `low` and `high` are the values at the ends of the colours, in this unit. Values
-    beyond them have the colour of the end. `colours` is a colour map of Matplotlib. On a `logarithmic` scale equal
-    ratios are equal steps of colour. `missing` is the colour of NaN.
+    The colour bar has the `title` and behind it the SI `unit` without a prefix, or empty. `low` and
+    `high` are the values at the ends of the colours, whose colour values beyond them have.
+    `colours` is a colour map of Matplotlib. On a `logarithmic` scale equal ratios are equal steps.
+    `missing` is the colour of NaN.
     """
 
     array: str

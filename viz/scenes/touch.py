@@ -73,9 +73,8 @@ def touch_along(
 ) -> Touch:
     """Compute δ along a path of the indenter.
 
-    The path has `count` places, two at least, at equal steps along x over all coils through the middle coil. `depth` in
-    m is by default the deepest of the design. A design without an indenter or an impossible indentation raises an
-    ElastomerError.
+    The path has `count` places at equal steps along x over all coils through the middle coil.
+    `depth` in m is by default the deepest of the design.
     """
     setup, array = indentation_of(design), design.array
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in array.placements])

@@ -15,11 +15,11 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(function: Function) -> Function:
-    """Compile a kernel on first use, with the machine code kept on disk.
+    """Compile a kernel on first use and keep it on disk.
 
-    Division by zero gives an infinity as in NumPy, a·b + c may use one rounding, and the interpreter's lock is
-    released. numba renews the stored code when the kernel's own file changes, but not when a kernel it calls does.
-    After editing a called kernel, delete ``coilarray/electromagnetics/kernels/__pycache__``.
+    Division by zero gives an infinity as in NumPy, a·b + c may use one rounding. After editing a
+    kernel that others call, delete ``coilarray/electromagnetics/kernels/__pycache__``: numba renews
+    code only for a kernel's own file.
     """
     compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
     return cast(Function, compiled(function))

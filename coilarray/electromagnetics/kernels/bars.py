@@ -1,14 +1,14 @@
-"""Neumann's double integral ∬ dl·dl'/R of straight filaments and of parallel bars.
+"""Neumann's double integral ∬ dl·dl'/R of filaments and parallel bars.
 
-Mutual inductance is µ0/4π times these numbers, which are in metres. The skew form of filaments is Campbell's (Phys.
-Rev. 5, 452, 1915) as in Grover, Inductance Calculations (1946), ch. 7, with the logarithms written by distances to the
-ends.
+Mutual inductance is µ0/4π times these numbers, which are in metres. The skew form of filaments is
+Campbell's (Phys. Rev. 5, 452, 1915) as in Grover, Inductance Calculations (1946), ch. 7, with the
+logarithms written by distances to the ends.
 
-Parallel rectangular bars have a uniform current density, and nothing cancels. The closed form of Hoer & Love (J. Res.
-NBS 69C, 127, 1965) loses (length/width)⁴ digits in float64. The same quantity is the mean of the filament formula over
-both cross-sections. It is a two-dimensional integral over the lateral offset (x, y) with a weight that is piecewise
-linear in each. It is computed cell by cell. Next to the logarithmic singularity at zero offset polar coordinates make
-the integrand smooth.
+For parallel bars of uniform current density the closed form of Hoer & Love (J. Res. NBS 69C, 127,
+1965) loses (length/width)⁴ digits in float64. Here nothing cancels: the filament formula is
+averaged over both cross-sections, an integral over the lateral offset (x, y) with a weight that is
+piecewise linear in each, cell by cell. Next to the logarithmic singularity at zero offset polar
+coordinates make the integrand smooth.
 """
 
 from __future__ import annotations
@@ -134,9 +134,8 @@ def _graded(
 def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2: float) -> float:
     """Neumann's integral ∬ dl dl'/R of nearly parallel filaments.
 
-    The inner integral is closed, the outer a Gauss rule on graded panels. The inner integral varies on the scale of the
-    distance if the outer point passes an end of the inner filament, and like the logarithm of the distance where the
-    two lines cross. The panels halve towards these three places.
+    Closed inner integral, and a Gauss rule on panels that halve towards the places where the outer
+    point passes an end of the inner filament, and where the lines cross.
     """
     dx, dy, dz = q0[0] - p0[0], q0[1] - p0[1], q0[2] - p0[2]
     at_0 = -(dx * v[0] + dy * v[1] + dz * v[2])

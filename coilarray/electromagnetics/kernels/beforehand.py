@@ -1,9 +1,7 @@
 """Compile kernels in a separate process before they are needed.
 
-The process runs ``python -m`` with this module. A process compiles one kernel at a time, as numba holds the
-interpreter. The inductance of a board needs most of them, nested from `paths._between` to `paths._rows_sum`. This
-module has the kernels that it needs last, and those that come after it. Kernels that are on disk already are read from
-there.
+A process compiles one kernel at a time, as numba holds the interpreter. Most kernels are nested
+from `paths._between` to `paths._rows_sum`. The kernels here are needed last, or after these.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Flux density B of polylines on an NVIDIA GPU, through `numba.cuda`.
+"""Flux density B of polylines on an NVIDIA GPU.
 
-It is the sum of `kernels.segments` with a thread per point. If the package numba-cuda is installed (extra ``cuda``),
-``numba.cuda`` is its target. Otherwise it is numba's own target, which is deprecated. It was never run on a GPU, only
-in numba's simulator.
+The sum of `kernels.segments` with a thread per point, by `numba.cuda` of numba-cuda (extra
+``cuda``) or else numba's own, deprecated target. It was never run on a GPU, only in numba's
+simulator.
 """
 
 from __future__ import annotations

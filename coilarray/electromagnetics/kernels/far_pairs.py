@@ -1,10 +1,10 @@
-"""Neumann sums of pairs that lie apart: bars, and nodes that carry currents.
+"""Neumann sums of bars, and of nodes with currents, far apart.
 
-The exact potential of one bar is evaluated at the nodes of a Gauss rule along the other. The potential of a segment a
-at a point, along it, is ln((|u| + |v| + |a|)/(|u| + |v| − |a|)) with u and v from its ends to the point. Along another
-segment of length ℓ at distance D from a it is analytic out to the Bernstein ellipse ln ρ ≥ asinh(2D/ℓ), so n nodes err
-like ρ^(−2n). Nodes of many pairs are collected and evaluated together, without a branch, so that the processor does
-several at once.
+The exact potential of one bar is evaluated at the nodes of a Gauss rule along the other. The
+potential of a segment a at a point, along it, is ln((|u| + |v| + |a|)/(|u| + |v| − |a|)) with u and
+v from its ends to the point. Along another segment of length ℓ at distance D from a it is analytic
+out to the Bernstein ellipse ln ρ ≥ asinh(2D/ℓ), so n nodes err like ρ^(−2n). Nodes of many pairs
+are evaluated together, without a branch, so that the processor does several at once.
 """
 
 from __future__ import annotations

@@ -1,16 +1,18 @@
 """Neumann sums over the bars of two current paths.
 
-A row of a segment table holds, in m: start (0:3), unit direction (3:6), length (6), unit lateral direction (7:10),
-width (10), thickness (11). Each pair of bars is the mean of filament pairs over both cross-sections:
+A row of a segment table holds, in m: start (0:3), unit direction (3:6), length (6), unit lateral
+direction (7:10), width (10), thickness (11). Each pair of bars is the mean of filament pairs over
+both cross-sections:
 
-* far apart against the cross-section: the centre lines.
-* parallel: the lateral offset of the two filaments has a triangular density (equal widths), integrated by a Gauss
-  rule on each half with as many nodes as the nearest singularity demands. Bars that nearly touch go to `bars`.
-* at an angle, or parallel and of different size: Gauss rules across both widths, and more where they meet in a
-  corner.
+- far apart against the cross-section: the centre lines.
+- parallel: the lateral offset of the two filaments has a triangular density (equal widths),
+  integrated by a Gauss rule on each half with as many nodes as the nearest singularity demands.
+  Bars that nearly touch go to `bars`.
+- at an angle, or parallel and of different size: Gauss rules across both widths, and more where
+  they meet in a corner.
 
-A filament pair is the closed form for near filaments, and a Gauss rule along both if the distance exceeds twice the
-length.
+Near filament pairs are in closed form, those farther apart than twice their length by a Gauss rule
+along both.
 """
 
 from __future__ import annotations
@@ -139,11 +141,11 @@ def _set_offset(
 def _parallel_rule(
     a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
-    """Offsets of (nearly) parallel bars of equal size, none if they touch.
+    """Offsets of parallel bars of equal size, none if they touch.
 
-    The nearest places are (gx, gy, gz) apart. The lateral offset of two filaments has a triangular density on [−width,
-    width], and likewise across the thickness. Its direction is the mean of the two, so that a tilt counts in second
-    order. Offsets up and down are equal for bars that lie `level` with each other. Then one offset represents both.
+    The nearest places are (gx, gy, gz) apart. The lateral offset has a triangular density on
+    [−width, width], and likewise across the thickness. Its direction is the mean of both bars, so
+    that a tilt counts in second order. Bars `level` with each other have equal offsets up and down.
     """
     width, thickness = a[10], a[11]
     normal = _normal(a)
@@ -236,11 +238,11 @@ def _add_layers(
 
 @kernel
 def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of two bars that meet at an angle, as neighbours in a path do.
+    """Offsets of two bars that meet at an angle.
 
-    The integrand has a kink where the two filaments meet end to end, at equal lateral offsets, so the second width is
-    cut there. The thickness rounds the kink off and enters by its triangular offset density. One half of the density
-    represents both if the bars lie `level` with each other.
+    The integrand has a kink where the filaments meet end to end, at equal lateral offsets, so the
+    second width is cut there. The thickness enters by its triangular offset density, half of it for
+    bars `level` with each other.
     """
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)
@@ -266,9 +268,9 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
 def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of short bars that meet at a wide angle.
 
-    As the bars are short, their corner counts for much. The integrand has kinks where the end of one filament lies on
-    the other. There the offsets s and t have the ratio of the cosine, either way. The second width is cut there. The
-    first width is cut where such a cut meets an edge of the second, and in its middle, where both cuts cross.
+    The integrand has kinks where the end of one filament lies on the other, at offsets in the ratio
+    of the cosine, either way. The second width is cut there, the first where such a cut meets an
+    edge of the second, and in its middle, where both cuts cross.
     """
     n = min(5 + extra, _WIDE_NODES)
     n_z = min(3 + extra, _WIDE_LAYERS)
@@ -370,10 +372,9 @@ def bar_pair(
 ) -> float:
     """Averaged integral ∬ dl·dl'/R of two bars.
 
-    The bars are rows `a` and `b` of segment tables, the second moved by `shift`. Bars farther apart than `near_widths`
-    widths are taken as their centre lines, which leaves out about (1/near_widths)²/12 of the pair. `extra` adds nodes
-    to every rule, for convergence studies. `rule` is scratch of shape (RULE_SIZE, 4) for weights and offsets of one
-    filament against the other.
+    Bars farther apart than `near_widths` widths are taken as their centre lines, which leaves out
+    about (1/near_widths)²/12 of the pair. `extra` adds nodes to every rule. `rule` is scratch
+    (RULE_SIZE, 4).
     """
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     if abs(cosine) < 1e-15:

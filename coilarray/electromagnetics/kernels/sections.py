@@ -1,23 +1,25 @@
-"""Cross-sections of parallel traces: mean logarithms, fields on segments, eddy-current modes.
+"""Cross-sections of parallel traces: mean logarithms, fields, eddy-current modes.
 
-The mutual inductance per length of two infinitely long parallel bars is −µ0/2π times the mean of ln r over both
-cross-sections. In closed form this is the fourth difference of a fourth antiderivative of ln r (twice in x, twice in z;
-the two-dimensional limit of Hoer & Love, J. Res. NBS 69C, 127, 1965),
+The mutual inductance per length of two infinitely long parallel bars is −µ0/2π times the mean of ln
+r over both cross-sections. In closed form this is the fourth difference of a fourth antiderivative
+of ln r (twice in x, twice in z; the two-dimensional limit of Hoer & Love, J. Res. NBS 69C, 127,
+1965),
 
     F(x, z) = −[(x⁴ − 6x²z² + z⁴)/2 · ln(x² + z²) − 4x³z·atan(z/x) − 4xz³·atan(x/z)]/24,
 
-with 25/12 to subtract. The differences cancel as (distance/size)⁴. Cells further apart than `NEAR` sizes therefore take
-the expansion of Re ln ζ, ζ = x + iz, in the moments of the cells. The first moment left out is the sixth.
+with 25/12 to subtract. The differences cancel as (distance/size)⁴. Cells further apart than `NEAR`
+sizes therefore take the expansion of Re ln ζ, ζ = x + iz, in the moments of the cells. The first
+moment left out is the sixth.
 
-Eddy currents flow in filaments in the cross-sections. With the filament currents I_k = y_k √a_k (cell area a_k), Ohm's
-and Faraday's laws in every trace read
+Eddy currents flow in filaments in the cross-sections. With the filament currents I_k = y_k √a_k
+(cell area a_k), Ohm's and Faraday's laws in every trace read
 
     y + jβ (M y + s) = U √a/ρ,   M_km = −√(a_k a_m) ⟨ln r⟩_km,   β = ωµ0 ℓ²/(2πρ)
 
-in units of a length ℓ. Here s is the source of an incident field and ½ρΣ|y|² the loss per length. A uniform current
-density is y ∝ √a. The rest, orthogonal to it in every trace, carries no net current and needs no voltage U. With the
-eigenpairs (λ, v) of M on that space each mode responds as −jβ (vᵀs)/(1 + jβλ), at every frequency from one
-decomposition.
+in units of a length ℓ. Here s is the source of an incident field and ½ρΣ|y|² the loss per length. A
+uniform current density is y ∝ √a. The rest, orthogonal to it in every trace, carries no net current
+and needs no voltage U. With the eigenpairs (λ, v) of M on that space each mode responds as −jβ
+(vᵀs)/(1 + jβλ), at every frequency from one decomposition.
 """
 
 from __future__ import annotations
@@ -134,11 +136,10 @@ def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: Fl
 def transverse_fields(
     points: FloatArray, own: IntArray, lateral: FloatArray, normal: FloatArray, vertices: FloatArray, out: FloatArray
 ) -> None:
-    """Field H of unit current in a polyline along two axes, in 1/m.
+    """Field H of unit current in a polyline, in 1/m.
 
-    `points` on segments, `lateral` and `normal` have shape (n, 3). `own` (n,) is the row of `vertices` (m, 3) where the
-    point's own segment begins, which adds nothing. `out` (n, 2) receives H·lateral and H·normal. The formula is from
-    `kernels.segments`.
+    `own` (n,) is the row of `vertices` where each point's own segment begins, which adds nothing.
+    `out` (n, 2) receives H·lateral and H·normal, by the formula of `kernels.segments`.
     """
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -209,12 +210,11 @@ def _without_net_current(M: FloatArray, uniform: FloatArray) -> tuple[FloatArray
 def isolated_modes(
     width: float, thickness: float, longer: int, shorter: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Excited modes of one isolated trace.
+    """Modes of an isolated trace that fields excite.
 
-    They are excited by the trace's own current, a field along its thickness, and a field along its width. For each, the
-    result has rows of λ and squared excitation, shape (2, modes): (vᵀMu)² of the unit uniform current u, and (Σ v
-    x√a)², (Σ v z√a)². They are in units of ℓ (λ: ℓ², squares: ℓ⁴). By symmetry the three sets are disjoint and one
-    quarter is meshed.
+    They are excited by its own current, a field along its thickness, and a field along its width.
+    Each result (2, modes) has rows of λ (ℓ²) and squared excitation (ℓ⁴): (vᵀMu)² of the unit
+    uniform current u, (Σ v x√a)², (Σ v z√a)². By symmetry one quarter is meshed.
     """
     nx, nz = cell_counts(width, thickness, longer, shorter)
     cells = mesh(cosine_edges(width, nx)[nx // 2 :], cosine_edges(thickness, nz)[nz // 2 :])
@@ -240,11 +240,10 @@ def isolated_modes(
 def response_basis(
     width: float, thickness: float, longer: int, shorter: int, betas: FloatArray, tolerance: float
 ) -> Basis:
-    """Cells (n, 4), √area (n,) and orthonormal currents (n, basis) of a trace.
+    """Cells (n, 4), √area (n,) and currents (n, basis) of a trace.
 
-    The first current is uniform. The others span, to `tolerance`, the trace's response at the frequencies `betas` to
-    its own current and to incident potentials Re and Im (x + jz)^k, k = 1..4, which fade as 2^−k. These are the Taylor
-    series of the field of outside sources.
+    The first current is uniform. The others span, to `tolerance`, the response to its own current
+    and to incident potentials Re and Im (x + jz)^k, k = 1..4 (Taylor series, fading as 2^−k).
     """
     nx, nz = cell_counts(width, thickness, longer, shorter)
     cells = mesh(cosine_edges(width, nx), cosine_edges(thickness, nz))
@@ -275,11 +274,11 @@ def _logs(first: FloatArray, second: FloatArray, x: float, z: float) -> FloatArr
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Parallel traces reduced to their eddy modes.
+    """Parallel traces reduced to their eddy modes, in lengths of `unit`.
 
-    Lengths are in units of `unit`, and the modes of all traces follow each other. `values` and `vectors` are eigenpairs
-    of the interaction of all modes. `own` (modes, traces) is the source of each trace's unit uniform current. `x` and
-    `z` (modes,) are the sources of a unit potential gradient. `first` (traces + 1,) is the first mode of each trace.
+    `values` and `vectors` are eigenpairs of the interaction of all modes. `own` (modes, traces) is
+    the source of each trace's unit uniform current, `x` and `z` (modes,) of a unit potential
+    gradient. `first` (traces + 1,) is the first mode of each trace.
     """
 
     unit: float
@@ -343,12 +342,11 @@ def bundle_factors(
     bundle: Section, alone: Sequence[Section], x: FloatArray, z: FloatArray, sign: FloatArray, mean: FloatArray,
     delta: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Heat by filaments of each trace in a bundle over the heat alone.
+    """Heat of each trace in a bundle over its heat alone.
 
-    The trace alone is in the same field. The shape is (3, frequencies, traces), for the current `sign` in all, for a
-    uniform field along z, and for a uniform field along x. `mean` (traces, 2) is the true field of unit current along x
-    (for `sign` 1, reversed with the current) and z at each trace. The bundle gets the difference to its own field as an
-    incident field. `alone` has each trace as a section.
+    Shape (3, frequencies, traces), for the current `sign` in all, a uniform field along z, and
+    along x. `mean` (traces, 2) is the true field of unit current along x (for `sign` 1, reversed
+    with the current) and z. Its difference to the bundle's own field acts as an incident field.
     """
     dx, dz = x[:, None] - x, z[:, None] - z
     r2 = dx**2 + dz**2

@@ -1,12 +1,13 @@
 """Exact fields B and A of straight current segments.
 
-They are summed over polylines. With u = X − P0, v = X − P1 and d = P1 − P0 = u − v,
+With u = X − P0, v = X − P1 and d = P1 − P0 = u − v (B: Hanson & Hirshman, Phys. Plasmas 9, 4410,
+2002),
 
-    B = µ0 I/4π · (|u| + |v|) / (|u||v| (|u||v| + u·v)) · d × u        (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002)
+    B = µ0 I/4π · (|u| + |v|) / (|u||v| (|u||v| + u·v)) · d × u
     A = µ0 I/4π · d/|d| · ln((|u| + |v| + |d|) / (|u| + |v| − |d|))
 
-For u·v < 0 (beside the segment) |u||v| + u·v cancels. There it equals |d × u|²/(|u||v| − u·v), which does not cancel.
-Neighbours in a polyline share a vertex and so a square root.
+For u·v < 0 (beside the segment) |u||v| + u·v cancels. There it equals |d × u|²/(|u||v| − u·v),
+which does not cancel. Neighbours in a polyline share a vertex and so a square root.
 """
 
 from __future__ import annotations
@@ -67,11 +68,10 @@ def add_magnetic_field(
 
 @kernel
 def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
-    """Compute ln(top/bottom) without a branch, so that many are computed at once.
+    """Compute ln(top/bottom) without a branch.
 
-    `ratio` is tanh of half of the result. With top/bottom = 2^k m, m near one, the result is k ln 2 + 2 atanh((m −
-    1)/(m + 1)). For k = 0 the argument of atanh is `ratio`, known without the rounding of m − 1. Far from a segment it
-    keeps its relative accuracy.
+    With top/bottom = 2^k m, m near one, the result is k ln 2 + 2 atanh((m − 1)/(m + 1)). For k = 0
+    the argument of atanh is `ratio`, tanh of half of the result, without the rounding of m − 1.
     """
     # The difference of two floating-point numbers' bits is near the difference of their logarithms to base 2, times
     # 2^52.

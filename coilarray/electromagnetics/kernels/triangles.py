@@ -1,12 +1,13 @@
 """Integrals of 1/r over pairs of triangles.
 
-∫∫ dA dA'/|x − x'| of near pairs follows from the closed form of the inner integral (Wilton et al., IEEE Trans. Antennas
-Propag. 32, 276 (1984)) at the nodes of a rule over the outer triangle. Far pairs follow from the moments of both up to
-the second order, A A' (1/R + ½ (S + S'):∇∇(1/R)), R between the centroids and A S = ∫ (x − c)(x − c)ᵀ dA.
+∫∫ dA dA'/|x − x'| of near pairs follows from the closed form of the inner integral (Wilton et al.,
+IEEE Trans. Antennas Propag. 32, 276 (1984)) at the nodes of a rule over the outer triangle. Far
+pairs follow from the moments of both up to the second order, A A' (1/R + ½ (S + S'):∇∇(1/R)), R
+between the centroids and A S = ∫ (x − c)(x − c)ᵀ dA.
 
-Double layers of linear functions λ: ∫ dA ∫ dA' λ(x') n'·(x − x')/|x − x'|³, with the inner integral λ(x) Ω −
-d ∇λ·Σ m ∫ dl/|x − x'| over the edges, Ω the solid angle, d the height of x over the plane and m the edges' outward
-normals in it.
+Double layers of linear functions λ: ∫ dA ∫ dA' λ(x') n'·(x − x')/|x − x'|³, with the inner integral
+λ(x) Ω − d ∇λ·Σ m ∫ dl/|x − x'| over the edges, Ω the solid angle, d the height of x over the plane
+and m the edges' outward normals in it.
 """
 
 from __future__ import annotations
@@ -39,9 +40,8 @@ _RULE = np.array(
 def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals: FloatArray) -> None:
     """Write the integrals (k, n) in m³ of triangle pairs.
 
-    The triangles are `corners` (k, 3, 3) and `other` (n, 3, 3). The integrals are symmetric if `corners` are the
-    triangles of `other` from number `first` on, or their mirror images. Then only the integrals up to the diagonal are
-    written. If `first` is n, all are written.
+    If `corners` are the triangles of `other` from number `first` on, or their mirror images, only
+    the integrals up to the diagonal are written. If `first` is n, all are.
     """
     n = other.shape[0]
     moments, areas = np.empty((n, 10)), np.empty(n)
@@ -165,11 +165,10 @@ def _along(start: float, stop: float, ra: float, rb: float, away2: float) -> flo
 def double_layers(
     corners: FloatArray, other: FloatArray, nodes: IntArray, factor: float, integrals: FloatArray
 ) -> None:
-    """Add `factor` times double-layer integrals over triangles, (k, n) in m².
+    """Add `factor` times double-layer integrals (k, n) in m².
 
-    The integrals are over triangles `corners` (k, 3, 3) of layers on the `other` triangles. `nodes` (l, 3) are the
-    numbers of the other triangles' corners, at one of which each linear function is 1. Normals point to the side from
-    which the corners are seen anticlockwise.
+    The layers are on the `other` triangles, linear functions that are 1 at one of the corners
+    `nodes` (l, 3). Normals point to the side from which the corners are anticlockwise.
     """
     radii = np.empty(other.shape[0])
     centres = np.empty((other.shape[0], 3))

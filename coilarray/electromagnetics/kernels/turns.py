@@ -1,14 +1,16 @@
 """Neumann sums over the turns of a winding by quadrature.
 
-A few turns represent all of them. The same side of successive turns is a *series* of segments whose ends step evenly. A
-sum over a series is replaced by a sum over a few of its members, with the weights that are exact for polynomials of the
-index (`series_rules`):
+A few turns represent all of them. The same side of successive turns is a *series* of segments whose
+ends step evenly. A sum over a series is replaced by a sum over a few of its members, with the
+weights that are exact for polynomials of the index (`series_rules`):
 
-* two series that lie apart: a few members of each,
-* two series that run beside or across each other: the pairs of one difference (or one sum) of the indices have
-  equal positions, and their sum is taken by the rule, halved wherever a rule with fewer members disagrees.
+- two series that lie apart: a few members of each,
+- two series that run beside or across each other: the pairs of one difference (or one sum) of the
+  indices have equal positions, and their sum is taken by the rule, halved wherever a rule with
+  fewer members disagrees.
 
-Errors are about 1e-5 of the own inductance of a winding of 30 turns, less between windings that lie apart.
+Errors are about 1e-5 of the own inductance of a winding of 30 turns, less between windings that lie
+apart.
 """
 
 from __future__ import annotations
@@ -31,11 +33,10 @@ _STEP = 1e-10  # of the path's size; evenness of the steps
 
 @cache
 def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
-    """Rules for sums over n = 1 … `longest` equidistant indices, one per row.
+    """Rules for sums over 1 … `longest` equidistant indices, by row.
 
-    They are members, weights, check, counts. Of the `counts[n]` members (indices from 0) the weights are exact for
-    polynomials of degree 4. The weights `check` are exact for degree 3 without the middle member. All except the counts
-    have the shape (longest + 1, 5).
+    The result is members, weights, check (longest + 1, 5) and counts. Weights are exact for
+    polynomials of degree 4, `check` for degree 3 without the middle member.
     """
     members = np.zeros((longest + 1, _MEMBERS), dtype=np.int64)
     weights, check = np.zeros((longest + 1, _MEMBERS)), np.zeros((longest + 1, _MEMBERS))
