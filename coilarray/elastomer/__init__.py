@@ -1,1 +1,1 @@
-"""Elastomer on the board: deformation under an indenter, and effect of its magnetic sheet on the coils."""
+"""Elastomer on the board: deformation, and effect of its magnetic sheet."""

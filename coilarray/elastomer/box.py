@@ -58,7 +58,7 @@ _FINEST, _GROWTH = 0.03, 0.03  # distance of the radii of the tables, and its gr
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """Elements along an axis by their rising edges, and their degree."""
+    """Elements along an axis: their rising edges and degree."""
 
     edges: FloatArray
     degree: int
@@ -119,8 +119,8 @@ class Axis:
 class ElementMatrices:
     """Integrals over an element of shape functions φ and Legendre polynomials L.
 
-    `mass` ∫φφ, `mixed` ∫φ'φ and `stiffness` ∫φ'φ' are of shape (n, n). `mean` ∫L_a φ and `slope` ∫L_a φ', (degree, n),
-    have their rows divided by the norm of L_a.
+    `mass` ∫φφ, `mixed` ∫φ'φ and `stiffness` ∫φ'φ' are of shape (n, n). `mean` ∫L_a φ and `slope`
+    ∫L_a φ', (degree, n), have their rows divided by the norm of L_a.
     """
 
     mass: FloatArray
@@ -179,7 +179,8 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
 def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatArray:
     """∫ L div φ over an element, L of the degrees `modes` (n, 3).
 
-    There is a row for each product L of Legendre polynomials, in the order (component, x node, y node, z node).
+    There is a row for each product L of Legendre polynomials, in the order (component, x node, y
+    node, z node).
     """
     columns = []
     for component in range(3):
@@ -193,7 +194,7 @@ def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatA
 
 @dataclass(frozen=True, eq=False)
 class _Slab:
-    """Cholesky factor of a slab of elements, and its links to both faces."""
+    """Cholesky factor of a slab, and its links to both faces."""
 
     lower: FloatArray
     before: FloatArray
@@ -202,7 +203,7 @@ class _Slab:
 
 @dataclass(frozen=True, eq=False)
 class _Factors:
-    """Cholesky factors of a box, or of its lower half in y.
+    """Cholesky factors of a box or of its lower half.
 
     The factors are within its slabs, equal ones stored once, then of faces between them, each with
     its link to the next. `kept` are the displacements in a plane across x, (3, ny, nz), that are
@@ -259,8 +260,8 @@ class _Factors:
 class Box:
     """Layered box, factorised.
 
-    A box that is its own mirror image in y is stored as two halves, of even and of odd displacements. The elements of z
-    are ordered from the board up.
+    A box that is its own mirror image in y is stored as two halves, of even and of odd
+    displacements. The elements of z are ordered from the board up.
     """
 
     axes: tuple[Axis, Axis, Axis]
@@ -291,7 +292,7 @@ class Box:
 
 
 def require_box_memory(axes: tuple[Axis, Axis, Axis], parts: int) -> None:
-    """Raise MemoryLimitError if a box of one part or two halves is too large."""
+    """Raise MemoryLimitError if a box, or half of it, is too large."""
     x, y, z = axes
     plane = 3 * (len(y.nodes) // parts + 1) * len(z.nodes)
     inner = (x.degree - 1) * plane
@@ -312,8 +313,9 @@ def factorised(
 ) -> Box:
     """Assemble and factorise a box.
 
-    `shear` and `squash` (elements along z,) are μ and 1/K. `springs` (3, nx, ny) are the springs at the nodes of the
-    bottom. `held` (3,) marks the components of the displacement that are zero there.
+    `shear` and `squash` (elements along z,) are μ and 1/K. `springs` (3, nx, ny) are the springs at
+    the nodes of the bottom. `held` (3,) marks the components of the displacement that are zero
+    there.
     """
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)
@@ -402,8 +404,8 @@ def _factors(
 class WideField:
     """Displacement and stress about the axis at some heights.
 
-    They are splines over radii (…). `moved` gives u_r and u_z, (…, 2, cases, heights). `stress` gives σ_rr, the hoop
-    stress and σ_rz, (…, 3, cases, heights).
+    They are splines over radii (…). `moved` gives u_r and u_z, (…, 2, cases, heights). `stress`
+    gives σ_rr, the hoop stress and σ_rz, (…, 3, cases, heights).
     """
 
     moved: CubicSpline
@@ -507,7 +509,7 @@ def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> t
 
 
 def _elements(stack: Stack) -> tuple[FloatArray, IndexArray]:
-    """Edges of elements over the height, finer towards the top, and their sheets."""
+    """Edges of elements, finer towards the top, and their sheets."""
     edges, sheets = [stack.levels[0]], []
     for sheet, (lower, upper) in enumerate(zip(stack.levels[:-1], stack.levels[1:], strict=True)):
         cuts = [lower]

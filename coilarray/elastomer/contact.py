@@ -49,8 +49,8 @@ _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 def _hat_forces(system: Compliance, depth: float) -> FloatArray:
     """Solve the complementarity problem at a depth in thicknesses above zero.
 
-    Returns the force on each hat in the stack's units, never negative, over 2π (axial) or 2 (plane strain). Raises
-    ElastomerError if the problem does not converge.
+    Returns the force on each hat in the stack's units, never negative, over 2π (axial) or 2 (plane
+    strain). Raises ElastomerError if the problem does not converge.
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
@@ -113,7 +113,7 @@ class _Case:
         return contact_grid(self.stack, self.indenter.symmetry, zone, self.base, self.radius, mesh)
 
     def cut(self, height: float) -> float:
-        """Radius of the indenter at a height above its tip, within the sample."""
+        """Radius of the indenter at a height, within the sample."""
         radius = self.indenter.radius_at(height * self.stack.length) / self.stack.length
         return radius if self.radius is None else min(radius, self.radius)
 
@@ -143,7 +143,7 @@ def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactM
 
 
 def _expected_zone(case: _Case, least: float, greatest: float) -> ContactZone:
-    """Contact radii at the least and greatest depth, by coarse meshes."""
+    """Contact radii at the extreme depths, by coarse meshes."""
     zone = ContactZone(case.cut(least) / 2, case.cut(greatest), case.cut(_SEARCH * greatest))
     for _ in range(_GUESSES):
         system = compliance(case.stack, case.indenter, case.grid(zone, _COARSE))
@@ -165,7 +165,7 @@ def _small_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Cont
 
 
 def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: ContactMesh) -> _Solution:
-    """Contacts under large strain, from depth to depth in rising order."""
+    """Contacts under large strain at rising depths."""
     if zone.sharp:  # material beyond the edge may come under it
         wider = zone.search * _BEYOND_EDGE
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
@@ -234,7 +234,7 @@ def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: F
 
 
 def _check_unfolded(solution: _Solution, heights: FloatArray, depths: FloatArray, names: Sequence[str]) -> None:
-    """Refuse a deformation in which an interface folds over or meets another."""
+    """Refuse a deformation in which an interface folds or meets another."""
     for depth, displacement in zip(depths, solution.moved, strict=True):
         r, z = solution.grid.r + displacement[0], heights[:, None] + displacement[1]
         for k, name in enumerate(names):
@@ -267,40 +267,43 @@ def indent(
     depths : array_like, shape (d,) or scalar
         Distances of the tip below the flat top in m. At 0 the tip just touches.
     base : {"bonded", "frictionless"} or Seat
-        Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat (Winkler
-        foundation).
+        Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a
+        soft seat (Winkler foundation).
     radius : float, optional
-        Radius in m of a sample with a free edge and the indenter at its centre. In plane strain it is half the width.
-        Without a radius the sample is laterally infinite.
+        Radius in m of a sample with a free edge and the indenter at its centre. In plane strain it
+        is half the width. Without a radius the sample is laterally infinite.
     strain : {"finite", "linear"}
-        Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At a depth of an eighth
-        of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4 % too low.
+        Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At
+        a depth of an eighth of the stack's thickness the linear force is 5 % too large and the
+        interface of the paper's sheets 4 % too low.
     accuracy : ContactMesh
         Fineness and extent of the mesh.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed radius).
-        displacement_r and displacement_z (depth, interface, r) are in m, positive upwards. force (depth) is in N, in
-        plane strain in N/m. contact_radius (depth) in m is the radius at which the pressure ends on the deformed
-        surface. pressure (depth, r) is in Pa on the top. height (interface) is in m, in the flat state.
+        Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r
+        (undeformed radius). displacement_r and displacement_z (depth, interface, r) are in m,
+        positive upwards. force (depth) is in N, in plane strain in N/m. contact_radius (depth) in m
+        is the radius at which the pressure ends on the deformed surface. pressure (depth, r) is in
+        Pa on the top. height (interface) is in m, in the flat state.
 
     Raises
     ------
     ElastomerError
-        A sheet without Young's modulus, a depth that is not allowed, folds an interface or exceeds the radius of a ball
-        or cylinder, a contact that extends beyond the sample or does not converge, an unknown base.
+        A sheet without Young's modulus, a depth that is not allowed, folds an interface or exceeds
+        the radius of a ball or cylinder, a contact that extends beyond the sample or does not
+        converge, an unknown base.
 
     Notes
     -----
-    The edge of the mesh of a wide sample is far away. It carries the traction of the material beyond it: u_r = B/r (in
-    plane strain a constant), the field of a layer that slides as a whole. The field of a bonded layer has decayed
-    there.
+    The edge of the mesh of a wide sample is far away. It carries the traction of the material
+    beyond it: u_r = B/r (in plane strain a constant), the field of a layer that slides as a whole.
+    The field of a bonded layer has decayed there.
 
-    Under large deformations the edge of a punch is rounded with its `edge_radius`, or with 10 % of its radius, which
-    reduces the force by some 5 %. A sharp edge would cut the sheet. With a smaller edge radius the computation stops at
-    a smaller depth.
+    Under large deformations the edge of a punch is rounded with its `edge_radius`, or with 10 % of
+    its radius, which reduces the force by some 5 %. A sharp edge would cut the sheet. With a
+    smaller edge radius the computation stops at a smaller depth.
 
     Examples
     --------
@@ -333,7 +336,7 @@ def indent(
 def _dataset(
     case: _Case, solution: _Solution, names: list[str], depth: FloatArray, heights: FloatArray, strain: Strain
 ) -> xr.Dataset:
-    """Results in SI units. Depth is in m, the rest in the stack's units."""
+    """Results in SI units, from the stack's units and depths in m."""
     length, stress, axial = case.stack.length, case.stack.stress, case.indenter.symmetry == "axial"
     whole = 2 * math.pi * length**2 if axial else 2 * length  # hats weigh r dr, or dr of one half
     grid, force, moved = solution.grid, solution.force, solution.moved

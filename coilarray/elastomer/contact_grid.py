@@ -1,4 +1,4 @@
-"""Mesh of a contact: stack of sheets, support, hats on its top.
+"""Mesh of a contact: stack, support, and hats of pressure.
 
 The mesh consists of rectangles in (r, z), small under the indenter and larger outside. The pressure
 is a sum of hat functions ψ_j on the vertices of the top. Point forces on the nodes of the
@@ -36,15 +36,16 @@ _QUADRATURE = 5  # exact for products of two biquadratic functions and r
 class ContactMesh:
     """Fineness and extent of a contact's mesh.
 
-    Fewer than 4 elements, growth that is not above 1 and at most 2, or an extent that is not finite and at least 1
-    raise an ElastomerError.
+    Fewer than 4 elements, growth that is not above 1 and at most 2, or an extent that is not finite
+    and at least 1 raise an ElastomerError.
 
     Parameters
     ----------
     elements : int
         Number of elements across the contact radius.
     growth : float
-        Ratio of neighbouring elements away from the contact. It also determines the number of elements in a sheet.
+        Ratio of neighbouring elements away from the contact. It also determines the number of
+        elements in a sheet.
     extent : float
         Radius of the mesh of a wide sample, beyond the contact, in thicknesses of the stack.
     """
@@ -99,13 +100,13 @@ def graded(start: float, end: float, size: Callable[[float], float], least: int 
 
 
 def _finest(zone: ContactZone, mesh: ContactMesh) -> float:
-    """Smallest element: at the edge of a sharp indenter, else under the tip."""
+    """Smallest element: at a sharp indenter's edge, else under the tip."""
     finest = zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
     return min(finest, zone.tip / _TIP_ELEMENTS or math.inf)
 
 
 def radial_points(zone: ContactZone, thickness: float, end: float, mesh: ContactMesh) -> FloatArray:
-    """Radii of the mesh's vertices up to `end`, with the end of the search."""
+    """Radii of the vertices up to `end`, with the search's end."""
     n, edge, slope = mesh.elements, zone.largest, mesh.growth - 1
     finest = zone.largest / n**2  # at a sharp edge
 
@@ -122,7 +123,7 @@ def radial_points(zone: ContactZone, thickness: float, end: float, mesh: Contact
 
 
 def vertical_points(zone: ContactZone, levels: FloatArray, mesh: ContactMesh) -> FloatArray:
-    """Levels of the mesh's vertices from the board to 0, with all interfaces."""
+    """Levels of the vertices up to 0, with all interfaces."""
     slope, total = mesh.growth - 1, -float(levels[0])
     finest = _finest(zone, mesh)
 
@@ -149,7 +150,7 @@ def contact_mesh(r: FloatArray, z: FloatArray) -> MeshQuad:
 
 
 def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:
-    """Measure of the half plane over dr dz: r about an axis, 1 in plane strain."""
+    """Measure over dr dz: r about an axis, 1 in plane strain."""
     return r if symmetry == "axial" else np.ones_like(r)
 
 
@@ -170,10 +171,11 @@ def linear_pressures(basis: Any) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Sheets on a board, in thicknesses of the stack and the largest modulus.
+    """Sheets on a board, in their thickness and largest modulus.
 
-    `length` in m and `stress` in Pa are these units. `thicknesses`, `shear`, the shear modulus μ = E/(2(1 + ν)), and
-    `squash`, the compressibility 1/K = 3(1 − 2ν)/E, have a value for every sheet, from the board up.
+    `length` in m and `stress` in Pa are these units. `thicknesses`, `shear`, the shear modulus μ =
+    E/(2(1 + ν)), and `squash`, the compressibility 1/K = 3(1 − 2ν)/E, have a value for every sheet,
+    from the board up.
     """
 
     length: float
@@ -184,7 +186,7 @@ class Stack:
 
     @property
     def levels(self) -> FloatArray:
-        """Heights of the board and of the sheets' upper faces, the top at 0."""
+        """Heights of board and interfaces, the top at 0."""
         return -np.append(np.cumsum(self.thicknesses[::-1])[::-1], 0.0)
 
 
@@ -247,8 +249,8 @@ def contact_grid(
 ) -> ContactGrid:
     """Mesh a stack for contacts in a zone.
 
-    `zone` is the expected zone of contact and `radius` the radius of the sample (half its width in plane strain, None
-    for a wide sample). Both are in thicknesses of the stack.
+    `zone` is the expected zone of contact and `radius` the radius of the sample (half its width in
+    plane strain, None for a wide sample). Both are in thicknesses of the stack.
     """
     end = zone.search + max(mesh.extent, _bending(stack, base)) if radius is None else radius
     levels = stack.levels

@@ -1,4 +1,4 @@
-"""Deformed shape of indented magnetic sheets, as the magnetic field needs it."""
+"""Deformed shape of indented magnetic sheets."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _ZONE = 4.0  # extent of the moved air below and above, in depths of the dent
 class Motion:
     """Small rigid motion of all sheets together with their indentation.
 
-    The sheets are lifted by `lift` in m. They are turned about a point of the indenter's axis at the height `pivot` in
-    m above z = 0, so that they rise along x and y by `slope`.
+    The sheets are lifted by `lift` in m. They are turned about a point of the indenter's axis at
+    the height `pivot` in m above z = 0, so that they rise along x and y by `slope`.
     """
 
     lift: float = 0.0
@@ -37,7 +37,7 @@ STILL = Motion()
 
 @dataclass(frozen=True, eq=False)
 class Dent:
-    """Deformed surfaces: sheets whose faces are moved vertically around an indenter.
+    """Deformed surfaces of sheets that move vertically around an indenter.
 
     Shapes that do not fit, values that are not finite, or faces that cross raise an ElastomerError.
 
@@ -48,16 +48,16 @@ class Dent:
     radius : ndarray, shape (n,)
         Distances from the indenter's axis in m, rising from 0.
     displacement : ndarray, shape (n, sheets + 1)
-        Upward displacement of every face at these distances in m, from the board to the top. It is negative in the
-        indentation.
+        Upward displacement of every face at these distances in m, from the board to the top. It is
+        negative in the indentation.
     symmetry : {"axial", "plane"}
         Shape of the dent: a body of revolution, or the same everywhere along y.
     below : float
-        Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if electrodes at z = 0 leave
-        no contrast there.
+        Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if
+        electrodes at z = 0 leave no contrast there.
     motion : Motion
-        Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets with the same
-        motion. The other values do not include it.
+        Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets
+        with the same motion. The other values do not include it.
     """
 
     thicknesses: tuple[float, ...]
@@ -101,9 +101,10 @@ class Dent:
         return replace(self, motion=motion)
 
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
-        """Upward displacement of every face in m, or a derivative by the radius.
+        """Upward displacement of faces in m, or a radial derivative.
 
-        The shape is (…, sheets + 1). The displacement is a cubic spline, level on the axis and zero beyond `extent`.
+        The shape is (…, sheets + 1). The displacement is a cubic spline, level on the axis and zero
+        beyond `extent`.
         """
         level, straight = (np.zeros(self.displacement.shape[1]) for _ in range(2))
         spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))
@@ -128,14 +129,14 @@ class Dent:
 
     @property
     def contrasts(self) -> tuple[int, ...]:
-        """Faces at which the permeability changes, which alone affect the field."""
+        """Faces that change the permeability, and alone affect the field."""
         mu = (*self.permeabilities, 1.0)
         before = (self.below, *self.permeabilities)
         return tuple(face for face in range(len(mu)) if mu[face] != before[face])
 
     @property
     def clearance(self) -> float:
-        """Least height in m above z = 0 of a moved magnetic face, inf if none moves."""
+        """Least height in m of a moved magnetic face, or inf."""
         lowest = [
             float((self.heights[face] + self.displacement[:, face]).min())
             for face in self.contrasts
@@ -144,11 +145,11 @@ class Dent:
         return min(lowest, default=np.inf)
 
     def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
-        """Rising heights in m, shape (n,), between which space moves with the faces.
+        """Rising heights in m (n,) between which space moves.
 
-        Also returns the contrasts between the fixed heights. Nothing moves at the first and the last height. The first
-        is missing if the lowest contrast is at z = 0. `deepest` is the largest displacement in m that the anchors must
-        serve, by default the largest of this dent.
+        Also returns the contrasts between the fixed heights. Nothing moves at the first and the
+        last height. The first is missing if the lowest contrast is at z = 0. `deepest` is the
+        largest displacement in m that the anchors must serve, by default the largest of this dent.
         """
         faces = self.contrasts
         moved = float(np.abs(self.displacement[:, list(faces)]).max()) if deepest is None else deepest
@@ -159,14 +160,15 @@ class Dent:
 
 
 def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
-    """Deformed shape of the sheets from an indentation at one depth.
+    """Deformed shape of the sheets at one depth.
 
-    The indentation is one depth of the result of `coilarray.elastomer.contact.indent`. A face passes through its
-    displaced points, (r + u_r, z + u_z) for finite strain and (r, z + u_z) for linear elasticity. With u_r the linear
-    result would add volume to the sheets, of the order of the strain squared. Between the points the height is a cubic
-    spline. Beyond the last point it returns to the flat height within a thickness of the stack, because the field
-    treats the sheets as laterally infinite. Raises ElastomerError for a dataset of several depths or of other sheets, a
-    face that folds over, or a magnetic sheet on a soft seat.
+    The indentation is one depth of the result of `coilarray.elastomer.contact.indent`. A face
+    passes through its displaced points, (r + u_r, z + u_z) for finite strain and (r, z + u_z) for
+    linear elasticity. With u_r the linear result would add volume to the sheets, of the order of
+    the strain squared. Between the points the height is a cubic spline. Beyond the last point it
+    returns to the flat height within a thickness of the stack, because the field treats the sheets
+    as laterally infinite. Raises ElastomerError for a dataset of several depths or of other sheets,
+    a face that folds over, or a magnetic sheet on a soft seat.
     """
     if "depth" in indentation.displacement_z.dims:
         raise ElastomerError("a dent is the shape at one depth; select one of the indentation's depths.")
@@ -178,7 +180,8 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     displaced = r[:, None] + outwards.transpose("r", "interface").values
     upwards = indentation.displacement_z.transpose("r", "interface").values
     displaced[0] = 0.0
-    # beyond the known radii the influence has decayed or the sample ends: level again within a thickness of the stack
+    # beyond the known radii the influence has decayed or the sample ends: level again within a
+    # thickness of the stack
     fade = np.linspace(0, 1, _FADE + 1)[1:]
     beyond = max(float(displaced[-1].max()), float(r[-1])) + fade * float(indentation.height[-1])
     r = np.append(r, beyond)

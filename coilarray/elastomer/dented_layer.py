@@ -1,4 +1,4 @@
-"""Change of the inductance matrix by an indentation, at every position.
+"""Change of the inductance matrix by an indentation anywhere.
 
 The energies of `coilarray.elastomer.scattering` are one matrix per harmonic between the incident
 patterns. In their principal axes they are
@@ -44,14 +44,15 @@ Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
 
 _STEPS_PER_CLEARANCE = 3  # of a table, for which the splines err by 1e-5 of the peak
 _DEGREE = 5  # of the splines
-# pairs of positions and coils and dents, and offsets between them, at a time, which bounds the memory
+# pairs of positions and coils and dents, and offsets between them, at a time, which bounds the
+# memory
 _PAIRS, _OFFSETS = 1 << 15, 512
 _DISTANCES = 5  # numbers for every position and coil, to find the largest distance
 
 
 @dataclass(frozen=True, eq=False)
 class DentAmplitudes:
-    """Strengths of a dent in H, (n,) of either sign, and amplitudes of each shape.
+    """Strengths of a dent in H, (n,), and amplitudes by shape.
 
     The amplitudes a (offsets, n) are for every shape of coil.
     """
@@ -95,7 +96,8 @@ def dent_amplitudes(
         energy = kept.T @ (scattering.energies[m] + scattering.energies[m].T) @ kept / 2
         strength, turned = np.linalg.eigh(energy)
         axes.append((kept @ turned).T @ weighted[m])
-        # the integral over the angle, of the harmonics −m and m, once for the real and once for the imaginary part
+        # the integral over the angle, of the harmonics −m and m, once for the real and once for the
+        # imaginary part
         strengths.append(np.tile((2 if m else 1) * 2 * np.pi * MU_0 * strength, 2))
     amplitudes = [np.concatenate([part for m in range(orders) for part in axes[m] @ waves[m]]) for waves in incident]
     return DentAmplitudes(np.concatenate(strengths), tuple(np.ascontiguousarray(values.T) for values in amplitudes))
@@ -124,7 +126,8 @@ def incident_waves(
     """Harmonics c_m k/2π of one shape of coil about offsets (n, 2) in m.
 
     The offsets are of the indenter's axis from the coil's centre, as in
-    `coilarray.electromagnetics.coil_spectrum.coil_harmonics`, at the dent's position after its `motion`.
+    `coilarray.electromagnetics.coil_spectrum.coil_harmonics`, at the dent's position after its
+    `motion`.
     """
     up = motion.lift - offsets @ motion.slope
     waves = coil_harmonics(spectra, shape, offsets + np.array(motion.slope) * motion.pivot, orders - 1)
@@ -202,7 +205,7 @@ def dent_energies(
 
 
 class _Waves:
-    """Incident waves of coils, and of all their images, about moved dents.
+    """Incident waves of coils and images about moved dents.
 
     Coils that have the same shape in all images have the same number in `shape_of_coil`.
     """
@@ -220,7 +223,7 @@ class _Waves:
     def amplitudes(
         self, solved: Sequence[Scattering], offsets: FloatArray, shape: int
     ) -> list[list[FloatArray | ComplexArray]]:
-        """Amplitudes of every dent's patterns, by harmonic, at offsets in m of one shape."""
+        """Amplitudes of every dent's patterns, by harmonic, at offsets in m."""
         about: dict[Motion, FloatArray] = {}
         for motion in dict.fromkeys(self._motions):
             spectra = zip(self._spectra[motion.slope], self._shapes[:, shape].tolist(), strict=True)
@@ -230,7 +233,7 @@ class _Waves:
 
 
 def _alike(offsets: FloatArray, shape_of: IntArray) -> list[IntArray]:
-    """Group offsets (n, 2) of one shape, near ones first, which need fewer angles."""
+    """Group offsets (n, 2), near ones first, which need fewer angles."""
     near_first = np.lexsort((np.hypot(*offsets.T), shape_of))
     bounds = np.flatnonzero(np.diff(shape_of[near_first])) + 1
     return [
@@ -243,8 +246,8 @@ def _alike(offsets: FloatArray, shape_of: IntArray) -> list[IntArray]:
 def _distinct(offsets: FloatArray, shape_of: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Find the distinct offsets in m for every shape of coil.
 
-    `offsets` has the shape (positions, coils, 2), and `shape_of` (coils,). Returns the distinct offsets (n, 2), their
-    shapes (n,), and the index of each pair's offset (positions, coils).
+    `offsets` has the shape (positions, coils, 2), and `shape_of` (coils,). Returns the distinct
+    offsets (n, 2), their shapes (n,), and the index of each pair's offset (positions, coils).
     """
     (x, of_x), (y, of_y) = (
         np.unique(np.round(values, 12), return_inverse=True) for values in np.moveaxis(offsets, -1, 0)
@@ -263,7 +266,7 @@ def dent_inductance(
     backing: Backing | None = None,
     progress: Progress | None = None,
 ) -> FloatArray | ComplexArray:
-    """Change of the inductance matrix in H by dented sheets, relative to flat sheets.
+    """Change of the inductance matrix in H by dented sheets.
 
     Parameters
     ----------
@@ -276,7 +279,8 @@ def dent_inductance(
     accuracy : LayerMesh, optional
         Accuracy of the field.
     backing : Backing, optional
-        Conducting or magnetic layers below the coils and the currents in other metal there, at one frequency.
+        Conducting or magnetic layers below the coils and the currents in other metal there, at one
+        frequency.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -288,20 +292,22 @@ def dent_inductance(
     Raises
     ------
     ElastomerError
-        Positions that are not finite, coils that are not below the sheets, dents of different sheets or in plane
-        strain, or a magnetic face that comes too close to the coils.
+        Positions that are not finite, coils that are not below the sheets, dents of different
+        sheets or in plane strain, or a magnetic face that comes too close to the coils.
 
     Notes
     -----
-    The coils' field in harmonics about the indenter (`coil_spectrum`) is scattered by the dent (`scattering`): ΔL_ij =
-    2π μ0 Σ_m b_i,m* Γ_m b_j,m with b = c_m(k) k dk/2π. Nothing is linearised in the depth. The sheets are taken as
-    laterally infinite, and their permeability as unchanged by strain.
+    The coils' field in harmonics about the indenter (`coil_spectrum`) is scattered by the dent
+    (`scattering`): ΔL_ij = 2π μ0 Σ_m b_i,m* Γ_m b_j,m with b = c_m(k) k dk/2π. Nothing is
+    linearised in the depth. The sheets are taken as laterally infinite, and their permeability as
+    unchanged by strain.
 
-    Over a backing the result includes the reflection by the layers of the coils' field and of the dent's own field,
-    see `coilarray.elastomer.scattering`. The reflection of the dent's own field is 0.3 % of the change in the sheets of
-    gast2020 on a board of 1.6 mm, and 2 % if it comes within 1.4 mm of a plate. Currents in the backing are the
-    currents without the dent, so their response to the dent's own field is left out. Under tilted sheets,
-    `Dent.motion`, each wave is tilted like the wave of a mirrored coil.
+    Over a backing the result includes the reflection by the layers of the coils' field and of the
+    dent's own field, see `coilarray.elastomer.scattering`. The reflection of the dent's own field
+    is 0.3 % of the change in the sheets of gast2020 on a board of 1.6 mm, and 2 % if it comes
+    within 1.4 mm of a plate. Currents in the backing are the currents without the dent, so their
+    response to the dent's own field is left out. Under tilted sheets, `Dent.motion`, each wave is
+    tilted like the wave of a mirrored coil.
 
     Examples
     --------

@@ -66,8 +66,8 @@ def elastic_body(
 ) -> ElasticBody:
     """Assemble and factorise the mixed system on a basis of n functions.
 
-    `shear` and `squash` (elements,) are μ and 1/K. `springs` (n, n) is a stiffness to add, and `held` are the
-    displacement's degrees of freedom that are zero.
+    `shear` and `squash` (elements,) are μ and 1/K. `springs` (n, n) is a stiffness to add, and
+    `held` are the displacement's degrees of freedom that are zero.
     """
     stiffness, divergence = _blocks(basis, symmetry, shear)
     blocks = [[stiffness + springs, divergence.T], [divergence, _bulk(basis, symmetry, squash)]]
@@ -131,7 +131,7 @@ def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """Response of a stack to m hats of pressure, in its units.
+    """Response of a stack to m hats of pressure.
 
     `profile` (m,) is ∫ψ_j profile w dr / ∫ψ_j w dr. `matrix` (m, m), symmetric, is the mean sinking
     of the top over hat i under a unit load on hat j. `surfaces` (2, interfaces, n, m) are u_r and
@@ -145,7 +145,7 @@ class Compliance:
 
 
 def compliance(stack: Stack, indenter: Indenter, grid: ContactGrid) -> Compliance:
-    """Response of a meshed stack to pressures under an indenter in SI units."""
+    """Response of a meshed stack to an indenter in SI units."""
     symmetry, used = grid.symmetry, grid.used
     pressing = BilinearForm(lambda psi, v, w: -psi * v[1] * weight(symmetry, w.x[0]))
     weighing = LinearForm(lambda psi, w: psi * w.height * weight(symmetry, w.x[0]))

@@ -49,8 +49,8 @@ def shift_inductance(
 ) -> ComplexArray:
     """Change of the inductances by a finite sample, in H.
 
-    It is by the shifts of the sample's faces, of shape (depths, places, coils, coils): ΔL − jΔR/ω, where the loss is in
-    a backing. The arguments are as for `shift_energy`.
+    It is by the shifts of the sample's faces, of shape (depths, places, coils, coils): ΔL − jΔR/ω,
+    where the loss is in a backing. The arguments are as for `shift_energy`.
     """
     count = len(as_conductors(source))
     pairs = np.triu_indices(count)
@@ -72,7 +72,7 @@ def shift_energy(
     other: FloatArray | ComplexArray,
     backing: Backing | None = None,
 ) -> ComplexArray:
-    """Change iᵀ ΔL j by a finite sample's shifts, (depths, places, n).
+    """Change iᵀ ΔL j by a sample's shifts, (depths, places, n).
 
     It is in H per A² of the currents i and j (n, coils). The `places` (places, 2) in m count from
     the map's `origin` on the board. Outside the sample the shift removes the displacement of the
@@ -143,7 +143,7 @@ def _moved_radius(correction: SampleCorrection, face: int) -> float:
 
 
 def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Points and weights of an integral to `beyond` both ends, and a mask inside."""
+    """Points and weights to `beyond` both ends, and a mask inside."""
     inner, inner_weights = axis.rule(spacing)
     node, rule = leggauss(int(np.ceil(beyond / spacing)) + 2)
     step, rule = beyond * (node + 1) / 2, beyond * rule / 2

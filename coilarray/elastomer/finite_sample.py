@@ -41,8 +41,9 @@ from coilarray.geometry.elastomer import Base
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
 _POINTS = 0.1, 0.2  # spacing of points on a side: thicknesses, or part of the distance to a contact if larger
 _PLACES = 400  # at a time, which bounds the memory
-# Patterns of the loads of all places below this part of the strongest are left out. On two samples of gast2020, 1e-3,
-# 1e-4 and 1e-5 change δ by 8e-4, 5e-5 and 4e-6 of the change by the sides. So the error is below the part.
+# Patterns of the loads of all places below this part of the strongest are left out. On two samples
+# of gast2020, 1e-3, 1e-4 and 1e-5 change δ by 8e-4, 5e-5 and 4e-6 of the change by the sides. So
+# the error is below the part.
 _RANK = 1e-5
 _NEWTON_STEPS = 60
 _EVENLY = 0.01  # of the distance between two places, by which a third place may be off their line
@@ -100,7 +101,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class SampleCorrection:
-    """Correction for a finite sample in m, relative to a wide sample.
+    """Correction for a finite sample in m.
 
     `depth` (depths, places) is the shift s of the depth at which the wide sample is pressed.
     `moved` (depths, places, levels, nx, ny) is w_z at every interface on the nodes of `x` and `y`.
@@ -117,7 +118,7 @@ class SampleCorrection:
     length: float
 
     def at_indenter(self, places: FloatArray, levels: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Mean w_z in m of some levels under the indenter, and its slopes.
+        """Mean w_z in m of levels under the indenter, and slopes.
 
         Shapes (depths, places) and (depths, places, 2), for places (places, 2) in m.
         """
@@ -197,7 +198,7 @@ def _require_small(mean: FloatArray, slope: float) -> None:
 
 
 class _Problem:
-    """Sample in units of its stack, factorised, with the wide sample's loads."""
+    """Sample in units of its stack, factorised, with its loads."""
 
     def __init__(
         self,
@@ -243,7 +244,7 @@ class _Problem:
         self._ring = np.sqrt(third / np.where(first > 0, first, 1.0))
 
     def _seat(self, base: Base, x: Axis, y: Axis) -> tuple[FloatArray, FloatArray]:
-        """Stiffness (3,) of the even seat along x, y, z, and its factor at nodes."""
+        """Stiffness (3,) of the even seat, and its factor at nodes."""
         length, uneven = self.stack.length, self.unevenness
         along_x, along_y = (slope * length for slope in uneven.stiffness_slope)
         factor = 1 + along_x * x.nodes[:, None] + along_y * y.nodes
@@ -266,7 +267,8 @@ class _Problem:
     def moved(self, places: FloatArray, case: int) -> FloatArray:
         """Vertical w_z at levels under a pressure, (levels, nx, ny, places).
 
-        Places are in thicknesses. The loads of many places are sums of few patterns, and only the patterns are solved.
+        Places are in thicknesses. The loads of many places are sums of few patterns, and only the
+        patterns are solved.
         """
         loads = self.loads(places, case).reshape(-1, len(places))
         loaded = np.flatnonzero(loads.any(axis=1))
@@ -279,8 +281,8 @@ class _Problem:
     def ring(self, places: FloatArray, case: int) -> tuple[FloatArray, FloatArray]:
         """Weights along x and y of a smooth function's mean over the contact.
 
-        The mean of a quadratic function over the pressure equals the mean over four points at its root mean square
-        radius.
+        The mean of a quadratic function over the pressure equals the mean over four points at its
+        root mean square radius.
         """
         x, y, _ = self.box.axes
         weights = []
@@ -345,7 +347,7 @@ def _rows(stack: Stack, rows: int) -> FloatArray:
 
 
 class _Lift:
-    """Seat that only pushes, with the response of its bottom to forces and the state at rest."""
+    """Seat that only pushes, its bottom's response, and its rest."""
 
     def __init__(self, problem: _Problem) -> None:
         self._problem = problem

@@ -1,4 +1,4 @@
-"""Large deformations of nearly incompressible neo-Hookean sheets under a rigid body.
+"""Large deformations of nearly incompressible neo-Hookean sheets.
 
 With F the deformation gradient, J = det F and p a pressure that is discontinuous between elements,
 the solution is the stationary point of
@@ -74,7 +74,8 @@ _R, _Z, _STRETCH = range(3)  # of a displacement at a boundary: u_r, u_z and ∂
 class Outline:
     """Height, slope and curvature of an indenter in a unit of length.
 
-    `tip` is the radius over which a cone's point is blunted. Under a sharp point the strain is unbounded.
+    `tip` is the radius over which a cone's point is blunted. Under a sharp point the strain is
+    unbounded.
     """
 
     indenter: Indenter
@@ -126,7 +127,7 @@ class Pressed:
         return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=f)
 
     def towards(self, depth: float, before: Pressed) -> Pressed:
-        """Extrapolate to a depth on the line through two states, if it is near."""
+        """Extrapolate two states linearly to a depth, if it is near."""
         share = (depth - self.depth) / (self.depth - before.depth) if before.depth else math.inf
         if share > _FARTHEST_AHEAD:
             return self
@@ -136,7 +137,7 @@ class Pressed:
 
 @dataclass(frozen=True, eq=False)
 class _Vector:
-    """Residual or step: displacement, pressures, and mean gaps or forces after it."""
+    """Residual or step: displacement, pressures, and gaps or forces."""
 
     u: FloatArray
     p: FloatArray
@@ -191,7 +192,8 @@ class SoftBody:
         basis, r = grid.basis, grid.basis.global_coordinates()[0]
         self._count, self._dofs = basis.N, np.ascontiguousarray(basis.element_dofs.T)
         self._measure, self._local = quadrature_weights(basis, grid.symmetry), linear_pressures(basis)
-        # entries rr, rz, zr, zz and the hoop of F for each basis function: (elements, points, 5, functions)
+        # entries rr, rz, zr, zz and the hoop of F for each basis function: (elements, points, 5,
+        # functions)
         strain = np.array(
             [
                 [u.grad[0, 0], u.grad[0, 1], u.grad[1, 0], u.grad[1, 1], hoop_strain(grid.symmetry, u, r)]
@@ -224,8 +226,8 @@ class SoftBody:
     def _number_band(self, free: IndexArray) -> None:
         """Order the free displacements for a narrow band.
 
-        They go from the outer edge to the axis. The contact comes last, so that the end of a band's factor gives the
-        response to forces on the hats.
+        They go from the outer edge to the axis. The contact comes last, so that the end of a band's
+        factor gives the response to forces on the hats.
         """
         r, z = self.grid.basis.doflocs.round(12)
         self._order = free[np.lexsort((free, z[free], -r[free]))]
@@ -249,10 +251,10 @@ class SoftBody:
         return Pressed(0.0, np.zeros(self._count), np.zeros((_PRESSURES, elements)), np.zeros(len(self.grid.used)))
 
     def press(self, depths: FloatArray) -> Iterator[Pressed]:
-        """Yield the state at each of some rising depths in thicknesses.
+        """Yield the states at rising depths in thicknesses.
 
-        Each solution starts from the state before. Raises ElastomerError if no step is small enough for Newton's
-        method. Then the strains are too large for the mesh.
+        Each solution starts from the state before. Raises ElastomerError if no step is small enough
+        for Newton's method. Then the strains are too large for the mesh.
         """
         state = before = self.at_rest()
         for depth in depths:
@@ -276,7 +278,7 @@ class SoftBody:
             yield state
 
     def _solved(self, state: Pressed, depth: float, tangents: Iterator[int]) -> Pressed | None:
-        """State at a depth by Newton's method, or None if it does not converge.
+        """State at a depth by Newton's method, or None.
 
         A step is halved until the next step, predicted by the same tangent, is shorter.
         """
@@ -356,7 +358,7 @@ class SoftBody:
         return stiffness, swelling[:, :, 0].transpose(0, 2, 1) @ self._local.T
 
     def _gaps(self, state: Pressed) -> _Gaps:
-        """Gaps between the deformed top and the indenter at its depth."""
+        """Gaps between the deformed top and the indenter."""
         u, grid = state.u[self._touched], self.grid
         x, stretch = self._r + self._outwards @ u, 1 + self._stretch @ u
         height, slope, bend = self.outline(x)
@@ -440,7 +442,7 @@ class SoftBody:
         return step
 
     def _forces(self, compliance: FloatArray, gaps: FloatArray, closed: BoolArray) -> FloatArray | None:
-        """Find the forces that close the gaps without pulling, or None.
+        """Find the forces that close gaps without pulling, or None.
 
         `gaps` are the gaps without forces and `closed` is the initial set.
         """
@@ -458,7 +460,7 @@ class SoftBody:
 
 
 def _factorised(matrix: Any) -> Callable[[FloatArray], FloatArray]:
-    """Solver of a nearly definite symmetric sparse system, RuntimeError if it is singular."""
+    """Solver of a nearly definite symmetric matrix, or RuntimeError."""
     how = {"SymmetricMode": True}
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
 

@@ -1,6 +1,7 @@
-"""Two-dimensional model: a coil's cross-section as infinite wires under a sheet in plane strain.
+"""Two-dimensional model: infinite wires under a sheet in plane strain.
 
-Gast and Zimmermann's FEM paper simplifies its sensor in this way. All values are per metre of length along y.
+Gast and Zimmermann's FEM paper simplifies its sensor in this way. All values are per metre of
+length along y.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ _FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet), 
 
 @dataclass(frozen=True, eq=False)
 class Wires:
-    """Infinite straight wires along y that carry one current forward and back.
+    """Infinite wires along y that carry a current both ways.
 
-    Positions `x`, `z` and cross-sections `widths`, `thicknesses` (wires,) are in m. `senses` are +1 if the current
-    flows along y, −1 against it, and add up to zero.
+    Positions `x`, `z` and cross-sections `widths`, `thicknesses` (wires,) are in m. `senses` are +1
+    if the current flows along y, −1 against it, and add up to zero.
     """
 
     x: FloatArray
@@ -41,8 +42,9 @@ class Wires:
 def cross_section(conductor: Conductor, y: float) -> Wires:
     """Cut a path with a plane at `y` in m.
 
-    There is one wire for every crossing, as wide as the trace, not as its oblique cut. Raises ElastomerError for a path
-    that does not cross the plane, or not equally often in both directions.
+    There is one wire for every crossing, as wide as the trace, not as its oblique cut. Raises
+    ElastomerError for a path that does not cross the plane, or not equally often in both
+    directions.
     """
     start, stop = conductor.vertices[:-1], conductor.vertices[1:]
     crosses = (start[:, 1] <= y) != (stop[:, 1] <= y)
@@ -60,8 +62,9 @@ def cross_section(conductor: Conductor, y: float) -> Wires:
 def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
     """Self-inductance per length of wires at z ≤ 0 under flat sheets, in H/m.
 
-    L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means over both cross-sections, and from the sheets −2μ0/π ∫ k R(k) |S(k)|²
-    dk with their reflection R. Raises ElastomerError for wires without a cross-section or above z = 0.
+    L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means over both cross-sections, and from the sheets
+    −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R. Raises ElastomerError for wires without a
+    cross-section or above z = 0.
     """
     if not (wires.widths > 0).all():
         raise ElastomerError("the inductance of wires needs their cross-sections; one has none.")
@@ -81,7 +84,7 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
 def line_dent_inductance(
     wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, accuracy: LayerMesh | None = None
 ) -> FloatArray:
-    """Change of inductance per length by dents, (dents, positions) in H/m.
+    """Change of inductance per length, (dents, positions) in H/m.
 
     The dents are in plane strain in the same sheets, the indenter's middle at the positions
     (positions,) along x in m. The change is relative to the flat sheets.

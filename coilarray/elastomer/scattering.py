@@ -1,4 +1,4 @@
-"""Change of any field's energy by a dent in magnetic sheets.
+"""Change of a field's energy by a dent in sheets.
 
 Let U_f be the total potential with flat sheets, a_f and a_d the energies ∫ μ ∇U·∇V of the flat and
 of the dented sheets, and Δa = a_d − a_f. The sources of the field are the same, so the dented
@@ -72,7 +72,7 @@ Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
 
 
 class TensorGrid:
-    """Nodes of a grid coupled to their own and two next columns.
+    """Grid nodes that couple only over the next two columns.
 
     The columns are eliminated from the outermost to the middle, all rows at once: a block Cholesky
     decomposition A = L Lᵀ. For a force f only the half L⁻¹f is needed, as fᵀA⁻¹f = |L⁻¹f|². With
@@ -86,7 +86,7 @@ class TensorGrid:
         self.columns, self.rows = len(radii), len(heights)
 
     def blocks(self, matrix: csr_matrix) -> FloatArray:
-        """Parts of a symmetric matrix by column, distance, and the rows of both."""
+        """Parts of a symmetric matrix by column, distance and rows."""
         entries = matrix.tocoo()
         distance = self._column[entries.row] - self._column[entries.col]
         at = distance >= 0
@@ -105,12 +105,13 @@ class TensorGrid:
 def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
     """Return fᵀA⁻¹f (forces, forces) of a positive definite matrix A.
 
-    Matrix and forces are in the parts of a `TensorGrid`. Nodes of columns that are left out at the end are held. Raises
-    ElastomerError if the matrix is not positive definite.
+    Matrix and forces are in the parts of a `TensorGrid`. Nodes of columns that are left out at the
+    end are held. Raises ElastomerError if the matrix is not positive definite.
     """
     columns, count, rows = forces.shape
     near, far = rows + rows, rows + rows + count
-    # for every column: itself, its coupling to the next column, the forces, and its coupling to the column after that
+    # for every column: itself, its coupling to the next column, the forces, and its coupling to the
+    # column after that
     parts = np.concatenate((blocks[:columns, 0], blocks[:columns, 1], forces, blocks[:columns, 2]), axis=1)
     total = np.zeros((count, count))
     for k, part in enumerate(parts):
@@ -135,19 +136,20 @@ def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
 class LayerMesh:
     """Accuracy of the magnetic problem.
 
-    The defaults follow from a convergence study. Their error is 2e-4 of the largest entry for smooth dents of the size
-    of the sheets, 1e-3 for the dent of gast2020, and up to 1e-2 for the dent of a small ball in a sheet that lies on
-    the board, under few turns.
+    The defaults follow from a convergence study. Their error is 2e-4 of the largest entry for
+    smooth dents of the size of the sheets, 1e-3 for the dent of gast2020, and up to 1e-2 for the
+    dent of a small ball in a sheet that lies on the board, under few turns.
 
     Parameters
     ----------
     harmonics : int
         Highest harmonic about the indenter.
     decays : float
-        Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident energy.
+        Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident
+        energy.
     width : float
-        Width of the elements in the middle, relative to the radius of the dent's half depth or the clearance, whichever
-        is smaller.
+        Width of the elements in the middle, relative to the radius of the dent's half depth or the
+        clearance, whichever is smaller.
     rows : int
         Elements over the height of each sheet and of the moved air.
     growth : float
@@ -186,8 +188,8 @@ class Scattering:
     def over(self, backing: Backing, dent: Dent) -> Scattering:
         """Add layers below the coils to the scattering.
 
-        The patterns become complex, for the waves of each of `Backing.seen`. Without layers nothing of the dent's own
-        field is reflected.
+        The patterns become complex, for the waves of each of `Backing.seen`. Without layers nothing
+        of the dent's own field is reflected.
         """
         if not backing.layers:
             return self
@@ -210,8 +212,8 @@ class Scattering:
     def amplitudes(self, waves: FloatArray) -> list[FloatArray | ComplexArray]:
         """Amplitudes (parts, rank, n) of the patterns for the first harmonics.
 
-        `waves` (harmonics, parts, k, n) are the amplitudes of potentials per wavenumber. Their parts are the real and
-        imaginary parts or other parts that share no energy.
+        `waves` (harmonics, parts, k, n) are the amplitudes of potentials per wavenumber. Their
+        parts are the real and imaginary parts or other parts that share no energy.
         """
         return [(patterns * self.weights) @ own for patterns, own in zip(self.patterns, waves, strict=False)]
 
@@ -303,7 +305,7 @@ class Waves:
 
 
 class DentedSpace:
-    """Elements of flat sheets and air with a dent, which affects the nodes `moved`."""
+    """Elements of sheets and air with a dent at nodes `moved`."""
 
     def __init__(self, dent: Dent, mesh: LayerMesh, deepest: float | None = None, base: Base = "open") -> None:
         self.dent, self.base = dent, base
@@ -382,10 +384,10 @@ class DentedSpace:
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """Points on the flat faces that move, at the same `r` on each face in turn.
+    """Points on the faces that move, at the same `r` on each.
 
-    `z` is their height, `up` their displacement and `slope` its slope. `weights` are the weights of an integral with
-    the contrast. `trace` (points, nodes) gives the values of elements there.
+    `z` is their height, `up` their displacement and `slope` its slope. `weights` are the weights of
+    an integral with the contrast. `trace` (points, nodes) gives the values of elements there.
     """
 
     r: FloatArray
@@ -397,10 +399,11 @@ class _Faces:
 
 
 def _faces(basis: Basis, dent: Dent) -> _Faces:
-    """Gauss points on the faces between edges of elements and knots of the dent.
+    """Gauss points on the faces between edges and knots.
 
-    Between the radii at which the dent is known its shape is a cubic. The sheets hardly change their volume. With the
-    elements' own points the volume would be so inaccurate that the energy would be 10 % off.
+    Between the radii at which the dent is known its shape is a cubic. The sheets hardly change
+    their volume. With the elements' own points the volume would be so inaccurate that the energy
+    would be 10 % off.
     """
     mu, heights = np.array([*dent.permeabilities, 1.0]), dent.heights
     edges = np.unique(basis.mesh.p[0])
@@ -432,7 +435,7 @@ def _faces(basis: Basis, dent: Dent) -> _Faces:
 
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z), which moves nothing beyond the anchors."""
+    """Slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z), 0 beyond the anchors."""
     heights, faces = dent.anchors(deepest)
     w, slope = dent.faces(r)[..., list(faces)], dent.faces(r, 1)[..., list(faces)]
     stretch, shear = np.zeros_like(r), np.zeros_like(r)
@@ -474,7 +477,7 @@ class _Forms:
 
 
 def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-    """Lateral pattern (r, k): J_m(kr), or cos kx and sin kx in plane strain."""
+    """Pattern (r, k): J_m(kr), or cos kx and sin kx in plane strain."""
     kr = np.outer(r, wavenumbers)
     if symmetry == "axial":
         return _bessel(m, kr)
@@ -484,8 +487,8 @@ def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray
 def _bessel(m: int, x: FloatArray) -> FloatArray:
     """J_m(x) for x ≥ 0 by a recurrence.
 
-    scipy's function takes as long as twenty steps of J_{n+1} = (2n/x) J_n − J_{n−1}. The steps lose no digits for n ≤ x
-    (Abramowitz and Stegun, 9.1.27 and 9.12).
+    scipy's function takes as long as twenty steps of J_{n+1} = (2n/x) J_n − J_{n−1}. The steps lose
+    no digits for n ≤ x (Abramowitz and Stegun, 9.1.27 and 9.12).
     """
     if m < 2:
         return np.asarray(j1(x) if m else j0(x))
@@ -508,13 +511,13 @@ def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> t
 
 
 def _by_distinct_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Apply a function to the distinct values only, as mesh lines share them."""
+    """Apply a function to distinct values only, which mesh lines share."""
     distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
     return np.asarray(function(distinct)[inverse])
 
 
 def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:
-    """Rectangles in (r, Z), even over the dent and the moved heights, which grow outside."""
+    """Rectangles in (r, Z), even where heights move, growing outside."""
     heights, _ = dent.anchors(deepest)
     moved = np.abs(dent.displacement).max(axis=1)
     around = np.flatnonzero(moved > moved.max() / 2)[-1] + np.arange(2)  # neighbours, for a smoothly changing mesh

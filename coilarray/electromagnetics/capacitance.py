@@ -26,10 +26,10 @@ from coilarray.geometry.winding import Cut, FlatPath, Turns, find_turns
 
 Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
 
-# Rays at equal angles. The layers of a spiral shift past each other by whole pitches per turn, so these rays take the
-# mean over the shift. The values are the least and most rays about a pole, and the number of turns they cut in all. It
-# is no multiple of whole turns that rounding could decide on. Twice as many change C by 1 % at most, and by 1e-3 for
-# ten turns and more (tests).
+# Rays at equal angles. The layers of a spiral shift past each other by whole pitches per turn, so
+# these rays take the mean over the shift. The values are the least and most rays about a pole, and
+# the number of turns they cut in all. It is no multiple of whole turns that rounding could decide
+# on. Twice as many change C by 1 % at most, and by 1e-3 for ten turns and more (tests).
 _RAYS = 5, 32, 59.3
 _MOST_PERMITTIVITY = 1e6
 _HIGHEST_FACE = 1.0  # m; above it no permittivity changes
@@ -66,34 +66,39 @@ _WINDINGS: Recent[WindingCapacitance] = Recent(32)
 def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0) -> xr.Dataset:
     """Compute the lumped and mutual capacitances of coils in F.
 
-    `sheets` are the elastomer on the board, upwards, with air above it. `relative_permittivity` belongs to the sheets,
-    or without sheets to the whole half space above the board. This medium also fills the gaps of the top copper. A coil
-    without turns beside each other, copper that overlaps on a layer, or a permittivity below 1 raises a GeometryError.
+    `sheets` are the elastomer on the board, upwards, with air above it. `relative_permittivity`
+    belongs to the sheets, or without sheets to the whole half space above the board. This medium
+    also fills the gaps of the top copper. A coil without turns beside each other, copper that
+    overlaps on a layer, or a permittivity below 1 raises a GeometryError.
 
     Returns
     -------
     xarray.Dataset
-        ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``: the field's energy between turns of
-        different layers and of one layer, and the contribution of the leads. ``capacitance`` (coil, other) is the
-        Maxwell matrix between coils, each at one potential: symmetric, off-diagonal ≤ 0, diagonally dominant. No ground
-        is near the board, so its rows sum to zero.
+        ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``: the field's
+        energy between turns of different layers and of one layer, and the contribution of the
+        leads. ``capacitance`` (coil, other) is the Maxwell matrix between coils, each at one
+        potential: symmetric, off-diagonal ≤ 0, diagonally dominant. No ground is near the board, so
+        its rows sum to zero.
 
     Notes
     -----
-    For one winding, the voltage rises linearly along the turns from one end to the other, and the coil floats. Rays
-    from the poles of the turns cut them (`coilarray.geometry.winding`). The traces on a ray, unfolded to perpendicular
-    cuts, are a row of strips on each layer, mirrored at the pole. Their Maxwell matrix per length c comes from
-    `strip_capacitance`, with two faces per trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j
-    (−c_ij)(V_i − V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers'
-    shift against each other all count. Leads have the potential of their end of the winding
-    (`coilarray.electromagnetics.lead_capacitance`). Vias and pads are left out. If the fringing at the edges is small,
-    two layers joined inside give C_facing/3 with C_facing the capacitance between the layers. Then n layers give Σ 4
-    C_i/(3n²) over adjacent layers (Zolfaghari, Chan, Razavi, IEEE JSSC 36, 620 (2001)).
+    For one winding, the voltage rises linearly along the turns from one end to the other, and the
+    coil floats. Rays from the poles of the turns cut them (`coilarray.geometry.winding`). The
+    traces on a ray, unfolded to perpendicular cuts, are a row of strips on each layer, mirrored at
+    the pole. Their Maxwell matrix per length c comes from `strip_capacitance`, with two faces per
+    trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i − V_j)²/4, and C
+    = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers' shift
+    against each other all count. Leads have the potential of their end of the winding
+    (`coilarray.electromagnetics.lead_capacitance`). Vias and pads are left out. If the fringing at
+    the edges is small, two layers joined inside give C_facing/3 with C_facing the capacitance
+    between the layers. Then n layers give Σ 4 C_i/(3n²) over adjacent layers (Zolfaghari, Chan,
+    Razavi, IEEE JSSC 36, 620 (2001)).
 
-    Between coils, the area counts in which the windings (traces and gaps) lie above each other, for every set of coils
-    that overlaps anywhere. It is multiplied by the capacitance per area of crossed grids with these fill factors
-    (`crossed_grid_capacitance`). A coil in between shields. Fringing at the edges of these areas, pads, and coils side
-    by side without overlap (a few 0.1 pF by estimate) are left out.
+    Between coils, the area counts in which the windings (traces and gaps) lie above each other, for
+    every set of coils that overlaps anywhere. It is multiplied by the capacitance per area of
+    crossed grids with these fill factors (`crossed_grid_capacitance`). A coil in between shields.
+    Fringing at the edges of these areas, pads, and coils side by side without overlap (a few 0.1 pF
+    by estimate) are left out.
 
     Examples
     --------
@@ -124,7 +129,8 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
     """Compute the self-resonance 1/(2π √(LC)) of coils in Hz.
 
-    The `inductance` in H and the coils' own `capacitance` in F broadcast to the shape of the result.
+    The `inductance` in H and the coils' own `capacitance` in F broadcast to the shape of the
+    result.
 
     >>> round(float(self_resonance(57e-6, 18e-12)) / 1e6, 2)
     4.97
@@ -211,10 +217,10 @@ def _slabs(sheets: Sequence[Sheet], relative_permittivity: float) -> Slabs:
 
 
 def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[LayeredMedium, int]:
-    """Medium with a plane at each copper face, and planes above the top face.
+    """Medium with planes at the copper faces and above the top.
 
-    The gaps of the outer copper are filled with the medium outside, the gaps of inner copper with the mean of the
-    dielectrics on both sides.
+    The gaps of the outer copper are filled with the medium outside, the gaps of inner copper with
+    the mean of the dielectrics on both sides.
     """
     inner = stackup.epsilon_r
     top = above[0][1] if above else half_space
@@ -311,7 +317,7 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
 
 
 def _clear(cut: Cut, width: FloatArray, layer: IntArray) -> bool:
-    """Check that the turns of a cut, widths in m, are apart on every copper layer."""
+    """Check that the turns of a cut are apart on every layer."""
     for number in np.unique(layer):
         on = np.flatnonzero(layer == number)
         if (np.diff(cut.across[on]) <= 0.5 * (width[on][1:] + width[on][:-1])).any():
@@ -327,7 +333,7 @@ def _basis(stackup: Stackup, coil: Coil) -> int:
 
 
 def _shares(line: IntArray, along: FloatArray, turns: Turns) -> FloatArray:
-    """Length in m of its line for each cut trace, half-way to the next cut."""
+    """Length in m of its line for each trace of a cut."""
     shares = np.zeros_like(along)
     for i in np.unique(line):
         on = np.flatnonzero(line == i)
@@ -378,7 +384,7 @@ def _between_coils(array: Array, above: Slabs, half_space: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    """Traces and gaps of a coil on one layer, with their mean width in m."""
+    """Traces and gaps of a coil on a layer, mean width in m."""
 
     coil: int
     layer: int
@@ -413,7 +419,7 @@ def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
 def closed_band(
     coil: Coil, traces: Sequence[tuple[FloatArray, FloatArray]], mitre_limit: float = 2.0
 ) -> shapely.Geometry:
-    """Area of a coil's traces (centre lines and widths in m) and half of the gaps.
+    """Area of a coil's traces and half of the gaps.
 
     Slits between turns, from the slight tilt of their sides, are closed.
     """

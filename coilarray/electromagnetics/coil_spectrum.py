@@ -72,7 +72,8 @@ class CoilSpectra:
 def coil_segments(source: Source) -> list[Segments]:
     """Segments of current paths at z ≤ 0.
 
-    A path whose ends lie apart is closed by a straight line between them, since only a closed current has a potential.
+    A path whose ends lie apart is closed by a straight line between them, since only a closed
+    current has a potential.
     """
     vertices = [conductor.vertices for conductor in as_conductors(source)]
     return [Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices]
@@ -93,7 +94,7 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
 
 
 def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils at z ≤ 0 at wavenumbers in 1/m, once for each shape."""
+    """Spectra at wavenumbers in 1/m of coils at z ≤ 0, by shape."""
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []
@@ -250,8 +251,8 @@ def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
     step, middle = shape.stop - shape.start, (shape.stop + shape.start) / 2
     flat = np.hypot(step[:, 0], step[:, 1]) > 0  # vertical segments make no field along z
     (dx, dy, dz), (x, y, z) = step[flat].T[:, :, None], middle[flat].T[:, :, None]
-    # ∫ e^{−ik·x} e^{kz} along a segment is the value in its middle times sinh(w)/w, w = k (dz − i(dx cos α + dy sin
-    # α))/2.
+    # ∫ e^{−ik·x} e^{kz} along a segment is the value in its middle times sinh(w)/w, w = k (dz −
+    # i(dx cos α + dy sin α))/2.
     turns = k * (dx * cos + dy * sin) / (2 * np.pi)
     mean: Any = np.sinc(turns)
     if (sloping := dz[:, 0] != 0).any():  # few, and complex numbers take as long as the rest
@@ -265,7 +266,7 @@ def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
 
 
 def _on_angles(series: ComplexArray, n: int) -> ComplexArray:
-    """Values of a Fourier series at n equal angles, n at least its length."""
+    """Values of a Fourier series at n equal angles, n ≥ its length."""
     return np.asarray(np.fft.ifft(_padded(series, n)) * n)
 
 

@@ -22,9 +22,11 @@ Backend = Literal["cpu", "cuda"]
 
 # 512 points of seven arrays fit a 32 KiB first-level cache.
 _BLOCK = 512
-# Blocks per task: enough work to outweigh the hand-over to a thread, fewer where a core would get too few tasks.
+# Blocks per task: enough work to outweigh the hand-over to a thread, fewer where a core would get
+# too few tasks.
 _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
-# Memory beside the points: the field and the mask of finite points. A grid also needs its coordinates and points.
+# Memory beside the points: the field and the mask of finite points. A grid also needs its
+# coordinates and points.
 _BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
 _LARGEST_CURRENT = 1e30  # A; with `LARGEST` every field stays in the range of float64
 _IN_PIECES = "compute it in pieces"
@@ -43,7 +45,8 @@ def magnetic_field(
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
+        See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament
+        on its centre line.
     points : array_like, shape (..., 3)
         Positions in m where the field is evaluated.
     currents : array_like, shape (paths,) or scalar
@@ -69,9 +72,9 @@ def magnetic_field(
 
     Notes
     -----
-    Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point nearer to a segment than 1e-12
-    of its length counts as on the segment and gets no contribution from it. This is the mean of the field around the
-    wire.
+    Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point nearer to
+    a segment than 1e-12 of its length counts as on the segment and gets no contribution from it.
+    This is the mean of the field around the wire.
 
     Examples
     --------
@@ -95,7 +98,8 @@ def vector_potential(
 ) -> FloatArray:
     """Compute the magnetic vector potential of current paths in T·m.
 
-    The `source`, the `points` in m, the `currents` in A, `progress` and all errors are as in `magnetic_field`.
+    The `source`, the `points` in m, the `currents` in A, `progress` and all errors are as in
+    `magnetic_field`.
 
     Returns
     -------
@@ -104,8 +108,8 @@ def vector_potential(
 
     Notes
     -----
-    The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets no
-    contribution from that segment.
+    The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of
+    its length gets no contribution from that segment.
     """
     return _on_processor(add_vector_potential, _paths(source, points, currents), progress)
 

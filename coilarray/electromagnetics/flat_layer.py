@@ -95,39 +95,44 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. The paths lie below the magnetic sheet. Thin filaments
-        are allowed.
+        See `coilarray.electromagnetics.source.as_conductors`. The paths lie below the magnetic
+        sheet. Thin filaments are allowed.
     sheets : sequence of Sheet
-        Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see `magnetic_slab`.
+        Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see
+        `magnetic_slab`.
     accuracy : {"full", "screen"}
-        Accuracy as in `coilarray.inductance_matrix`. ``screen`` errs by up to 1e-3 of the change itself.
+        Accuracy as in `coilarray.inductance_matrix`. ``screen`` errs by up to 1e-3 of the change
+        itself.
 
     Returns
     -------
     ndarray, shape (paths, paths)
-        Inductance in H, symmetric, to be added to the matrix without sheets. Zero if no sheet is magnetic.
+        Inductance in H, symmetric, to be added to the matrix without sheets. Zero if no sheet is
+        magnetic.
 
     Raises
     ------
     ElastomerError
-        More than one magnetic region, or a path that reaches into it (thin filaments: or touches it).
+        More than one magnetic region, or a path that reaches into it (thin filaments: or touches
+        it).
 
     Notes
     -----
-    ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], with β = (μr − 1)/(μr + 1), Z the sum of both paths' distances from
-    the sheet's lower face and M their mutual inductance in free space at that distance. For circles see Hurley & Duffy,
-    IEEE Trans. Magn. 33, 2282 (1997). The current density is uniform in every bar. Vertical bars count as thin. The
-    result is exact to 1e-10 of the largest entry. Near images need `mutual_inductance` and are exact to its 1e-6 of L.
-    Closed paths with any currents I have IᵀΔM I > 0.
+    ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], with β = (μr − 1)/(μr + 1), Z the sum of both
+    paths' distances from the sheet's lower face and M their mutual inductance in free space at that
+    distance. For circles see Hurley & Duffy, IEEE Trans. Magn. 33, 2282 (1997). The current density
+    is uniform in every bar. Vertical bars count as thin. The result is exact to 1e-10 of the
+    largest entry. Near images need `mutual_inductance` and are exact to its 1e-6 of L. Closed paths
+    with any currents I have IᵀΔM I > 0.
 
-    Paths with open ends are taken as they are, as in `inductance_matrix`, so that the pieces of a path add up to the
-    whole. Closing the coils of the reference board by a straight line between their terminals, 1.5 mm apart, would
-    change ΔM of a coil with itself by −0.10 % and with its neighbour by −0.33 %. This is the effect of leads that are
-    not drawn.
+    Paths with open ends are taken as they are, as in `inductance_matrix`, so that the pieces of a
+    path add up to the whole. Closing the coils of the reference board by a straight line between
+    their terminals, 1.5 mm apart, would change ΔM of a coil with itself by −0.10 % and with its
+    neighbour by −0.33 %. This is the effect of leads that are not drawn.
 
-    A sheet much thinner than its distance from the copper costs nothing extra. A sheet that lies on the copper costs
-    one `inductance_matrix` for each image within some 1/16 of the board's extent (1/50 for ``screen``), or fewer if
-    that makes many.
+    A sheet much thinner than its distance from the copper costs nothing extra. A sheet that lies on
+    the copper costs one `inductance_matrix` for each image within some 1/16 of the board's extent
+    (1/50 for ``screen``), or fewer if that makes many.
 
     Examples
     --------
@@ -195,8 +200,8 @@ def _near_images(board: Board, slab: Slab) -> int:
 def _wavenumbers(board: Board, slab: Slab, near: int) -> list[tuple[float, float]]:
     """Nodes and weights in 1/m of the integral over k.
 
-    It reaches up to the k at which e^{−kh} is below the tolerance. Panels that double keep their distance from the
-    poles of 1/(1 − β² e^{−2kt}), the nearest of which is at k = ln β/t < 0.
+    It reaches up to the k at which e^{−kh} is below the tolerance. Panels that double keep their
+    distance from the poles of 1/(1 − β² e^{−2kt}), the nearest of which is at k = ln β/t < 0.
     """
     nearest = board.gap + 2 * near * slab.thickness
     highest = board.digits / nearest

@@ -26,7 +26,8 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
 
-# medium below z = 0: air, from which the field comes, or electrodes that hold the potential at z = 0
+# medium below z = 0: air, from which the field comes, or electrodes that hold the potential at z =
+# 0
 Base: TypeAlias = Literal["open", "grounded"]
 
 
@@ -43,9 +44,10 @@ _AIR = Layer(math.inf)
 
 
 def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Layer, ...]:
-    """Return layers with the air gaps between them, outwards from `start` in m.
+    """Return layers with the air between, outwards from `start` in m.
 
-    `bodies` are layers with the heights in m of their inner faces, rising, the first at `start` or beyond it.
+    `bodies` are layers with the heights in m of their inner faces, rising, the first at `start` or
+    beyond it.
     """
     layers: list[Layer] = []
     for height, layer in bodies:
@@ -57,7 +59,7 @@ def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Laye
 
 @dataclass(frozen=True, eq=False)
 class LayerWaves:
-    """Waves in flat layers and their reflection, from the first face on.
+    """Waves in flat layers and their reflection at the first face.
 
     `growths` (layers, …, k) are γ in 1/m, inf in a perfect conductor. `beyond` is the reflection r
     at each outer face, and `passed` is 1 − r, which cancellation would lose. `reflection` (…, k) is
@@ -75,7 +77,7 @@ class LayerWaves:
 
     @property
     def faces(self) -> list[ComplexArray]:
-        """B at each layer's inner face and the last outer face, over B at the first."""
+        """B at the inner faces and the last outer face, over B at the first."""
         found = [np.ones_like(self.reflection)]
         for number, (r, layer) in enumerate(zip(self.beyond, self.layers, strict=True)):
             fall = self._fall(number, layer.thickness)
@@ -167,8 +169,8 @@ def _joined(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Reflection ρ of waves from medium a to b, and 1 − ρ.
 
-    There is a reflection r just behind the face, and `passed` is 1 − r. Nothing cancels if both media are nearly equal,
-    or if one passes nearly nothing.
+    There is a reflection r just behind the face, and `passed` is 1 − r. Nothing cancels if both
+    media are nearly equal, or if one passes nearly nothing.
     """
     if math.isinf(b.conductivity) or math.isinf(a.conductivity):
         return np.full_like(r, -1.0), np.full_like(r, 2.0)
@@ -225,7 +227,7 @@ class Backing:
         return one if self.eddies is None else np.concatenate((one, one, 1j * one))
 
     def reflection(self, wavenumbers: FloatArray) -> ComplexArray:
-        """Reflection ρ of b at the face for waves (k,) in 1/m from mirrored coils."""
+        """Reflection ρ of b at the face for waves (k,) of mirrored coils."""
         return layer_waves(self.layers, wavenumbers, 2 * math.pi * self.frequency).reflection
 
     def between(
@@ -251,7 +253,7 @@ class Backing:
         permeabilities: Sequence[float],
         lift: float = 0.0,
     ) -> list[ComplexArray]:
-        """Part of the waves (k,) of each of the `seen` that arrives at flat sheets."""
+        """Part of the waves (k,) of each of the `seen` at flat sheets."""
         often, _ = self.between(wavenumbers, thicknesses, permeabilities, lift)
         ways = [self.reflection(wavenumbers), *(one.share(wavenumbers) for one in self.passed)]
         return [often, *(often * way for way in ways)] if self.layers else [often]
@@ -286,8 +288,8 @@ def flat_profile(
 def reflection(wavenumbers: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float]) -> FloatArray:
     """Reflected potential at the lower face of flat sheets, (k,).
 
-    It is R e^{kz} for an incident e^{−kz}, with pattern and sheets as in `flat_profile`. R = −ρ is from −1 to 0.
-    Magnetic sheets draw the flux in, which raises the inductance.
+    It is R e^{kz} for an incident e^{−kz}, with pattern and sheets as in `flat_profile`. R = −ρ is
+    from −1 to 0. Magnetic sheets draw the flux in, which raises the inductance.
     """
     return np.asarray(-layer_waves(_sheets(thicknesses, permeabilities), wavenumbers).reflection.real)
 

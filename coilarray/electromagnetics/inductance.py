@@ -29,14 +29,16 @@ _UNLIKE = 1e8  # ratio of two bar sizes above which no digit may be right
 def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, q2: npt.ArrayLike) -> float:
     """Compute the mutual inductance of two straight thin filaments in H.
 
-    The filaments p1–p2 and q1–q2, points (3,) in m, may lie in any position. The sign follows their directions. A
-    filament of length zero, or two filaments that overlap on one line, raise a GeometryError.
+    The filaments p1–p2 and q1–q2, points (3,) in m, may lie in any position. The sign follows their
+    directions. A filament of length zero, or two filaments that overlap on one line, raise a
+    GeometryError.
 
     Notes
     -----
-    Closed form of Campbell (Phys. Rev. 5, 452, 1915). See also Grover, Inductance Calculations (1946), ch. 7. The
-    closed form loses digits if one filament is shorter than a thousandth of their distance. Then the exact integral
-    over the longer filament is integrated over the shorter by the two-point Gauss rule, to 1e-11.
+    Closed form of Campbell (Phys. Rev. 5, 452, 1915). See also Grover, Inductance Calculations
+    (1946), ch. 7. The closed form loses digits if one filament is shorter than a thousandth of
+    their distance. Then the exact integral over the longer filament is integrated over the shorter
+    by the two-point Gauss rule, to 1e-11.
 
     Examples
     --------
@@ -66,15 +68,17 @@ def rectangular_bars(
 ) -> float:
     """Compute the partial inductance of parallel rectangular bars in H.
 
-    The bars have a uniform current density. `size_1` and `size_2` are length, width and thickness in m. `offset` leads
-    from the corner of the first bar to the corner of the second along these, in m. A single bar gives its
-    self-inductance. Sizes outside 1e-30 to 1e30 m or with a ratio above 1e8, a longest side below about 1e-5 of the
-    extent of the pair, and an offset beyond 1e30 m raise a GeometryError.
+    The bars have a uniform current density. `size_1` and `size_2` are length, width and thickness
+    in m. `offset` leads from the corner of the first bar to the corner of the second along these,
+    in m. A single bar gives its self-inductance. Sizes outside 1e-30 to 1e30 m or with a ratio
+    above 1e8, a longest side below about 1e-5 of the extent of the pair, and an offset beyond 1e30
+    m raise a GeometryError.
 
     Notes
     -----
-    This is the quantity of Hoer & Love, J. Res. NBS 69C, 127 (1965), whose closed form loses about (length/width)⁴
-    digits. The relative error is 1e-10 if all sizes are within a factor of 10, 1e-7 within 1e4, and 1e-4 at worst.
+    This is the quantity of Hoer & Love, J. Res. NBS 69C, 127 (1965), whose closed form loses about
+    (length/width)⁴ digits. The relative error is 1e-10 if all sizes are within a factor of 10, 1e-7
+    within 1e4, and 1e-4 at worst.
 
     Examples
     --------
@@ -208,7 +212,8 @@ def inductance_matrix(
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        Current paths. Every segment needs a cross-section, with a uniform current density (direct current).
+        Current paths. Every segment needs a cross-section, with a uniform current density (direct
+        current).
     accuracy : {"full", "screen"}
         See `Accuracy`.
     allow_overlaps : bool
@@ -219,28 +224,32 @@ def inductance_matrix(
     Returns
     -------
     ndarray, shape (paths, paths)
-        Symmetric matrix in H. Positive M means that currents in the direction of the paths link the same way.
+        Symmetric matrix in H. Positive M means that currents in the direction of the paths link the
+        same way.
 
     Raises
     ------
     GeometryError
-        A thin filament, whose self-inductance is infinite, an unknown accuracy, or traces that overlap on a layer, as
-        `coilarray.geometry.check_rules` measures it. The overlap may be between two paths or two turns of one path.
+        A thin filament, whose self-inductance is infinite, an unknown accuracy, or traces that
+        overlap on a layer, as `coilarray.geometry.check_rules` measures it. The overlap may be
+        between two paths or two turns of one path.
     MemoryLimitError
         More paths than `coilarray.compute.memory.allowed_memory` allows.
 
     Notes
     -----
-    Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset are computed once, so
-    identical coils on a lattice cost one evaluation per distinct offset. For near pairs, even layer pairs that mirror
-    each other are shared (`coilarray.electromagnetics.neumann_near`). Pairs that lie apart are computed by
-    `coilarray.electromagnetics.neumann` to 3e-8 of L. There the cross-section is included for windings smaller than
-    200 widths. In larger ones it changes L by less than 3e-7.
+    Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset are
+    computed once, so identical coils on a lattice cost one evaluation per distinct offset. For near
+    pairs, even layer pairs that mirror each other are shared
+    (`coilarray.electromagnetics.neumann_near`). Pairs that lie apart are computed by
+    `coilarray.electromagnetics.neumann` to 3e-8 of L. There the cross-section is included for
+    windings smaller than 200 widths. In larger ones it changes L by less than 3e-7.
 
-    The rules are set for 1e-6 of L and of k. This holds for traces wider than thick, with gaps of a quarter of their
-    width or more and sides of a few widths, as a convergence study shows. Shorter sides or narrower gaps cost up to
-    2e-5, also in a single turn of wide copper. Copper thicker than wide costs more. Traces run from vertex to vertex
-    with square ends. The true, mitred corner of a trace as wide as a tenth of its turns changes L by some 1e-3.
+    The rules are set for 1e-6 of L and of k. This holds for traces wider than thick, with gaps of a
+    quarter of their width or more and sides of a few widths, as a convergence study shows. Shorter
+    sides or narrower gaps cost up to 2e-5, also in a single turn of wide copper. Copper thicker
+    than wide costs more. Traces run from vertex to vertex with square ends. The true, mitred corner
+    of a trace as wide as a tenth of its turns changes L by some 1e-3.
 
     Examples
     --------
@@ -274,7 +283,8 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     ValueError
-        A matrix that is not square, has values that are not finite or a diagonal entry that is not positive.
+        A matrix that is not square, has values that are not finite or a diagonal entry that is not
+        positive.
 
     Examples
     --------
@@ -299,8 +309,8 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
 def representative_segments(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
     """Numbers and weights (n,) of representative segments of a path.
 
-    Their weighted sum stands for the sum over the whole path. ``full`` takes every segment once. ``screen`` takes a few
-    turns, for quantities that change smoothly from turn to turn.
+    Their weighted sum stands for the sum over the whole path. ``full`` takes every segment once.
+    ``screen`` takes a few turns, for quantities that change smoothly from turn to turn.
     """
     if accuracy == "full":
         return np.arange(len(path.lengths)), np.ones(len(path.lengths))

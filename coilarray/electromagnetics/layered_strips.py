@@ -34,10 +34,12 @@ from coilarray.errors import GeometryError, require_positive
 # Wavenumbers times functions times functions: some ten seconds, and 1 GB of memory.
 _MOST_PRODUCTS = 1e11
 _OF_A_TRANSFORM = 1000  # products that take as long as the transform of a function
-# Wavenumbers reach this number over the smallest half width a. The tail beyond is added in its asymptotic form, which
-# leaves (ka)⁻². It holds for ka far above m²/2, so more than three basis functions need more, as their square.
+# Wavenumbers reach this number over the smallest half width a. The tail beyond is added in its
+# asymptotic form, which leaves (ka)⁻². It holds for ka far above m²/2, so more than three basis
+# functions need more, as their square.
 _CUTOFF_WIDTH = 25.0
-# They also reach this number over the smallest distance d of two charged planes. The remainder is exp(−kd) of the tail.
+# They also reach this number over the smallest distance d of two charged planes. The remainder is
+# exp(−kd) of the tail.
 _CUTOFF_DISTANCE = 5.0
 
 
@@ -114,8 +116,8 @@ class LayeredMedium:
     def mean_green(self) -> FloatArray:
         """`green` at k = 0, (planes, planes) in V m²/C, from ε0 ε/d of the slabs.
 
-        Without a grounded plane the potential of a net charge is infinite. The result is then relative to the bottom
-        plane, for no net charge.
+        Without a grounded plane the potential of a net charge is infinite. The result is then
+        relative to the bottom plane, for no net charge.
         """
         Y = np.zeros((self.planes, self.planes))
         for i, (d, epsilon) in enumerate(zip(self.thicknesses, self.epsilon_r[1:-1], strict=True)):
@@ -259,7 +261,7 @@ def _default_cutoff(medium: LayeredMedium, plane: IntArray, widths: FloatArray, 
 
 
 def _closest(medium: LayeredMedium, plane: IntArray) -> float:
-    """Smallest distance in m of planes that carry strips, inf for one plane."""
+    """Smallest distance in m of planes with strips, inf for one plane."""
     height = -np.cumsum((0.0, *medium.thicknesses))[np.unique(plane)]
     apart = -np.diff(height)
     return float(apart.min()) if len(apart) else math.inf
@@ -284,7 +286,7 @@ def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror:
 def _add_tail(
     A: FloatArray, medium: LayeredMedium, plane: IntArray, widths: FloatArray, basis: int, cutoff: float
 ) -> None:
-    """Add the tail above the cutoff to the strips' own blocks, in place."""
+    """Add the tail above the cutoff to the strips' own blocks."""
     m = np.arange(basis)
     alike = ((m[:, None] - m) % 2 == 0).astype(np.float64)
     for strip, (p, w) in enumerate(zip(plane, widths, strict=True)):
@@ -294,7 +296,7 @@ def _add_tail(
 
 
 def _maxwell(A: FloatArray, label: IntArray, basis: int, *, grounded: bool) -> FloatArray:
-    """Capacitance of conductors from the strips' potentials A q, for no net charge without ground."""
+    """Capacitance of conductors from the strips' potentials A q (no ground: no net charge)."""
     n = int(label.max()) + 1
     B = np.zeros((len(A), n))
     B[np.arange(len(label)) * basis, label] = 1.0

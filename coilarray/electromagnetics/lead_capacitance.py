@@ -1,4 +1,4 @@
-"""Capacitance of leads at a winding, by the method of moments.
+"""Capacitance of a winding's leads by the method of moments.
 
 Leads, and a few ribbons per layer of the winding from ray to ray, are straight wires in the layered
 dielectric. A flat strip of width w acts as a round wire of radius w/4. Green's function of the
@@ -21,8 +21,8 @@ from coilarray.compute.threads import serial_algebra
 from coilarray.electromagnetics.layered_strips import LayeredMedium
 from coilarray.geometry.winding import Cut, Turns
 
-# The leads' part is a difference, which depends little on the fineness of the winding. Twice as many rays and ribbons
-# change it by 4 % at most (tests).
+# The leads' part is a difference, which depends little on the fineness of the winding. Twice as
+# many rays and ribbons change it by 4 % at most (tests).
 _RAYS = 16  # from each pole
 _RIBBONS = 4, 16  # at most, per layer and on all layers
 _GROWTH = 1.15  # of the pieces of a lead, beginning with a pitch at the winding
@@ -46,7 +46,7 @@ class _Wire:
 
 @serial_algebra()
 def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: FloatArray, turns: Turns) -> float:
-    """Compute the capacitance in F that leads add to a winding.
+    """Compute the capacitance in F of leads at a winding.
 
     Every lead has the potential of its end of the winding, whose potential rises evenly along the
     path. All wires together float without net charge. The result is the capacitance of leads and
@@ -68,8 +68,8 @@ def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: Float
 def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float) -> Iterator[_Wire]:
     """Pieces of both leads from the winding on.
 
-    A longer lead has the same pieces and more. A lead wider than the distance in m of the nearest planes, `near`, is
-    several wires side by side.
+    A longer lead has the same pieces and more. A lead wider than the distance in m of the nearest
+    planes, `near`, is several wires side by side.
     """
     path = turns.path
     along, grain = path.along, _GRAIN * turns.pitch
@@ -93,14 +93,14 @@ def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float)
                 count = min(max(math.ceil(width / near - _GRAIN), 1), _MOST_BESIDE) if math.isfinite(near) else 1
                 for k in range(count):
                     shift = ((k + 0.5) / count - 0.5) * width * sideways
-                    # The radius of one wire is for a strip. Many wires make up a sheet and have its mean field near
-                    # it.
+                    # The radius of one wire is for a strip. Many wires make up a sheet and have its
+                    # mean field near it.
                     radius = (width + thickness) / 4 if count == 1 else (width + thickness) / count / (2 * math.pi)
                     yield _Wire(points[:-1] + shift, points[1:] + shift, radius, int(planes[line]), potential)
 
 
 def _ribbons(turns: Turns, planes: IntArray, near: float) -> Iterator[_Wire]:
-    """Group turns of each layer into ribbons, thinner than the distance of planes, between rays."""
+    """Group turns between rays into ribbons thinner than the distance of planes."""
     path = turns.path
     most, total = _RIBBONS
     for pole in turns.poles:
@@ -123,7 +123,7 @@ def _ribbons(turns: Turns, planes: IntArray, near: float) -> Iterator[_Wire]:
 
 
 def _middle(turns: Turns, cut: Cut, group: IntArray) -> tuple[FloatArray, float, float]:
-    """Middle (2,) in m, total width in m and mean potential of turns on a cut."""
+    """Middle (2,) and total width in m, and mean potential, of turns."""
     path, piece, along = turns.path, cut.piece[group], cut.along[group]
     width = float(np.ptp(cut.across[group]) + path.widths[piece].mean())
     V = (along - turns.begin) / (turns.end - turns.begin)
@@ -131,7 +131,7 @@ def _middle(turns: Turns, cut: Cut, group: IntArray) -> tuple[FloatArray, float,
 
 
 def _images(medium: LayeredMedium, p: int, q: int, smallest: float) -> tuple[FloatArray, FloatArray]:
-    """Image strengths in V m/C and depths in m, (n,), of plane p seen on plane q."""
+    """Image strengths in V m/C and depths in m of plane p seen on plane q."""
     height = np.cumsum((0.0, *medium.thicknesses))
     apart = abs(float(height[p] - height[q]))
     near, far = apart or min((*medium.thicknesses, smallest)), max(float(height[-1]), smallest)
@@ -177,6 +177,6 @@ def _potentials(medium: LayeredMedium, wires: Sequence[_Wire]) -> FloatArray:
 
 
 def _floating(A: FloatArray, V: FloatArray) -> float:
-    """Twice the energy in J of wires without net charge at potentials V up to a constant."""
+    """Twice the energy in J of wires without net charge at potentials V."""
     charge, raised = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A), np.column_stack((V, np.ones_like(V)))).T
     return float(V @ charge - charge.sum() ** 2 / raised.sum())

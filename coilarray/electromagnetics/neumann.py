@@ -59,15 +59,16 @@ def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
 def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
     """Numbers of nodes along x and y, and along z, of box pairs, (n, 2).
 
-    The second of the `bounding_boxes` is moved by `shifts` (n, 3) in m. A value above `MOST_NODES` means that they are
-    too near each other.
+    The second of the `bounding_boxes` is moved by `shifts` (n, 3) in m. A value above `MOST_NODES`
+    means that they are too near each other.
     """
     between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)
     half = np.maximum(first[:, 1], second[:, 1])
     sizes = np.column_stack((half[:, :2].max(axis=1), half[:, 2]))
     none = _NONE * half.max(axis=1)[:, None]
-    # Singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along it.
+    # Singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along
+    # it.
     lengths = np.maximum(sizes, none)
     beside = np.arccosh(1.0 + np.hypot(gap[:, 0], gap[:, 1])[:, None] / lengths)
     above = np.arcsinh(gap[:, 2][:, None] / lengths)
@@ -82,8 +83,8 @@ def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> I
 def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
     """Currents of segments (m, 2, 3) in m at Chebyshev nodes of their box.
 
-    There are `count` nodes along x and y, and `count_z` along z. `current` is the current of every segment in A.
-    Polynomials along a segment are integrated exactly.
+    There are `count` nodes along x and y, and `count_z` along z. `current` is the current of every
+    segment in A. Polynomials along a segment are integrated exactly.
     """
     ((centre, extent),) = bounding_boxes([segments.reshape(-1, 3)])
     gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
@@ -156,7 +157,7 @@ def path_sums(
 
 
 def _tolerances(extent: float, own: FloatArray) -> FloatArray:
-    """Largest difference in m between equal paths as large as `own` in an array of an `extent`."""
+    """Largest difference in m of equal paths, by size `own` and `extent`."""
     rounded = 2.0 ** np.round(np.log2(own))  # copies that differ by rounding then have the same
     return np.asarray(np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded))
 
@@ -187,7 +188,7 @@ class _Shape:
 
     @cached_property
     def seen_from_afar(self) -> FloatArray:
-        """Segments (m, 2, 3) that share the current, two per bar if its width counts."""
+        """Segments (m, 2, 3) that share the current, two per wide bar."""
         start, step = self.table[:, :3], self.table[:, 3:6] * self.table[:, 6:7]
         lines = np.stack((start, start + step), axis=1)
         width = np.sqrt(np.average(self.table[:, 10] ** 2, weights=self.table[:, 6]))
@@ -203,7 +204,7 @@ class _Shape:
 
 @dataclass(frozen=True, eq=False)
 class _Classes:
-    """Distinct pairs of shapes (n,) and the shift of the second in m, (n, 3)."""
+    """Distinct pairs of shapes (n,) and their shifts (n, 3) in m."""
 
     first: IntArray
     second: IntArray
@@ -229,7 +230,7 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
 
 
 def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tuple[_Classes, IntArray]:
-    """Distinct triples (shape, shape, shift) of pairs, with M(a, b, d) = M(b, a, −d), and their numbers."""
+    """Distinct triples (shape, shape, shift), with M(a, b, d) = M(b, a, −d), and their numbers."""
     steps = np.round(shift / quantum).astype(np.int64)
     example, number, turn = pair_classes(np.column_stack((a, b, steps)), np.column_stack((b, a, -steps)))
     turned = turn[example]

@@ -24,13 +24,14 @@ _MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
 Accuracy = Literal["full", "screen"]
 """Accuracy of inductance: ``full`` reaches 1e-6 of L and k, ``screen`` takes a tenth of the time.
 
-``screen`` is for searches among windings of many turns whose results are computed again in full. It reaches 1e-4 of L,
-5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and up to 1 % of k for windings that lie
-on each other.
+``screen`` is for searches among windings of many turns whose results are computed again in full. It
+reaches 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
+up to 1 % of k for windings that lie on each other.
 """
 OWN_NEAR_WIDTHS = 160.7  # distance in widths up to which the cross-section counts within a path
 MUTUAL_NEAR_WIDTHS = 1003.0  # the same between two paths: (1/1000)² is 1e-6 of a weak coupling
-# Of two paths, and of one path. Screening leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of coils that overlap.
+# Of two paths, and of one path. Screening leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of coils
+# that overlap.
 _NEAR_WIDTHS = {"full": (MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS), "screen": (4.0, 15.0)}
 _SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
 _FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
@@ -61,8 +62,8 @@ class PathParts:
 def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
     """Cut paths into parts in their order.
 
-    Each path is rows of `kernels.paths`. `quanta` (paths,) are differences in m that do not make another part. Parts of
-    different quanta are never equal.
+    Each path is rows of `kernels.paths`. `quanta` (paths,) are differences in m that do not make
+    another part. Parts of different quanta are never equal.
     """
     cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
     first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))
@@ -95,7 +96,7 @@ def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
 
 
 def mirrored(table: FloatArray, mirror: FloatArray) -> FloatArray:
-    """Rows of a part with mirrored coordinates, the lateral direction left of the current."""
+    """Rows of a mirrored part, the lateral direction left of the current."""
     image = table.copy()
     image[:, :3] *= mirror
     image[:, 3:6] *= mirror
@@ -104,7 +105,7 @@ def mirrored(table: FloatArray, mirror: FloatArray) -> FloatArray:
 
 
 def _cut(table: FloatArray, quantum: float) -> list[FloatArray]:
-    """Cut a path into flat runs of segments at one height, and the rest."""
+    """Cut a path into flat runs of segments and the rest."""
     level = table[:, 5] == 0.0
     change = (level[1:] != level[:-1]) | (level[1:] & (np.abs(np.diff(table[:, 2])) > quantum))
     cuts = np.flatnonzero(change) + 1
@@ -146,8 +147,8 @@ class _Part:
 class _Pairs:
     """Pairs of distinct parts, one per row.
 
-    The second part is mirrored by signs, and moved by `shift` in m from the first. `of` is the pair of paths that they
-    belong to, where they count `weight` times.
+    The second part is mirrored by signs, and moved by `shift` in m from the first. `of` is the pair
+    of paths that they belong to, where they count `weight` times.
     """
 
     of: IntArray
@@ -206,7 +207,7 @@ def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Su
 
 
 def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArray) -> _Pairs:
-    """Cut pairs of paths into pairs of parts, turned back by the mirror of the first part."""
+    """Cut pairs of paths into part pairs, the first turned back."""
     rows = []
     for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
         P, Q = np.mgrid[parts.first[a] : parts.first[a + 1], parts.first[b] : parts.first[b + 1]].reshape(2, -1)
@@ -229,8 +230,8 @@ def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArra
 def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, IntArray, IntArray]:
     """Write equal pairs in the same form and group them.
 
-    The result is the pairs, an example of each class and the class of each pair. M(a, gb, d) = M(b, ga, −gd) for a
-    mirror g, and of two flat parts either may be the upper.
+    The result is the pairs, an example of each class and the class of each pair. M(a, gb, d) = M(b,
+    ga, −gd) for a mirror g, and of two flat parts either may be the upper.
     """
     turned = -pairs.mirror * pairs.shift
     steps, mirror = np.round(pairs.shift / quantum).astype(np.int64), pairs.mirror.astype(np.int64)
@@ -286,7 +287,7 @@ def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
 def _pair_sum(
     a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, near_widths: float, accuracy: Accuracy
 ) -> Callable[[int, int], float]:
-    """Sum function of rows start:stop of a part with another, mirrored and moved part."""
+    """Sum function of rows start:stop with a mirrored and moved part."""
     second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
 
     def between(start: int, stop: int) -> float:
@@ -307,7 +308,7 @@ def _pair_sum(
 
 
 def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:
-    """Check for a flat part above its copy, where rows i, j relate as rows j, i."""
+    """Check for a flat part above its copy (rows i, j relate as j, i)."""
     flat = not part.table[:, 5].any() and not np.ptp(part.table[:, 2])
     return flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
 

@@ -32,7 +32,8 @@ from coilarray.geometry import Conductor
 
 WeightArray = FloatArray | npt.NDArray[np.complex128]
 
-# −ln of the error of every rule over the spectrum, relative to the sum of all parts without their signs: 1.4e-11, 3e-4.
+# −ln of the error of every rule over the spectrum, relative to the sum of all parts without their
+# signs: 1.4e-11, 3e-4.
 DIGITS: dict[Accuracy, float] = {"full": 25.0, "screen": 8.0}
 _WIDEST_PANEL = 200.0  # radians across the board; wider panels save nothing
 _LOWEST = 2.0**-60  # of the highest wavenumber; below there is nothing to integrate
@@ -62,10 +63,10 @@ class _Shape:
 class Board:
     """Distinct path shapes and places below a face, lengths in m.
 
-    A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,) from the face.
-    `kind_of` (paths,) and `origins` (paths, 2) give the kind and place of each path. `extent` is the largest horizontal
-    distance, `gap` the distance of the highest copper from its image, `size` the largest width or thickness, and
-    `digits` the accuracy.
+    A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,)
+    from the face. `kind_of` (paths,) and `origins` (paths, 2) give the kind and place of each path.
+    `extent` is the largest horizontal distance, `gap` the distance of the highest copper from its
+    image, `size` the largest width or thickness, and `digits` the accuracy.
     """
 
     shapes: list[_Shape]
@@ -80,7 +81,7 @@ class Board:
 
 
 def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> Board:
-    """Sort paths below a face at a height in m by shape and place."""
+    """Sort paths below a face in m by shape and place."""
     corners = np.concatenate([path.vertices for path in paths])
     span = np.ptp(corners, axis=0)
     origins = np.array([[*path.vertices[0, :2], path.vertices[:, 2].max()] for path in paths])
@@ -150,8 +151,9 @@ def _nodes(radians: float, digits: float) -> int:
 def wavenumbers(board: Board, lowest: float, highest: float, distance: float) -> list[tuple[float, float]]:
     """Nodes and weights in 1/m of an integral up to `highest`.
 
-    Panels double from `lowest`, so that they keep their distance from poles at wavenumbers of that size, up to the
-    width that the `distance` in m between a path and an image, and the board, allow.
+    Panels double from `lowest`, so that they keep their distance from poles at wavenumbers of that
+    size, up to the width that the `distance` in m between a path and an image, and the board,
+    allow.
     """
     edges = [0.0, max(lowest, _LOWEST * highest)]
     while edges[-1] < highest:
@@ -168,8 +170,8 @@ def wavenumbers(board: Board, lowest: float, highest: float, distance: float) ->
 class _Grid:
     """Distinct offsets in m between paths, in rows and columns.
 
-    Pairs with equal offsets share their integrals. `column` and `row` (paths, paths) are the offset numbers of each
-    pair.
+    Pairs with equal offsets share their integrals. `column` and `row` (paths, paths) are the offset
+    numbers of each pair.
     """
 
     x: FloatArray
@@ -179,7 +181,7 @@ class _Grid:
 
 
 def _grid(board: Board, other_kinds: int) -> _Grid | None:
-    """Return the offsets of the paths, or None if nearly all pairs differ."""
+    """Return the offsets of paths, or None if most differ."""
     steps = board.origins[:, None] - board.origins
     numbers = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
     axes = []
@@ -242,8 +244,8 @@ def _products(
 ) -> list[FloatArray]:
     """Mean of J_i·J'_j over directions for pairs of boards, in m².
 
-    It holds for one wavenumber in 1/m. The shape is (paths, paths) without a grid of offsets, else (kinds, kinds, x,
-    y).
+    It holds for one wavenumber in 1/m. The shape is (paths, paths) without a grid of offsets, else
+    (kinds, kinds, x, y).
     """
     n = _nodes(k * boards[0].extent, boards[0].digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
@@ -265,7 +267,7 @@ def _products(
 
 
 def _spectrum(board: Board, waves: FloatArray, k: float) -> ComplexArray:
-    """Spectrum J of every kind of path about its own origin, (kinds, 3, n) in m."""
+    """Spectrum J of every kind of path about its origin, (kinds, 3, n) in m."""
     shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
     return np.asarray(shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None])
 
@@ -275,8 +277,8 @@ def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
     corner = np.exp(1j * _along(waves, shape.vertices) + k * shape.vertices[:, 2])
     begin, end = corner[:, shape.starts], corner[:, shape.ends]
     steps = shape.vertices[shape.ends] - shape.vertices[shape.starts]
-    # Along a bar the mean is (difference of the ends)/2c. Where that loses digits, it is (tanh c)/c times the mean of
-    # the ends.
+    # Along a bar the mean is (difference of the ends)/2c. Where that loses digits, it is (tanh c)/c
+    # times the mean of the ends.
     c = 0.5j * _along(waves, steps) + 0.5 * k * steps[:, 2]
     short = np.abs(c) < 1e-3
     both = (end + begin)[short]
@@ -306,7 +308,7 @@ def _mean_wave(c2: FloatArray) -> FloatArray:
 
 
 def wave_count(highest: float, extent: float) -> int:
-    """Count the nodes up to `highest` in 1/m, two per period, that resolve an extent in m."""
+    """Count the nodes up to `highest` in 1/m, two per period of an extent in m."""
     return math.ceil(highest * extent / np.pi) + 20
 
 

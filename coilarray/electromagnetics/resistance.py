@@ -43,9 +43,11 @@ MOST_SKIN_DEPTHS = 300.0  # longest trace side in skin depths, beyond which the 
 SINGLE_MESH = (48, 16)  # cells along the longer side of an isolated trace, and along the shorter side of a thin trace
 SECTION_MESH = (30, 8)  # cells along the sides of each trace of a bundle
 BASIS_TOLERANCE = 3e-2  # of a trace's basis of currents; the loss errs by about its square
-# Gauss points along a segment from a length in widths on; the lengths are no ratios of round lengths
+# Gauss points along a segment from a length in widths on; the lengths are no ratios of round
+# lengths
 POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
-# least and most cuts about a pole, and turns cut in all, which are no multiple of round numbers of turns
+# least and most cuts about a pole, and turns cut in all, which are no multiple of round numbers of
+# turns
 RAYS = 5, 16, 97.3
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
@@ -69,7 +71,8 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> Fl
     Returns
     -------
     ndarray, shape (paths,)
-        Resistances in Ω: ρ Σ length/area over the segments from vertex to vertex. Corners count by the centre line.
+        Resistances in Ω: ρ Σ length/area over the segments from vertex to vertex. Corners count by
+        the centre line.
 
     Raises
     ------
@@ -269,16 +272,17 @@ def shape_key(conductor: Conductor) -> bytes:
 
 
 def _grain(conductor: Conductor) -> float:
-    """Largest difference in m between equal shapes, the same for rounded copies."""
+    """Largest difference in m between equal shapes, also when rounded."""
     return float(_SAME * 2.0 ** np.round(np.log2(np.ptp(conductor.vertices, axis=0).max())))
 
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Gauss points on the horizontal segments of a path from the origin.
+    """Gauss points on a path's horizontal segments.
 
-    `places` (n, 3) are in m, `lateral` and `normal` (n, 3) the directions of the trace's width and thickness. `segment`
-    (n,) is the segment of each point and `weight` (n,) the length in m that it stands for.
+    `places` (n, 3) are in m, `lateral` and `normal` (n, 3) the directions of the trace's width and
+    thickness. `segment` (n,) is the segment of each point and `weight` (n,) the length in m that it
+    stands for.
     """
 
     places: FloatArray
@@ -324,7 +328,7 @@ class _Traces:
 
 
 def _own_field(shape: bytes, points: _Points, vertices: FloatArray) -> FloatArray:
-    """Field of a coil's own current at its points, shared by equal coils."""
+    """Field of a coil's own current, shared by equal coils."""
     return _FIELDS.get((shape, shape, POINTS), lambda: points.field(vertices, own=True))
 
 
@@ -373,7 +377,7 @@ def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: floa
 
 
 def _line_numbers(vertices: FloatArray) -> IntArray:
-    """Line of each segment, (n,): lines run from via to via, vias have −1."""
+    """Line of each segment (n,), from via to via, −1 for vias."""
     _, flat = lateral_axes(vertices)
     return np.where(flat, np.cumsum(~flat), -1)
 
@@ -381,10 +385,11 @@ def _line_numbers(vertices: FloatArray) -> IntArray:
 def _shared_out(
     vertices: FloatArray, places: FloatArray, of_point: IntArray, cuts: Sequence[Cut]
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Points that cuts stand for, with crossings and shares, of equal shape.
+    """Points that cuts represent, with crossings and shares of equal shape.
 
-    The crossing counts all cuts in sequence. Between two crossings of a line the share of the first falls linearly
-    while the share of the second rises. Outside the turns the whole share has crossing −1. Points occur once or twice.
+    The crossing counts all cuts in sequence. Between two crossings of a line the share of the first
+    falls linearly while the share of the second rises. Outside the turns the whole share has
+    crossing −1. Points occur once or twice.
     """
     line = _line_numbers(vertices)
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(vertices[:, :2], axis=0).T)))

@@ -1,4 +1,4 @@
-"""Common input of coils: whatever has current paths, conductors, or plain vertices."""
+"""Common input of coils: current paths, conductors, or plain vertices."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class HasConductors(Protocol):
 Source: TypeAlias = (
     HasConductors | Conductor | npt.NDArray[np.float64] | Sequence[HasConductors | Conductor | npt.ArrayLike]
 )
-"""Current paths: a spiral, coil, array, design, conductor, polyline (n + 1, 3) in m, or a sequence of them."""
+"""Current paths: spiral, coil, array, design, conductor, polyline (n + 1, 3) in m, or several."""
 
 
 def as_conductors(source: Source) -> tuple[Conductor, ...]:

@@ -1,1 +1,1 @@
-"""Metal near the coils: plates and balls that carry eddy currents."""
+"""Eddy currents in plates and balls near the coils."""

@@ -1,4 +1,4 @@
-"""Fields that infinite and finite plates below the coils reflect up to the sheets."""
+"""Fields that plates below the coils reflect up."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def outlined_below(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates | None:
-    """Solve the finite plates below the coils, None without them or if one is magnetic."""
+    """Solve the allowed finite plates below the coils, or return None."""
     require_below(plates, "an indentation or a sphere")
     outlines = [plate for plate in plates if isinstance(plate, FinitePlate)]
     if not outlines or any(plate.material.relative_permeability != 1 for plate in outlines):
@@ -81,10 +81,10 @@ def outlined_below(
 
 @dataclass(frozen=True, eq=False)
 class _Share:
-    """Share of the waves that pass from a gap to the highest gap.
+    """Share of the waves that reaches the highest gap.
 
-    It is the share through layers at one frequency, by one of the four ways. It is a value instead of a function
-    because it is part of the key of a map.
+    It is the share through layers at one frequency, by one of the four ways. It is a value instead
+    of a function because it is part of the key of a map.
     """
 
     air: LayeredAir
@@ -96,7 +96,7 @@ class _Share:
 
 
 def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple[Segments, tuple[PassedWaves, ...]]:
-    """Return the currents above all layers, and the waves passed by layers."""
+    """Return the currents above, and the waves passed by layers."""
     gaps = [air.gap(float(z.min()), float(z.max()), "a plate") for z in (one.corners[..., 2] for one in currents)]
     pieces = [_pieces(one) for one in currents]
     start, stop = (np.concatenate(ends) for ends in zip(*((one.start, one.stop) for one in pieces), strict=True))
@@ -117,7 +117,7 @@ def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple
 
 
 def _pieces(currents: EddyCurrents) -> Segments:
-    """Short pieces along x and y in the middles of edges, exact for quadratic fields."""
+    """Short pieces along x and y, exact for quadratic fields."""
     corners = currents.corners
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     points = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2

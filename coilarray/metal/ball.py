@@ -1,4 +1,4 @@
-"""Exact response of a ball over coils and flat magnetic sheets.
+"""Exact response of a ball over coils and sheets.
 
 About the centre of a ball of radius a the potential of the coils, H = −∇Ψ, is a sum of R^l
 P_l^m(cos θ) e^{imφ}. Each term induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m
@@ -69,7 +69,7 @@ def ball_inductance(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by a ball above the coils.
+    """Change of the impedance matrix by a ball above coils.
 
     The ball conducts or is magnetic. Its centres (positions, 3) are in m on the board. The flat
     `sheets` lie between coils and ball, laterally large against both, the `plates` below the coils.
@@ -135,8 +135,8 @@ def ball_over(
 ) -> ComplexArray:
     """Compute `ball_inductance` over a backing at its frequency.
 
-    The backing's currents are those without the ball. `returned` is the field that they reflect to the ball's dipole,
-    as `returned_dipoles` gives it.
+    The backing's currents are those without the ball. `returned` is the field that they reflect to
+    the ball's dipole, as `returned_dipoles` gives it.
     """
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
@@ -249,8 +249,8 @@ class Multipoles:
 def returned_dipoles(outlined: OutlinedPlates, ball: Ball, at: FloatArray, sheets: Sequence[Sheet]) -> ComplexArray:
     """Field in T that finite plates reflect to unit dipoles, (positions, f, 3, 3).
 
-    The dipoles of 1 A·m² are at the centres `at` of a ball. Centres deeper than the upper face of the flat sheets are
-    moved up to it.
+    The dipoles of 1 A·m² are at the centres `at` of a ball. Centres deeper than the upper face of
+    the flat sheets are moved up to it.
     """
     size = _LOOP * ball.radius
     z = np.maximum(at[:, 2], math.fsum(sheet.thickness for sheet in sheets) + size)
@@ -272,7 +272,7 @@ def _over_flat(
     wavenumbers: FloatArray,
     ball: Ball,
 ) -> Multipoles:
-    """Multipoles of a ball over flat sheets, its centre at a height in m."""
+    """Multipoles of a ball over flat sheets, centre in m."""
     thicknesses = [sheet.thickness for sheet in sheets]
     permeabilities = [sheet.relative_permeability for sheet in sheets]
     top, orders = math.fsum(thicknesses), alpha.shape[1]
@@ -317,9 +317,8 @@ def multipole_response(alpha: ComplexArray, returned: FloatArray | ComplexArray)
 def polarisabilities(radius: float, material: Material, frequencies: FloatArray, orders: int) -> ComplexArray:
     """Polarisabilities α_l of a ball, shape (f, orders).
 
-    A multipole is α_l a^(2l+1) times the field that excites it. The ball has a `radius` a in m and a `material`, and l
-    runs from 1 to `orders`. The `frequencies` (f,) are in Hz. r_l follows from the downward continued fraction r_l = 2l
-    + 1 + x²/r_(l+1), which does not overflow at any skin depth.
+    A multipole is α_l a^(2l+1) times the field that excites it, for l from 1. r_l follows from the
+    downward continued fraction r_l = 2l + 1 + x²/r_(l+1), which overflows at no skin depth.
     """
     order = np.arange(1, orders + 1)
     if math.isinf(material.conductivity):
@@ -344,7 +343,7 @@ def _multipoles(ka: FloatArray, fall: FloatArray, order: IntArray, m: int) -> Fl
 
 
 def _orders(ball: Ball, height: float) -> int:
-    """Count the multipoles of a ball at a height in m over the copper."""
+    """Count the multipoles of a ball over the copper."""
     needed = math.ceil(math.log(_LEFT_OUT) / (2 * math.log(ball.radius / height)))
     if needed > _MOST:
         nearest = ball.radius * (_LEFT_OUT ** (-0.5 / _MOST) - 1)
@@ -363,7 +362,7 @@ def _highest(ball: Ball, orders: int) -> float:
 def _wavenumbers(
     ball: Ball, at: FloatArray, middles: FloatArray, radius: float, copper: float, orders: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights over the coils' waves at the ball, in 1/m."""
+    """Gauss–Legendre nodes and weights over the ball's waves, in 1/m."""
     clearance = float(at[:, 2].min()) - ball.radius - copper
     highest = min(_DECAYS / clearance, _highest(ball, orders))
     extent = float(np.hypot(*(at[:, None, :2] - middles).T).max()) + radius + ball.radius
@@ -371,7 +370,7 @@ def _wavenumbers(
 
 
 def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> float:
-    """Height in m of the highest copper, which must lie below the ball."""
+    """Height in m of the highest copper, below the ball."""
     copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
     if copper > 0:
         raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")

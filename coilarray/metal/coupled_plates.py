@@ -41,7 +41,8 @@ _POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
 class FieldOfImages:
     """Field B of 1 A in each path's images, summed with `weights` (sums, images).
 
-    At heights of many places the field comes from `splines`, by their height in units of `unit` in m.
+    At heights of many places the field comes from `splines`, by their height in units of `unit` in
+    m.
     """
 
     paths: Sequence[Conductor]
@@ -121,7 +122,7 @@ def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Ima
 
 @dataclass(frozen=True, eq=False)
 class PosedPlate:
-    """Plate at centres (places, 3) in m of one height, with its impedances by frequency."""
+    """Plate at centres (places, 3) in m, with impedances by frequency."""
 
     body: EddyBody
     plate: FinitePlate
@@ -247,7 +248,7 @@ class PlatesInAir:
         return every
 
     def images_of_coils(self, plate: PosedPlate) -> list[Image]:
-        """Images of the coils, and visible coils, as a plate sees them."""
+        """Images of coils, and visible coils, as a plate sees."""
         low, high = self._coils
         gap, place = self.air.gap(low, high, "the coils"), self._gap(plate)
         images = self.air.images((gap, low, high), place, self._wide(plate))
@@ -264,7 +265,7 @@ class PlatesInAir:
         return self.air.gap(*plate.extent, f"plate {plate.plate.name!r}"), *plate.extent
 
     def images_of(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
-        """Images of a plate's currents as a plate sees them, without direct fields."""
+        """Images of a plate's currents as a plate sees them."""
         wide = max(self._wide(source), self._wide(place))
         return self.air.images(self._gap(source), self._gap(place), wide)
 
@@ -280,8 +281,8 @@ class PlatesInAir:
 def distinct_sums(images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
     """Distinct real weights of images, (sums, images), and their numbers.
 
-    The numbers are of the real parts, then of the imaginary parts, of the shares. The reflection by sheets alone is the
-    same at all frequencies, and real.
+    The numbers are of the real parts, then of the imaginary parts, of the shares. The reflection by
+    sheets alone is the same at all frequencies, and real.
     """
     shares = np.array([image.shares for image in images]).T
     parts = np.concatenate((shares.real, shares.imag))
@@ -299,7 +300,8 @@ def linked_fluxes(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Fluxes b (sums, u, positions, paths) of the even and odd unknowns, in Wb/A.
 
-    They are given for several meshes with the same points, by sums of images of paths with `weights` (sums, images).
+    They are given for several meshes with the same points, by sums of images of paths with
+    `weights` (sums, images).
     """
     count = sum(parity.unknowns.shape[1] for body in bodies for parity in body.parities)
     values = 2.0 * count * len(where) * len(paths) * len(weights)
@@ -323,8 +325,9 @@ def fields_on(
 ) -> Iterator[FloatArray]:
     """Yield B in T along the plate's axes, (sums · places · paths, points, 3).
 
-    B is at the points of a body, by images of 1 A in each of the paths, for as many of the centres `where` (places, 3)
-    in m at once as memory allows. `weights` (sums, images) are the weights of `FieldOfImages`.
+    B is at the points of a body, by images of 1 A in each of the paths, for as many of the centres
+    `where` (places, 3) in m at once as memory allows. `weights` (sums, images) are the weights of
+    `FieldOfImages`.
     """
     offsets = body.points @ plate.axes
     field = field_of_images(paths, where, offsets, images, weights)

@@ -1,4 +1,4 @@
-"""Eddy currents in flat finite pieces of metal and their effect on the inductance matrix."""
+"""Eddy currents in flat finite plates and their inductance."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class EddyCurrents:
 
 @dataclass(frozen=True, eq=False)
 class PlateError:
-    """Errors of the change by a finite plate, by mesh and model.
+    """Errors of a plate's change, by mesh and model.
 
     `absolute` and its part `mesh` are in H, of the shape of the `change`. Their real parts cover
     the deviation of ΔL, their imaginary parts the deviation of ΔR/ω. `depths` is the thickness in
@@ -81,7 +81,7 @@ class PlateError:
 
     @property
     def inductance(self) -> float:
-        """Largest relative error of ΔL at places of a tenth of the largest change."""
+        """Largest relative error of ΔL, from a tenth of its maximum."""
         return self._share(self.absolute.real, self.change.real)
 
     @property
@@ -98,8 +98,9 @@ class PlateError:
 def worst_attributes(errors: Sequence[PlateError]) -> dict[str, float]:
     """Return attributes with the largest errors of any plate.
 
-    ``plate_error_inductance`` and ``plate_error_resistance`` are relative errors of ΔL and ΔR. ``plate_skin_depths`` is
-    the thickness of the plate with the largest error of ΔR. Without plates there are no attributes.
+    ``plate_error_inductance`` and ``plate_error_resistance`` are relative errors of ΔL and ΔR.
+    ``plate_skin_depths`` is the thickness of the plate with the largest error of ΔR. Without plates
+    there are no attributes.
     """
     if not errors:
         return {}
@@ -121,7 +122,7 @@ def moving_plate(
     fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> PlateError:
-    """Change of the inductance matrix by a finite plate, and its error.
+    """Change of the inductance matrix by a plate, with errors.
 
     The change (positions, frequencies, paths, paths) is ΔZ/jω = ΔL − jΔR/ω in H relative to the
     same without the plate. In air and over sheets −Im is positive semidefinite. Beside other metal
@@ -174,8 +175,8 @@ def moving_plate(
     change, mesh = _extrapolated(*found)
     if not beside:
         change = np.asarray((change.real if magnetic else _negative(change.real)) + 1j * _negative(change.imag))
-    # the contributions of iron and of its eddy currents may cancel in ΔL, so that its error is the error of both
-    # together
+    # the contributions of iron and of its eddy currents may cancel in ΔL, so that its error is the
+    # error of both together
     real, imaginary = (
         (_entry_sizes(np.abs(change)),) * 2 if magnetic else (_entry_sizes(change.real), _entry_sizes(change.imag))
     )
@@ -185,7 +186,7 @@ def moving_plate(
 
 
 def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Extrapolate values in H from two meshes by the second order, with errors."""
+    """Extrapolate values in H by the second order, with errors."""
     correction = (fine - coarse) / _OF_SECOND_ORDER
     change = fine + correction
     size = np.maximum(_entry_sizes(np.abs(change)), np.finfo(float).tiny)
@@ -198,13 +199,13 @@ def _extrapolated(coarse: ComplexArray, fine: ComplexArray) -> tuple[ComplexArra
 
 
 def _entry_sizes(values: FloatArray) -> FloatArray:
-    """Products of the diagonals' roots, the sizes of entries (…, n, n) small by chance."""
+    """Products of the diagonals' roots, sizes of entries (…, n, n)."""
     root = np.sqrt(np.abs(np.diagonal(values, axis1=-2, axis2=-1)))
     return np.asarray(root[..., :, None] * root[..., None, :])
 
 
 def _negative(matrices: FloatArray) -> FloatArray:
-    """Remove the positive part that an extrapolation of negative semidefinite matrices left."""
+    """Remove the positive part of nearly negative semidefinite matrices."""
     values, vectors = np.linalg.eigh(matrices)
     if values.max() <= 0:
         return matrices
@@ -225,7 +226,7 @@ def _magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexAr
 def _changes(
     around: PlatesInAir, meshes: Sequence[PosedPlate], fixed: Sequence[Sequence[PosedPlate]], progress: Progress | None
 ) -> list[ComplexArray]:
-    """ΔZ/jω in H by a non-magnetic plate beside `fixed` plates, for each of its meshes."""
+    """ΔZ/jω in H by a non-magnetic plate beside `fixed`, by mesh."""
     where, count = meshes[0].where, len(around.air.frequencies)
     shape = (len(where), count, len(around.paths), len(around.paths))
     found = [np.zeros(shape, dtype=np.complex128) for _ in meshes]
@@ -275,10 +276,11 @@ def outlined_inductance(
     *,
     fineness: float = 1.0,
 ) -> ComplexArray:
-    """Change of the inductance matrix by all finite plates together, in H.
+    """Change of the inductance matrix in H by finite plates.
 
-    It is relative to the other plates alone, of shape (frequencies, paths, paths). The other arguments and the errors
-    are as in `moving_plate`. Infinite plates are computed by `coilarray.metal.flat_plates.plate_inductance`.
+    It is relative to the other plates alone, of shape (frequencies, paths, paths). The other
+    arguments and the errors are as in `moving_plate`. Infinite plates are computed by
+    `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
     f = checked_frequencies(frequencies, positive=True)
@@ -335,7 +337,7 @@ class OutlinedPlates:
     solved: SolvedPlates
 
     def eddy_currents(self) -> list[list[EddyCurrents]]:
-        """Return the currents in all plates for 1 A in each coil, by frequency."""
+        """Return the currents for 1 A in each coil, by frequency."""
         starts = np.cumsum([0, *(one.currents[0].shape[1] for one in self.plates)]).tolist()
         found = []
         for factors, b in zip(self.solved.factors, self.solved.b, strict=True):
@@ -350,8 +352,8 @@ class OutlinedPlates:
     def returned(self, places: FloatArray, size: float) -> ComplexArray:
         """Return the field in T reflected to dipoles of 1 A·m², (n, f, 3, 3).
 
-        The dipoles at places (n, 3) in m, all at one height, are along the axes of the board. They are square loops of
-        a `size` in m.
+        The dipoles at places (n, 3) in m, all at one height, are along the axes of the board. They
+        are square loops of a `size` in m.
         """
         found = []
         for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
@@ -386,7 +388,7 @@ def solve_outlined(
 def _whole_model_error(
     paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, frequencies: FloatArray, sheets: Sequence[Sheet]
 ) -> ModelError:
-    """Largest errors of the model with the rim, within the limit."""
+    """Largest errors of the model with rim, within limits."""
     nearest = _distance(paths, plate, where, sheets)
     error = _model_error(plate, frequencies, _field_scale(paths, plate, where), max(nearest, _least_spread(paths) / 2))
     if plate.material.relative_permeability != 1 or not error.depths:
@@ -417,7 +419,7 @@ def _posed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> list[PosedPlate]:
-    """Place an allowed plate at centres (n, 3) in m, with its coarser and its finer mesh."""
+    """Place an allowed plate at centres (n, 3) in m, meshed twice."""
     nearest, scale = _distance(paths, plate, where, sheets), _field_scale(paths, plate, where)
     _model_error(plate, frequencies, scale, math.inf)
     area = shapely.union_all([translate(hull, -x, -y) for hull in _hulls(paths) for x, y in where[:, :2].tolist()])
@@ -433,7 +435,7 @@ def _posed(
 
 
 def _magnetic_plate(plates: Sequence[Plate | FinitePlate], frequencies: FloatArray) -> FinitePlate | None:
-    """Return the magnetic finite plate if it is allowed, or None."""
+    """Return the allowed magnetic finite plate, or None."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for one in outlined:
         if one.material.relative_permeability != 1:
@@ -454,7 +456,7 @@ def _least_spread(paths: Sequence[Conductor]) -> float:
 
 
 def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, sheets: Sequence[Sheet]) -> float:
-    """Least distance in m from an allowed plate to copper across its plane."""
+    """Least distance in m from a plate to copper across."""
     corners = np.concatenate([path.vertices for path in paths])
     low, high = (np.array(plate.heights) - plate.centre[2])[:, None] + where[:, 2]
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
@@ -472,7 +474,7 @@ def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray,
 
 
 def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray) -> float:
-    """Length in m over which a plate's field varies: least radius plus least distance."""
+    """Length in m of a plate's field: least radius plus distance."""
     radii = [np.sqrt(((path.vertices - path.vertices.mean(axis=0)) ** 2).sum(axis=1).mean()) for path in paths]
     heights = np.concatenate([path.vertices for path in paths]) @ plate.axes[2]
     away = np.abs(heights[:, None] - where @ plate.axes[2]).min() - plate.thickness / 2
@@ -480,10 +482,10 @@ def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArr
 
 
 def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shortest: float) -> ModelError:
-    """Largest errors of the model for a field that varies over `scale` in m.
+    """Largest errors of the model over `scale` in m.
 
-    Errors beyond the limit are refused. Near a single turn the field also varies over a `shortest` length in m. This
-    adds to the errors of ΔL and ΔR, but no plate is refused for it.
+    Errors beyond the limit are refused. Near a single turn the field also varies over a `shortest`
+    length in m. This adds to the errors of ΔL and ΔR, but no plate is refused for it.
     """
     inscribed = inscribed_radius(plate.outline)
     largest = ModelError()
@@ -525,7 +527,7 @@ def _all_posed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> list[tuple[PlatesInAir, list[PosedPlate]]]:
-    """Infinite layers, and the plates with the coarser and with the finer mesh."""
+    """Infinite layers, and plates with the coarse and fine mesh."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])

@@ -33,7 +33,8 @@ from coilarray.geometry import Conductor, Plate, Sheet
 from coilarray.metal.frequencies import checked_frequencies
 from coilarray.metal.layered_air import layer_of, layers_apart
 
-# −ln of the error of the rules over the spectrum, and the largest error of the images' sum against the reflection
+# −ln of the error of the rules over the spectrum, and the largest error of the images' sum against
+# the reflection
 _DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
 _FIT: dict[Accuracy, float] = {"full": 3e-5, "screen": 1e-4}
 _LONGEST = 1e-3  # radians across the board, longer waves carry 1e-10 of the inductance
@@ -52,27 +53,31 @@ def plate_inductance(
 ) -> ComplexArray:
     """Change of the inductance matrix by infinite plates, in H.
 
-    The result (f, paths, paths) is the change of the impedance over jω relative to the sheets alone, ΔL − jΔR/ω,
-    symmetric. Add it to the inductance in air and to `coilarray.electromagnetics.flat_layer.layer_inductance`.
+    The result (f, paths, paths) is the change of the impedance over jω relative to the sheets
+    alone, ΔL − jΔR/ω, symmetric. Add it to the inductance in air and to
+    `coilarray.electromagnetics.flat_layer.layer_inductance`.
 
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. The paths lie between the plates and below the sheets.
+        See `coilarray.electromagnetics.source.as_conductors`. The paths lie between the plates and
+        below the sheets.
     plates : sequence of Plate
-        Plates in any order, each above or below all paths. None may reach into another or into the sheets.
+        Plates in any order, each above or below all paths. None may reach into another or into the
+        sheets.
     frequencies : array_like, shape (f,)
         Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, of any permeabilities.
     accuracy : {"full", "screen"}
-        Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the change itself.
+        Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the
+        change itself.
 
     Raises
     ------
     GeometryError
-        A plate that is neither above nor below all paths, or touches them, a plate that reaches into another plate or
-        into a magnetic sheet, a source that describes no path.
+        A plate that is neither above nor below all paths, or touches them, a plate that reaches
+        into another plate or into a magnetic sheet, a source that describes no path.
     ElastomerError
         A path that reaches into a magnetic sheet or above it.
     MetalError
@@ -80,9 +85,10 @@ def plate_inductance(
 
     Notes
     -----
-    The current density is uniform in every bar. Paths with open ends are taken as they are, as in `layer_inductance`.
-    Otherwise the result is exact at any frequency, to 5e-6 of the largest entry. A plate nearer than a sixth of the
-    board's extent costs up to thirty times a `mutual_inductance` more.
+    The current density is uniform in every bar. Paths with open ends are taken as they are, as in
+    `layer_inductance`. Otherwise the result is exact at any frequency, to 5e-6 of the largest
+    entry. A plate nearer than a sixth of the board's extent costs up to thirty times a
+    `mutual_inductance` more.
 
     Examples
     --------
@@ -108,7 +114,8 @@ def plate_inductances(
 ) -> ComplexArray:
     """Compute `plate_inductance` for cases of plates, (cases, f, paths, paths).
 
-    The cases may be distances of a plate. The spectra of the paths, which cost most, are computed once.
+    The cases may be distances of a plate. The spectra of the paths, which cost most, are computed
+    once.
     """
     paths = as_conductors(source)
     omega = 2 * np.pi * checked_frequencies(frequencies)
@@ -140,7 +147,7 @@ def plate_inductances(
 
 @dataclass(frozen=True)
 class _Stack:
-    """Layers outwards from a face at a height in m, away from the coils."""
+    """Layers outwards from a face in m, away from coils."""
 
     face: float
     layers: tuple[Layer, ...]
@@ -193,7 +200,7 @@ class _Around:
         ]
 
     def images(self, paths: Sequence[Conductor], kind: int, lift: float) -> list[Conductor]:
-        """Images of the paths for a kind of waves, farther away by twice the lift in m."""
+        """Images of the paths for a kind of waves, twice the lift away."""
         up, down = self.faces
         match self.kinds[kind]:
             case (0, 0):
@@ -206,8 +213,8 @@ class _Around:
     def lowest(self, highest: float, extent: float) -> float:
         """Smallest wavenumber in 1/m at which the reflection changes.
 
-        The reflection of a thin plate has its pole at −jωμ0σd/2, the reflection of an iron plate at −ln((μ + 1)/(μ −
-        1))/d.
+        The reflection of a thin plate has its pole at −jωμ0σd/2, the reflection of an iron plate at
+        −ln((μ + 1)/(μ − 1))/d.
         """
         slowest = float(self.omega[self.omega > 0].min(initial=math.inf))
         scales = [highest / 8]
@@ -260,7 +267,7 @@ def _around(
 
 
 def stack_below(plates: Sequence[Plate]) -> tuple[float, tuple[Layer, ...]]:
-    """Return the upper face in m and the layers downwards of plates below z = 0."""
+    """Return upper face in m and layers of plates below z = 0."""
     stack = _below(plates, 0.0)
     return stack.face, stack.layers
 
@@ -281,7 +288,7 @@ def _below(plates: Sequence[Plate], top: float) -> _Stack:
 
 
 def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:
-    """Combine layers at the heights of their faces in m, with the air between, none of air."""
+    """Combine layers by their faces in m with the air between."""
     found = sorted(
         ((z, layer) for z, layer in layers if layer.permeability != 1 or layer.conductivity), key=lambda one: one[0]
     )

@@ -1,4 +1,4 @@
-"""Frequencies at which the effect of metal is computed, and its interpolation."""
+"""Frequencies of the effect of metal, and interpolation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROUNDING = 1e-9  # of a frequency
 
 
 def checked_frequencies(frequencies: npt.ArrayLike, *, positive: bool = False) -> FloatArray:
-    """Return frequencies (f,) in Hz of at least 0 or, if `positive`, above, or raise MetalError."""
+    """Return frequencies (f,) in Hz ≥ 0 (`positive`: > 0), or raise MetalError."""
     found = np.asarray(frequencies, dtype=np.float64)
     allowed = np.isfinite(found) & ((found > 0) if positive else (found >= 0))
     if found.ndim != 1 or not found.size or not allowed.all():
@@ -84,7 +84,7 @@ class ChangeOverFrequency:
     values: FloatArray | ComplexArray
 
     def shares(self, frequencies: FloatArray) -> FloatArray:
-        """Weights (f, nodes) of the values at the nodes, for frequencies in Hz."""
+        """Weights (f, nodes) of the nodes' values at frequencies in Hz."""
         return self.band.shares(np.clip(frequencies, self.band.low, self.band.high))
 
     def at(self, frequency: float) -> ComplexArray:

@@ -1,4 +1,4 @@
-"""Eddy currents by a stream function on a body symmetric about z = 0.
+"""Eddy currents by stream function on a symmetric body.
 
 The currents K = ∇ψ × n of linear elements ψ are free of sources and constant on each triangle:
 e_i/2A for node i, e_i the side opposite to it. With E = −jω(A + A_K) = Z K tested by such currents
@@ -32,17 +32,17 @@ from coilarray.metal.surface_impedance import SurfaceImpedance
 ROWS = 32  # triangles in one task of a pair integral
 _AT_ONCE = 128  # rows, which stay in the cache
 MIRROR = np.array([1.0, 1.0, -1.0])  # signs of the coordinates in the mirror image at the mid-plane
-# ∫ λ_i φ_j dA over the area of a triangle, with λ_i linear and φ_j quadratic: first the functions of its corners, then
-# of the middles of the opposite sides
+# ∫ λ_i φ_j dA over the area of a triangle, with λ_i linear and φ_j quadratic: first the functions
+# of its corners, then of the middles of the opposite sides
 _SHARES = np.hstack((np.eye(3) / 20 - 1 / 60, 2 / 15 - np.eye(3) / 15))
 
 
 @dataclass(frozen=True, eq=False)
 class Parity:
-    """Problem of currents that are even (sign 1) or odd (−1) about the mid-plane.
+    """Problem of even (sign 1) or odd (−1) currents.
 
-    `unknowns` (n, u) maps the unknowns to the nodes. M in H is for half the body. `faces`, `along` and `across` are the
-    parts of G of the faces, and of the rim for currents along and across it.
+    `unknowns` (n, u) maps the unknowns to the nodes. M in H is for half the body. `faces`, `along`
+    and `across` are the parts of G of the faces, and of the rim for currents along and across it.
     """
 
     sign: int
@@ -61,9 +61,10 @@ class Parity:
 
 @dataclass(frozen=True, eq=False)
 class EddyBody:
-    """Matrices of a body, computed once for all fields, places and frequencies.
+    """Matrices of a body for all fields, places, frequencies.
 
-    If there is a `finer` body, fields are integrated over its triangles. Its nodes lie between the nodes of this body.
+    If there is a `finer` body, fields are integrated over its triangles. Its nodes lie between the
+    nodes of this body.
     """
 
     mesh: HalfBody
@@ -100,7 +101,7 @@ class EddyBody:
 
     @cached_property
     def _edges(self) -> tuple[IntArray, IntArray]:
-        """Ends of all edges (e, 2), and edges (k, 3) opposite to each triangle's corners."""
+        """Ends of edges (e, 2), and edges (k, 3) opposite to corners."""
         ends = np.stack((np.roll(self.mesh.triangles, -1, axis=1), np.roll(self.mesh.triangles, -2, axis=1)), axis=-1)
         edges, number = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
         return edges, number.reshape(-1, 3)
@@ -109,8 +110,8 @@ class EddyBody:
     def fluxes(self) -> tuple[sp.csr_array, ...]:
         """∫ ψ_i φ_j n dA in m², component by component, each (n, n + e).
 
-        φ_j are the quadratic functions of the nodes and the middles of the edges, between which a field is
-        interpolated. With linear functions the error would be 1 to 3 % of ΔL.
+        φ_j are the quadratic functions of the nodes and the middles of the edges, between which a
+        field is interpolated. With linear functions the error would be 1 to 3 % of ΔL.
         """
         (edges, opposite), n, parts = self._edges, len(self.mesh.nodes), []
         rows = np.repeat(self.mesh.triangles, 6, axis=1).ravel()
@@ -158,8 +159,8 @@ class EddyBody:
     def linked_to(self, B: FloatArray, sign: int) -> tuple[FloatArray, FloatArray]:
         """∫ ψ B·n in Wb and ∫ ∇ψ·B in T·m over the whole body, (nodes, fields).
 
-        They are for potentials that are even (sign 1) or odd about the mid-plane, and fields B (fields, points, 3) in T
-        at `points`.
+        They are for potentials that are even (sign 1) or odd about the mid-plane, and fields B
+        (fields, points, 3) in T at `points`.
         """
         if self.finer is not None:
             down = self.onto_finest.T.tocsr()
@@ -200,7 +201,7 @@ class EddyBody:
 
     @property
     def points(self) -> FloatArray:
-        """Points in m about the centre of nodes, middles of edges, their images, and holes."""
+        """Points in m of nodes, edges' middles, their images, and holes."""
         mesh, edges = self.finest.mesh, self.finest._edges[0]
         caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in mesh.caps]
         half = np.concatenate((mesh.nodes, mesh.nodes[edges].mean(axis=1)))
@@ -208,7 +209,7 @@ class EddyBody:
 
     @property
     def all_corners(self) -> FloatArray:
-        """Corners (2k, 3, 3) in m of the upper half, then of its mirror image."""
+        """Corners (2k, 3, 3) in m of both halves, the upper first."""
         return np.concatenate((self.mesh.corners, self.mesh.corners * MIRROR))
 
     def linked(self, B: FloatArray) -> list[FloatArray]:
@@ -236,8 +237,8 @@ class EddyBody:
     def all_currents(self, axes: FloatArray) -> list[sp.csr_array]:
         """K on all triangles of both halves for unit unknowns, each (2k, u).
 
-        The even unknowns come first. K is along the board's axes. `axes` (3, 3) has the body's own axes on the board in
-        its rows.
+        The even unknowns come first. K is along the board's axes. `axes` (3, 3) has the body's own
+        axes on the board in its rows.
         """
         even, odd = self.parities
         parts = []
@@ -250,8 +251,8 @@ class EddyBody:
 def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirrored: bool = False) -> FloatArray:
     """∫∫ 1/r in m³ of all pairs of triangles, (k, k) or (k, l).
 
-    The triangles (k, 3, 3) are in m. With `other` triangles (l, 3, 3) the pairs are of each with each of these. With
-    `mirrored` the others are mirror images of the same triangles.
+    The triangles (k, 3, 3) are in m. With `other` triangles (l, 3, 3) the pairs are of each with
+    each of these. With `mirrored` the others are mirror images of the same triangles.
     """
     second = corners if other is None else other
     integrals = np.zeros((len(corners), len(second)))
@@ -278,8 +279,8 @@ def inductance(
 ) -> FloatArray:
     """Inductances of currents on triangles, (n, m) in H.
 
-    They are µ0/4π Σ signs K K' times integrals (k, l) in m³, for K_x, K_y and K_z (k, n) and (l, m) in 1/m. Without
-    `others` the integrals are of the same triangles, or of their images.
+    They are µ0/4π Σ signs K K' times integrals (k, l) in m³, for K_x, K_y and K_z (k, n) and (l, m)
+    in 1/m. Without `others` the integrals are of the same triangles, or of their images.
     """
     second = currents if others is None else others
     total = np.zeros((currents[0].shape[1], second[0].shape[1]))

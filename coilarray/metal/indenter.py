@@ -1,4 +1,4 @@
-"""Effect of a ball on the coils, in a dent or over the sheets.
+"""Effect of a ball in a dent or over sheets.
 
 A body on a sphere of radius a responds to the harmonics P_l of the potential there. With P̂_l
 normalised over sin θ dθ, the harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d =
@@ -41,8 +41,9 @@ _NODES = 48  # of the integral over the sphere, from pole to pole
 class SphereInDent:
     """Harmonics on a sphere for m from 0, l from max(m, 1) to the orders.
 
-    `fields`, each (orders, k), are harmonics of the dented potential for the incident potential e^{−kz} J_m(kr).
-    `returned`, each (orders, orders), are harmonics in 1/m that the sheets add for a layer of unit strength.
+    `fields`, each (orders, k), are harmonics of the dented potential for the incident potential
+    e^{−kz} J_m(kr). `returned`, each (orders, orders), are harmonics in 1/m that the sheets add for
+    a layer of unit strength.
     """
 
     fields: tuple[FloatArray, ...]
@@ -52,7 +53,7 @@ class SphereInDent:
 def sphere_in_dent(
     dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
 ) -> SphereInDent:
-    """Solve the dented sheets for a sphere on the dent's axis, lengths in m, k in 1/m."""
+    """Solve the dented sheets for a sphere, in m, k in 1/m."""
     space = DentedSpace(dent, mesh)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     r, z = radius * np.sqrt(1 - nodes**2), height + radius * nodes
@@ -75,7 +76,7 @@ def sphere_in_dent(
 
 
 def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
-    """Heights in m in the flat sheets of points in the dented sheets."""
+    """Heights in m in flat sheets of points in dented sheets."""
     anchors, faces = dent.anchors()
     moved = dent.faces(r)[:, list(faces)]
     still = np.zeros((len(r), 1))

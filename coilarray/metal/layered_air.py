@@ -49,7 +49,8 @@ def layer_of(plate: Plate) -> Layer:
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
     """Order plates and magnetic sheets upwards from z = 0 by height.
 
-    Returns the lower and upper face in m, and the layer, of each. Raises GeometryError if they overlap.
+    Returns the lower and upper face in m, and the layer, of each. Raises GeometryError if they
+    overlap.
     """
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
@@ -94,7 +95,7 @@ ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))  # the source itself, in
 
 @dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Infinite layers upwards, faces (n, 2) in m, and the air between, frequencies in Hz."""
+    """Infinite layers, faces (n, 2) in m, air between, frequencies in Hz."""
 
     layers: tuple[Layer, ...]
     faces: FloatArray
@@ -102,13 +103,13 @@ class LayeredAir:
 
     @classmethod
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
-        """Combine plates and the sheets upwards from z = 0, which must not overlap."""
+        """Combine plates and sheets from z = 0, which may not overlap."""
         bodies = layers_apart(plates, sheets)
         faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
     def gap(self, low: float, high: float, what: str) -> int:
-        """Find the gap, from below, that contains all heights in m, or raise MetalError."""
+        """Find the gap that contains all heights in m, or raise MetalError."""
         number = int((self.faces[:, 0] < (low + high) / 2).sum())
         floor, roof = self.gap_faces(number)
         if low < floor - TOUCHING or high > roof + TOUCHING:
@@ -120,15 +121,15 @@ class LayeredAir:
         return number
 
     def gap_faces(self, number: int) -> tuple[float, float]:
-        """Heights in m of the lower and upper face of a gap, infinite without a body."""
+        """Heights in m of a gap's faces, infinite without a body."""
         floor = self.faces[number - 1, 1] if number else -math.inf
         return float(floor), float(self.faces[number, 0]) if number < len(self.faces) else math.inf
 
     def images(self, source: tuple[int, float, float], place: tuple[int, float, float], extent: float) -> list[Image]:
-        """Find the images of a source, without the source itself in its own gap.
+        """Find the images of a source without the source itself.
 
-        `source` and `place` of the field are the index of the gap, and least and greatest height in m. `extent` is the
-        greatest horizontal distance in m between them.
+        `source` and `place` of the field are the index of the gap, and least and greatest height in
+        m. `extent` is the greatest horizontal distance in m between them.
         """
         if not self.layers:
             return []
@@ -156,7 +157,7 @@ class LayeredAir:
         return found
 
     def weights(self, k: FloatArray, source: int, place: int) -> tuple[ComplexArray, ...]:
-        """Weights (f, k) of the four ways to the same or a higher gap."""
+        """Weights (f, k) of the four ways between gaps."""
         omega = 2 * np.pi * self.frequencies[:, None]
         floor, roof = self.gap_faces(source)
         up, down = (layer_waves(self._outwards(source, up=side), k, omega) for side in (True, False))
@@ -187,7 +188,7 @@ class LayeredAir:
 
 
 def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> list[tuple[float, ComplexArray]]:
-    """Distances in m and shares (f,) of images that sum up to the weights (f, k)."""
+    """Distances in m and shares (f,) of images for weights (f, k)."""
     # two loops couple by the square of the wave that both see, and less for waves beyond the extent
     counted = np.exp(-k * way) * np.minimum(k * (extent + way), 1.0) ** 2
     wanted = weights * counted

@@ -1,4 +1,4 @@
-"""Finite magnetic plates with a small skin depth, such as steel targets.
+"""Finite magnetic plates with a small skin depth.
 
 Currents in the metal's skin leave no field deep inside, but iron also guides flux along its
 surface. With k = (1 + j)/δ the field in the skin falls as e^{−kζ}, and div B = 0 gives at the
@@ -64,7 +64,7 @@ _AT_EDGE = 0.5  # skin depths on either side of an edge
 
 
 def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[FinitePlate]) -> None:
-    """Raise MetalError for a magnetic plate, beside others, that is not computed."""
+    """Raise MetalError for a magnetic plate that is not computed."""
     depth = max(plate.material.skin_depth(f) for f in frequencies.tolist())
     if plate.thickness < _DEPTHS * depth:
         raise MetalError(
@@ -158,8 +158,8 @@ class Potentials:
     def double_layer(self, outside: ComplexArray) -> ComplexArray:
         """Density ν in A of a double layer that has the potential φ outside.
 
-        (½ + K) ν = φ for potentials φ (unknowns, paths), tested by the means of the linear functions over the
-        triangles.
+        (½ + K) ν = φ for potentials φ (unknowns, paths), tested by the means of the linear
+        functions over the triangles.
         """
         known, weighed = self.known, self.means.T @ sp.diags_array(1 / np.asarray(self.means.sum(axis=1)))
         matrix = np.asarray(weighed @ np.asarray(self.means - self.rest))[known, known]
@@ -195,7 +195,7 @@ def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potent
 
 
 def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
-    """Shares of each triangle's ∫ H² (k,) within a depth in m of an edge, for |ℓ|."""
+    """Shares of each triangle's ∫ H² (k,) near an edge, for |ℓ|."""
     nodes, edge = body.mesh.nodes, shapely.LinearRing(body.mesh.nodes[body.mesh.ring, :2])
 
     def grown(away: FloatArray | float) -> FloatArray:
@@ -206,13 +206,13 @@ def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
     corners = grown(away)[body.mesh.triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
     reached, span = grown(depth) - low, high - low
-    # a triangle with three corners at the same distance from the edge, as in a corner of the outline, is inside or
-    # outside
+    # a triangle with three corners at the same distance from the edge, as in a corner of the
+    # outline, is inside or outside
     return np.asarray(np.clip(np.divide(reached, span, out=np.sign(reached), where=span > 0), 0.0, 1.0))
 
 
 def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:
-    """∫ ∇v·∇v' over a share of each triangle of both halves, (n, n), equal on both."""
+    """∫ ∇v·∇v' over shares of triangles, equal on both halves, (n, n)."""
     areas = sp.diags_array(2 * body.areas * shares)
     return sp.csr_array(sum(G.T @ areas @ G for G in body.gradients))
 
@@ -220,8 +220,8 @@ def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:
 def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Exterior operators V in m³, ½ − K in m² and W in m of a parity.
 
-    They are for both halves, for even (sign 1) or odd values about the mid-plane. Shapes (k, k), (k, n) and (n, n), by
-    the triangles and the nodes of the upper half.
+    They are for both halves, for even (sign 1) or odd values about the mid-plane. Shapes (k, k),
+    (k, n) and (n, n), by the triangles and the nodes of the upper half.
     """
     (own, image), (M, M_image), mesh = body.integrals, body.inductances, body.mesh
     corners, n = mesh.corners, len(mesh.nodes)
@@ -240,7 +240,7 @@ def _means(body: EddyBody) -> sp.csr_array:
 
 
 def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
-    """Potentials at every frequency, even and odd separately unless layers couple them."""
+    """Potentials by frequency, even and odd if layers allow."""
     body, count = plate.body, len(around.air.frequencies)
     if not around.air.layers:
         loads = _loads(around.paths, plate, [ITSELF], ONE_IMAGE)
@@ -287,7 +287,7 @@ def _bases(body: EddyBody) -> list[tuple[IntArray, sp.csr_array]]:
 
 
 def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
-    """Return the upper half's free nodes, without the rim if odd, and their map to both halves."""
+    """Upper half's free nodes (odd: without rim), and their map."""
     n = len(body.mesh.nodes)
     used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
     upper = sp.eye_array(n, format="csr")[:, used]

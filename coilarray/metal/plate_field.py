@@ -1,4 +1,4 @@
-"""Field and eddy currents between infinite plates on grids, for pictures.
+"""Field and eddy currents between infinite plates on grids.
 
 The rest of the field follows from the vertical flux density b of every plane wave
 (`coilarray.electromagnetics.flat_stack`). B along the layers is ∇(b'/k²). The induced field is E =
@@ -58,7 +58,7 @@ def _layers(
 
 @dataclass(frozen=True, eq=False)
 class _Waves:
-    """Waves on both sides of coils as seen from each side, and currents in A."""
+    """Waves on both sides of coils, and currents in A."""
 
     up: LayerWaves
     down: LayerWaves
@@ -67,7 +67,7 @@ class _Waves:
     between: FloatArray  # e^{−kD} between both reference planes
 
     def amplitudes(self, above: bool) -> tuple[ComplexArray, ComplexArray]:
-        """Return b at a side's first face per wave that the coils send.
+        """Return b at a side's first face per sent wave.
 
         The first is for waves to this side, the second for waves to the other side.
         """
@@ -205,8 +205,8 @@ def _on_grid(
 ) -> ComplexArray:
     """Sum the waves on a grid with profiles over height, (3, n, nx, ny).
 
-    The result is ∇ along the plane of the waves times `profiles` and the waves times `slopes`, each (n, k), less
-    `free`, per unit of b at the side's first face.
+    The result is ∇ along the plane of the waves times `profiles` and the waves times `slopes`, each
+    (n, k), less `free`, per unit of b at the side's first face.
     """
     total = np.zeros((3, len(profiles), len(x), len(y)), dtype=np.complex128)
     mine, others = waves.amplitudes(above)
@@ -224,13 +224,13 @@ def _on_grid(
 
 
 def _least_way(side: Sequence[Layer], other: Sequence[Layer], beyond: float) -> float:
-    """Least way in m of a wave from copper to a place `beyond` it by a body."""
+    """Least way in m from copper to a place `beyond` it."""
     near, far = (_gap(one) for one in (side, other))
     return beyond if beyond >= near else min(2 * near - beyond, 2 * far + beyond)
 
 
 def _gap(side: Sequence[Layer]) -> float:
-    """Thickness in m of the air before the first body, inf without a body."""
+    """Thickness in m of the air before a body, or inf."""
     if not side:
         return math.inf
     return side[0].thickness if side[0] == Layer(side[0].thickness) else 0.0

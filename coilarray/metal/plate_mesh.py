@@ -79,8 +79,9 @@ class HalfBody:
 class Footprint:
     """Area of the copper as seen from a moving plate.
 
-    `area` has its outlines in the plate's plane in m. `height` in m is the least distance from it across the plane.
-    `spread` in m is the least width of any winding, from its innermost to its outermost turn.
+    `area` has its outlines in the plate's plane in m. `height` in m is the least distance from it
+    across the plane. `spread` in m is the least width of any winding, from its innermost to its
+    outermost turn.
     """
 
     area: BaseGeometry
@@ -100,10 +101,11 @@ def inscribed_radius(outline: Outline) -> float:
 def plate_meshes(
     outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None
 ) -> tuple[HalfBody, HalfBody]:
-    """Mesh the upper half of a plate about its centre, with lengths and half of them.
+    """Mesh a plate's upper half twice, with halved element lengths.
 
-    `fineness` 2 has half the lengths of 1. The meshes are finer if the plate is near the copper `above` or below it.
-    Raises GeometryError for a fineness that is not positive and finite, and for an outline too large or narrow.
+    `fineness` 2 has half the lengths of 1. The meshes are finer if the plate is near the copper
+    `above` or below it. Raises GeometryError for a fineness that is not positive and finite, and
+    for an outline too large or narrow.
     """
     require_positive("fineness of a mesh", fineness, "")
     plane = _plane(outline)
@@ -165,7 +167,7 @@ class _Layout:
         return [np.arange(first, stop) for first, stop in itertools.pairwise(starts)]
 
     def refined(self) -> _Layout:
-        """Divide every triangle in four. New nodes of the rims follow the outline."""
+        """Divide triangles in four, with new rim nodes on the outline."""
         places, ways, deepest = [], [], self.depths[-1]
         for rim, place, loop, way in zip(self.rims, self.places, self.loops, self.ways, strict=True):
             after = np.append(place[1:], place[0] + rim.length)
@@ -208,7 +210,7 @@ class _Layout:
         )
 
     def _parents(self, edges: IntArray) -> IntArray:
-        """Nodes between which each refined node lies, `edges` of new inner nodes."""
+        """Parents of refined nodes, `edges` of new inner nodes."""
         width, levels = sum(map(len, self.places)), len(self.depths)
         column = np.concatenate([_interleaved(loop, loop) for loop in self.order])
         after = np.concatenate([_interleaved(loop, np.roll(loop, -1)) for loop in self.order])
@@ -267,7 +269,7 @@ class _Layout:
 
 @dataclass(frozen=True, eq=False)
 class _Required:
-    """Sides of triangles that the distance of the `copper` requires, at most a `step` in m."""
+    """Sides in m that the `copper` requires, at most a `step`."""
 
     step: float
     fineness: float
@@ -289,7 +291,7 @@ class _Required:
 
 
 def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: Footprint | None) -> _Layout:
-    """Lay out the coarser of two meshes: nodes of the rims, strips inwards, and the lattice inside."""
+    """Lay out the coarser mesh: rims, strips inwards, lattice inside."""
     inscribed = float(shapely.maximum_inscribed_circle(plane).length)
     outer, *holes = (ring.simplify(_SAGITTA * inscribed).coords for ring in (plane.exterior, *plane.interiors))
     plane = shapely.orient_polygons(shapely.Polygon(outer, holes))
@@ -350,10 +352,11 @@ def _plane(outline: Outline) -> shapely.Polygon:
 
 @dataclass(frozen=True, eq=False)
 class _Rim:
-    """Ring by its corners (n, 2) in m and their places (n + 1,) in m along it.
+    """Ring by corners (n, 2) and places (n + 1,) along it, in m.
 
-    `before` and `after` (n, 2) are the unit normals to the left at both ends of every side, and `middle` (n, 2) the
-    normals at the corners. `turns` (n,) are the angles there in rad, positive to the left.
+    `before` and `after` (n, 2) are the unit normals to the left at both ends of every side, and
+    `middle` (n, 2) the normals at the corners. `turns` (n,) are the angles there in rad, positive
+    to the left.
     """
 
     corners: FloatArray
@@ -389,7 +392,7 @@ class _Rim:
         return np.flatnonzero(np.abs(self.turns) > _CORNER)
 
     def at(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Points (n, 2) in m, and unit normals to the left, at places (n,) in m."""
+        """Points (n, 2) and unit normals to the left, places in m."""
         places = places % self.length
         side = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.corners) - 1)
         share = ((places - self.ends[side]) / np.diff(self.ends)[side])[:, None]
@@ -399,7 +402,7 @@ class _Rim:
         return points, normals / np.hypot(*normals.T)[:, None]
 
     def chords(self, places: FloatArray) -> FloatArray:
-        """Corners (n, 2) in m at places (n,) in m of a polygon of the ring's area."""
+        """Corners (n, 2) at places in m of an equal-area polygon."""
         points, normals = self.at(places)
         side = np.searchsorted(self.ends, places % self.length, side="right") - 1
         start = self.corners[side]
@@ -414,7 +417,7 @@ class _Rim:
         return np.asarray(points - np.where(turned, 0.0, out)[:, None] * normals)
 
     def samples(self, step: float) -> FloatArray:
-        """Places in m at most a `step` apart, with the corners and some between sharp ones."""
+        """Places in m at most a `step` apart, with corners and some between."""
         sharp = self.ends[self.sharp]
         between = np.diff(np.append(sharp, sharp[0] + self.length)) if len(sharp) else np.array([self.length])
         steps = np.minimum(step, (between / 6)[np.searchsorted(sharp, self.ends[:-1], side="right") - 1])
@@ -481,7 +484,7 @@ def _section(
     fewest: int,
     fineness: float,
 ) -> FloatArray:
-    """Divide a rim between two places in m by sizes, radii and turns."""
+    """Divide a rim between places in m by sizes, radii, turns."""
     fine = np.linspace(start, stop, 1 + max(64, 4 * math.ceil((stop - start) / float(sizes.min()))))
     middles = (fine[1:] + fine[:-1]) / 2
     pieces = np.diff(fine) / np.interp(middles, places, sizes, period=rim.length)
@@ -501,9 +504,10 @@ def _section(
 
 
 def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apart: FloatArray) -> FloatArray:
-    """Radii in m of the largest circles that touch a rim on its left.
+    """Radii in m of the largest circles left of a rim.
 
-    They touch at points (n, 2), by samples of all rims. Samples nearer than `apart` (n,) in m do not count.
+    They touch at points (n, 2), by samples of all rims. Samples nearer than `apart` (n,) in m do
+    not count.
     """
     away = samples[None] - points[:, None]
     squares, height = (away**2).sum(axis=2), np.einsum("nsi,ni->ns", away, normals)
@@ -512,7 +516,7 @@ def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apar
 
 
 def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> FloatArray:
-    """Distances in m from points (n, 2) along the normals to the next rim.
+    """Distances in m from points (n, 2) to the next rim.
 
     The points are of all rims, `counts` on each.
     """
@@ -558,8 +562,8 @@ def _has_room(loops: Sequence[FloatArray], ways: Sequence[FloatArray], depth: fl
 def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes) -> tuple[FloatArray, IntArray]:
     """Points and triangles of a triangular lattice inside loops.
 
-    The triangles are of the loops' points followed by the lattice's points. Each step divided by two keeps the points
-    of the coarser lattice.
+    The triangles are of the loops' points followed by the lattice's points. Each step divided by
+    two keeps the points of the coarser lattice.
     """
     plane = shapely.Polygon(loops[0], loops[1:])
     shapely.prepare(plane)
@@ -643,13 +647,13 @@ def _with_middles(values: FloatArray) -> FloatArray:
 
 
 def _band(upper: IntArray, lower: IntArray) -> IntArray:
-    """Triangles between two closed rows of as many nodes, `lower` right of `upper`."""
+    """Triangles between two closed rows of equally many nodes."""
     after, below = np.roll(upper, -1), np.roll(lower, -1)
     return np.concatenate((np.column_stack((upper, lower, below)), np.column_stack((upper, below, after))))
 
 
 def _cap(loop: FloatArray, step: float, sizes: Sizes) -> tuple[FloatArray, FloatArray]:
-    """Points and weights in m² of a rule of second degree over a hole."""
+    """Points and weights in m² of a hole's quadratic rule."""
     finest = float(sizes(np.concatenate((loop, [loop.mean(axis=0)]))).min())
     points, triangles = _lattice([loop], step, finest, sizes)
     together = np.concatenate((loop, points))

@@ -1,4 +1,4 @@
-"""Surface impedance of a plate for any thickness over skin depth.
+"""Surface impedance of a plate of any thickness.
 
 Currents on both faces of a plate in air represent the currents in it. With k² = jωµ0σ and κ the
 wavenumber along the plate, a vector potential that is even about the mid-plane is A
@@ -39,10 +39,11 @@ from coilarray.geometry.bodies import Material
 _TERMS = 4096  # of F, whose remainder falls as their number squared, or in thick plates by itself
 _STIFF = 1e-6  # of the thickness: below this |F| the rim carries no current along it, to double precision
 _WEAK = 1e-6  # |k²| over κ² + 4/t², below which differences are taken by the derivative
-# discs of copper within a loop, by finite elements: the error of ΔL is 0.2 to 0.35 of the skin depth over the radius,
-# the error of ΔR −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4 and 13 % at 2. It is less in thinner
-# discs, whose currents flow through the whole thickness and are taken at faces and rim. For ΔL the first value is of
-# half the thickness, or of the skin depth if that is less
+# discs of copper within a loop, by finite elements: the error of ΔL is 0.2 to 0.35 of the skin
+# depth over the radius, the error of ΔR −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4
+# and 13 % at 2. It is less in thinner discs, whose currents flow through the whole thickness and
+# are taken at faces and rim. For ΔL the first value is of half the thickness, or of the skin depth
+# if that is less
 _AT_RIM = 0.5, 0.13
 _THIN = 2.0  # skin depths
 _DEEP = 20.0  # real part of γt/2, beyond which tanh is 1
@@ -50,7 +51,7 @@ _DEEP = 20.0  # real part of γt/2, beyond which tanh is 1
 
 @dataclass(frozen=True)
 class SurfaceImpedance:
-    """λ = Z/jω in H of faces for even and odd fields, and of the rim along and across."""
+    """λ = Z/jω in H of faces (even, odd) and rim (along, across)."""
 
     even: complex
     odd: complex
@@ -59,7 +60,7 @@ class SurfaceImpedance:
 
 
 def surface_impedance(material: Material, thickness: float, frequency: float, kappa: float) -> SurfaceImpedance:
-    """Compute the impedances of a plate that is not magnetic, in m, Hz and 1/m."""
+    """Compute the impedances of a plate without iron, in SI units."""
     if math.isinf(material.conductivity):
         return SurfaceImpedance(0, 0, 0, 0)
     even, odd = _faces(material, thickness, frequency, kappa)
@@ -78,8 +79,8 @@ def surface_impedance(material: Material, thickness: float, frequency: float, ka
 class ModelError:
     """Estimated relative errors of a plate's ΔL and ΔR.
 
-    `whole` is the error of ΔL − jΔR/ω as a complex number. `depths` is the plate's thickness in skin depths, 0 for a
-    perfect conductor, which has no errors.
+    `whole` is the error of ΔL − jΔR/ω as a complex number. `depths` is the plate's thickness in
+    skin depths, 0 for a perfect conductor, which has no errors.
     """
 
     whole: float = 0.0
@@ -94,7 +95,7 @@ class ModelError:
         )
 
     def or_worse(self, other: ModelError) -> ModelError:
-        """Return the larger of each error, with the depths of the larger of ΔR."""
+        """Return the larger of each error, with its depths for ΔR."""
         return ModelError(
             max(self.whole, other.whole),
             max(self.inductance, other.inductance),
@@ -130,7 +131,7 @@ def model_error(material: Material, thickness: float, frequency: float, taken: f
 
 
 def own_share(material: Material, thickness: float, frequency: float, kappa: float) -> float:
-    """Share of currents' own field at κ in 1/m in their driving field, 1 in perfect conductors."""
+    """Share of currents' own field in their driving field (perfect conductors: 1)."""
     if math.isinf(material.conductivity):
         return 1.0
     even, _ = _faces(material, thickness, frequency, kappa)
@@ -138,7 +139,7 @@ def own_share(material: Material, thickness: float, frequency: float, kappa: flo
 
 
 def with_rim(error: ModelError, thickness: float, inscribed: float, nearest: float, margin: float) -> ModelError:
-    """Add the error by the sharp rim of a plate without iron.
+    """Add the error by a non-magnetic plate's sharp rim.
 
     The model includes only the mean current of the rim. `nearest` is the distance d in m between
     the planes of plate and coils, `margin` m the extension of the plate beyond the coils. The eddy

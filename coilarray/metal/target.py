@@ -1,4 +1,4 @@
-"""Effect of a moved body on the coils, for any kind of body."""
+"""Effect of a moved body of any kind on the coils."""
 
 from __future__ import annotations
 

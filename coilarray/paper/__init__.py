@@ -1,1 +1,1 @@
-"""Models and tables of Gast & Zimmermann (2020) and of their paper on a FEM model."""
+"""Models and tables of Gast & Zimmermann (2020) and their FEM paper."""

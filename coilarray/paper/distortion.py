@@ -1,4 +1,4 @@
-"""Causes of the motion of a coil's fitted centre with δ.
+"""Causes of the motion of a fitted centre with δ.
 
 The computed maps are processed as in the paper, with each cause switched off in turn. Nothing here
 is fitted to x0. The effect of a cause is the part that x0 loses if the cause is switched off.
@@ -41,8 +41,9 @@ _BALLS = ("steel", "aluminium", "ferrite")  # materials that a hemisphere may ha
 class EllipseCurves:
     """Ellipse parameters over δ of every state, in m.
 
-    They are x0, A and B of shape (states, deltas), NaN if the map has no such level. `undetermined` of the same shape
-    marks levels whose points do not determine the ellipse, see `coilarray.paper.ellipse`.
+    They are x0, A and B of shape (states, deltas), NaN if the map has no such level. `undetermined`
+    of the same shape marks levels whose points do not determine the ellipse, see
+    `coilarray.paper.ellipse`.
     """
 
     x0: FloatArray
@@ -172,7 +173,7 @@ DISTORTION = Schema(
 
 
 def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
-    """Return the deviations over draws of x0 with neighbours grounded and open (draw, 2, state, delta)."""
+    """Deviations of x0 over draws, (draw, 2, state, delta): grounded and open neighbours."""
     effect, rms = np.full(result.effect.shape, np.nan), np.full(result.rms.shape, np.nan)
     neighbours = drawn[:, 0] - drawn[:, 1]
     effect[0], rms[0] = neighbours.std(axis=0, ddof=1), _rms(neighbours).std(axis=0, ddof=1)
@@ -181,7 +182,7 @@ def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
 
 
 class _Maps:
-    """Maps of a design on its own, a larger or a finer grid, counted for a progress bar."""
+    """Maps of a design on several grids, counted for progress."""
 
     def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None, draws: int = 0) -> None:
         self._design, self._imperfections = design, imperfections
@@ -197,8 +198,8 @@ class _Maps:
     def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
         """Compute the map of the first depth.
 
-        The window is wider by `widen` in m on each side, at most up to the edges of the sample, and the step is
-        divided.
+        The window is wider by `widen` in m on each side, at most up to the edges of the sample, and
+        the step is divided.
         """
         setup = indentation_of(self._design).in_ellipse_window()
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
@@ -211,7 +212,7 @@ class _Maps:
         return response_map(self._design, depths=depths, x=x, y=y, imperfections=given, progress=self.count)
 
     def turned(self, base: xr.Dataset) -> xr.Dataset:
-        """Average every coil with itself turned by half a turn, without leads and asymmetry."""
+        """Average every coil with itself turned by half a turn."""
         paths = self._design.array.conductors()
         about = zip(paths, self._design.array.centres, strict=True)
         turned = [_placed(path, path.vertices * [-1.0, -1.0, 1.0] + [*(2 * centre), 0.0]) for path, centre in about]
@@ -229,7 +230,7 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
-        """Compute maps with an indenter of metal and of ferrite, by material; none if it is no such ball."""
+        """Compute maps with metal and ferrite indenters, if it is a ball."""
         setup = indentation_of(self._design)
         if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
             return {}
@@ -252,7 +253,7 @@ class _Maps:
 
 
 def _axis(given: Sequence[float], more: float, parts: int) -> FloatArray:
-    """Extend and refine the positions of one axis. They are extended on both sides and the step is divided."""
+    """Extend the positions on both sides and divide their step."""
     axis = np.asarray(given)
     if len(axis) < 2:
         return axis
@@ -278,7 +279,7 @@ def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Datase
 
 
 def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:
-    """Fit the ellipses of a map's first depth at given levels, linear in δ between the steps."""
+    """Fit the ellipses of the first depth at levels, linear between."""
     fits = fit_ellipses(response, states=states)
     curves = np.full((len(PARAMETERS), len(states), len(levels)), np.nan)
     undetermined = np.zeros((len(states), len(levels)), dtype=bool)
@@ -292,7 +293,7 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
 
 
 def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Middle in m of the two places on y = 0 where the hill of a state falls to a level."""
+    """Middle in m of a hill's two crossings of a level on y = 0."""
     middles = np.full((len(states), len(levels)), np.nan)
     for row, state in enumerate(states):
         fine = refined_map(response.delta.isel(depth=0).sel(state=state))
@@ -313,8 +314,8 @@ def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) ->
 def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
     """Scatter of x0 under reading noise, in m.
 
-    It is the standard deviation of x0 over a few seeded maps. Noise that is common to the coils is drawn once per map,
-    as L_0 is read once. It shifts the level of a whole map.
+    It is the standard deviation of x0 over a few seeded maps. Noise that is common to the coils is
+    drawn once per map, as L_0 is read once. It shifts the level of a whole map.
     """
     runs = []
     for seed in range(_SEEDS):
@@ -376,6 +377,6 @@ def _published(states: Sequence[str], levels: FloatArray) -> EllipseCurves:
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    """Root mean square over δ, without NaN values. It is NaN if nothing is left."""
+    """Root mean square over δ without NaN, NaN if nothing is left."""
     count = np.isfinite(values).sum(axis=-1)
     return np.asarray(np.sqrt(np.nansum(values**2, axis=-1) / np.where(count > 0, count, np.nan)))

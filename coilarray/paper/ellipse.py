@@ -1,4 +1,4 @@
-"""Ellipses through level curves, the first half of the paper's model.
+"""Ellipses through level curves, half of the paper's model.
 
 For a state of the scan and one depth, δ(x, y) is a hill over the coil. Its curves of equal δ are
 modelled as ellipses
@@ -59,8 +59,9 @@ PARAMETERS = ("x0", "A", "B")
 """Names of the parameters of an ellipse, in the order of every row of them."""
 
 REFINEMENT = 20
-"""Divisions of every spacing of the sampled grid. The result is within 0.03 mm of 80 divisions on the paper's board,
-while 5 are within 0.12 mm."""
+"""Divisions of every spacing of the grid.
+
+On the paper's board the result is within 0.03 mm of 80 divisions, with 5 within 0.12 mm."""
 
 THRESHOLD = 2e-5
 """Half width of a level in δ, Sect. 5 of the paper."""
@@ -85,8 +86,8 @@ _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic 
 class Ellipse:
     """Ellipse with its centre on y = 0, in m.
 
-    (x − x0)²/A² + y²/B² = 1. Raises LocalizeError for a centre that is not finite, or a semi-axis that is not positive
-    and finite.
+    (x − x0)²/A² + y²/B² = 1. Raises LocalizeError for a centre that is not finite, or a semi-axis
+    that is not positive and finite.
     """
 
     x0: float
@@ -101,7 +102,7 @@ class Ellipse:
             )
 
     def distance(self, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
-        """Distance of points from the curve in m. It is along the ray from the centre and negative inside."""
+        """Distance in m from the curve along rays, negative inside."""
         u, v = np.subtract(x, self.x0), np.asarray(y, dtype=np.float64)
         angle = np.arctan2(v, u)
         return np.asarray(np.hypot(u, v) - 1 / np.hypot(np.cos(angle) / self.A, np.sin(angle) / self.B))
@@ -147,7 +148,8 @@ def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent:
     mean = float(x.mean())
     centre, A, B = (ellipse.x0 - mean) / length, ellipse.A / length, ellipse.B / length
     u, v = (x - mean) / length - centre, y / length
-    # a u² + c y² + d u − 1 of fit_ellipse is E/K with E = (u − u0)²/A² + y²/B² − 1 and K = 1 − u0²/A²
+    # a u² + c y² + d u − 1 of fit_ellipse is E/K with E = (u − u0)²/A² + y²/B² − 1 and K = 1 −
+    # u0²/A²
     K = 1 - (centre / A) ** 2
     residual = ((u / A) ** 2 + (v / B) ** 2 - 1) / K
     slopes = np.stack([-2 * u / A**2, -2 * u**2 / A**3, -2 * v**2 / B**3], axis=-1)
@@ -164,7 +166,7 @@ def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent:
 
 
 def closes(x: FloatArray, x0: float, A: float) -> bool:
-    """Test whether points at x (n,) reach `LEAST_REACH` semi-axes beyond the centre on both sides."""
+    """Test whether points (n,) reach `LEAST_REACH` semi-axes on both sides."""
     return bool(len(x) and min(x0 - float(x.min()), float(x.max()) - x0) >= LEAST_REACH * A)
 
 
@@ -196,20 +198,21 @@ def fit_ellipses(
 ) -> xr.Dataset:
     """Fit an ellipse to each level of a response.
 
-    Raises LocalizeError A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that
-    are not on y = 0, a state without closed curves or without any ellipse, settings that are not positive, more than
-    3000 levels or 10⁹ points in all of them.
+    Raises LocalizeError A response without δ or the wanted state or depth, a map that `refined_map`
+    refuses, coils that are not on y = 0, a state without closed curves or without any ellipse,
+    settings that are not positive, more than 3000 levels or 10⁹ points in all of them.
 
     Parameters
     ----------
     response : xarray.Dataset
-        Measured or simulated response: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the coils'
-        axis. If the map has a window for ellipses (`coilarray.Indentation`), only the window is used.
+        Measured or simulated response: ``delta`` (depth, y, x, state) with the coordinates in m, y
+        = 0 on the coils' axis. If the map has a window for ellipses (`coilarray.Indentation`), only
+        the window is used.
     depth : float, optional
         Depth in m that the response has. By default its first depth.
     states : sequence of str, optional
-        States to fit. By default every state whose largest δ lies within the map and above five levels. The curves
-        around a maximum at the map's edge do not close.
+        States to fit. By default every state whose largest δ lies within the map and above five
+        levels. The curves around a maximum at the map's edge do not close.
     refinement : int
         Parts of every spacing of the grid.
     threshold : float
@@ -220,17 +223,18 @@ def fit_ellipses(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta`` is the mean of the level's
-        points. ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width of the level
-        is part of it), are in m. ``x0_std``, ``A_std`` and ``B_std`` follow from `standard_errors`, with all points in
-        a cell of the sampled grid counted as one. ``undetermined`` marks ellipses that their points do not determine.
-        ``points`` is their number. ``refused`` is the reason why a step has no ellipse, empty if it has one. Refused
-        steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
+        Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta`` is the
+        mean of the level's points. ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from
+        the centre (half the width of the level is part of it), are in m. ``x0_std``, ``A_std`` and
+        ``B_std`` follow from `standard_errors`, with all points in a cell of the sampled grid
+        counted as one. ``undetermined`` marks ellipses that their points do not determine.
+        ``points`` is their number. ``refused`` is the reason why a step has no ellipse, empty if it
+        has one. Refused steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
 
     Notes
     -----
-    Follows Sect. 5 of Gast & Zimmermann (2020). The docstring of the module lists the details that the paper leaves
-    open.
+    Follows Sect. 5 of Gast & Zimmermann (2020). The docstring of the module lists the details that
+    the paper leaves open.
     """
     response = in_ellipse_window(response)
     delta = _delta(response, depth)
@@ -255,7 +259,7 @@ def fit_ellipses(
 
 @dataclass(frozen=True)
 class _Level:
-    """Step of the sweep with its ellipse. It holds the mean δ. If there is no ellipse it holds the reason."""
+    """Step of the sweep: mean δ, ellipse or reason without it."""
 
     points: int
     delta: float = np.nan
@@ -294,7 +298,7 @@ def _fit_levels(
 
 
 def _fit_level(fine: xr.DataArray, rows: IntArray, columns: IntArray, refinement: int, spacing: float) -> _Level:
-    """Fit the points of one level, (n,) rows and columns of the refined map."""
+    """Fit the points of a level, rows and columns (n,)."""
     along, across, values = fine.x.values, fine.y.values, fine.values
     if len(rows) < LEAST_POINTS:
         return _Level(len(rows), refused="too few points")
@@ -329,7 +333,7 @@ def _delta(response: xr.Dataset, depth: float | None) -> xr.DataArray:
 
 
 def _with_a_peak(delta: xr.DataArray, states: Sequence[str] | None, least: float) -> list[str]:
-    """States whose curves close within the map, which all given states must do."""
+    """States whose curves close in the map, as given states must."""
     known = [str(state) for state in delta.state.values]
     wanted = known if states is None else list(states)
     for state in wanted:
@@ -369,7 +373,7 @@ def _require_few_levels(largest: float, step: float, points: int) -> None:
 
 
 def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) -> None:
-    """Refuse a map whose y does not count from the axis of its coils, where it states them."""
+    """Refuse a map whose y does not start at its coils' axis."""
     if not {"coil", "coil_y"} <= set(response.coords):
         return
     spacing = float(np.abs(np.diff(delta.y.values)).min(initial=np.inf))

@@ -52,7 +52,7 @@ DEGREE = 4
 """Degree of the polynomials, Eq. 4."""
 
 SEMIAXIS_ADDITION = 0.2e-3
-"""Addition of the paper to every A_i so that ellipses intersect in spite of errors, in m (Sect. 5)."""
+"""Paper's addition to every A_i in m so that ellipses intersect in spite of errors (Sect. 5)."""
 
 CENTRE_SHARE = 1e-3 / 1.2e-3
 """Share of the largest δ from which a reading counts as near the coil's centre (Sect. 5 and 6)."""
@@ -74,7 +74,7 @@ _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest se
 class CoilEllipses:
     """Ellipses of one coil as polynomials of δ.
 
-    `state` is the state in which the coil is measured. `x0`, `A` and `B` are coefficients p4 … p0
+    They are named after the state in which the coil is measured. `x0`, `A` and `B` are coefficients p4 … p0
     in m, for δ from `lowest` to `highest`. From `centre` on the indentation counts as near the
     coil's centre.
     """
@@ -104,13 +104,13 @@ class CoilEllipses:
             raise LocalizeError(f"centre of {self.name} must be positive and finite; got {self.centre:g}.")
 
     def curves(self, delta: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return x0, A and B in m at any δ. Each has the shape of `delta`. Nothing is checked."""
+        """Return x0, A and B in m at any δ, unchecked."""
         at = np.asarray(delta, dtype=np.float64)
         x0, A, B = (np.asarray(np.polyval(p, at)) for p in (self.x0, self.A, self.B))
         return x0, A, B
 
     def covers(self, delta: float) -> bool:
-        """Test whether a reading is within the range of δ. NaN is not."""
+        """Test whether a reading is within the range (NaN: no)."""
         return self.lowest <= delta <= self.highest
 
     def check(self, delta: float) -> None:
@@ -121,7 +121,7 @@ class CoilEllipses:
             )
 
     def ellipse(self, delta: float) -> Ellipse:
-        """Return the ellipse of a reading. Raises LocalizeError beyond the range, or if a semi-axis is not positive."""
+        """Return the ellipse of a reading, or raise LocalizeError."""
         self.check(delta)
         x0, A, B = (float(value) for value in self.curves(delta))
         if min(A, B) < _SHORTEST:
@@ -135,8 +135,8 @@ class CoilEllipses:
 class EllipseModel:
     """Coils of a row and their ellipses.
 
-    They are in the order of the row, in which neighbours overlap. Raises LocalizeError for no coils, or two of one
-    name.
+    They are in the order of the row, in which neighbours overlap. Raises LocalizeError for no
+    coils, or two of one name.
     """
 
     coils: tuple[CoilEllipses, ...]
@@ -153,7 +153,7 @@ class EllipseModel:
         return tuple(coil.name for coil in self.coils)
 
     def __getitem__(self, name: str) -> CoilEllipses:
-        """Return the coil of a name. Raises LocalizeError if there is none."""
+        """Return the coil of a name, or raise LocalizeError."""
         for coil in self.coils:
             if coil.name == name:
                 return coil
@@ -168,7 +168,8 @@ class EllipseModel:
 class EllipsePosition:
     """Intersection of two coils' ellipses, by the paper's case.
 
-    x is along the row and y is the distance from it, in m. y is not negative: the indentation is at y or at −y.
+    x is along the row and y is the distance from it, in m. y is not negative: the indentation is at
+    y or at −y.
     """
 
     x: float
@@ -180,9 +181,9 @@ class EllipsePosition:
 def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     """Fit the polynomials of an ellipse model.
 
-    The fits come from `coilarray.paper.ellipse.fit_ellipses`. The coils are in the order of their centres. Every
-    step has the same weight, as in the paper. Raises LocalizeError for fewer steps with an ellipse than a polynomial
-    has coefficients.
+    The fits come from `coilarray.paper.ellipse.fit_ellipses`. The coils are in the order of their
+    centres. Every step has the same weight, as in the paper. Raises LocalizeError for fewer steps
+    with an ellipse than a polynomial has coefficients.
 
     Returns
     -------
@@ -278,7 +279,7 @@ def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
 
 
 def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, second: str) -> EllipsePosition:
-    """Intersect the ellipses of two given coils for their readings δ.
+    """Intersect two given coils' ellipses for their readings δ.
 
     The case is "adjacent coils" if a coil lies between the two, else "two points" or "touching".
     """
@@ -295,7 +296,7 @@ def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, seco
 
 
 def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePosition:
-    """Locate an indentation by the readings δ of a model's coils.
+    """Locate an indentation by all coils' readings δ.
 
     Readings of other coils are not used.
 
@@ -350,7 +351,7 @@ def _coil_from(data: object) -> CoilEllipses:
 
 
 def _kept(fit: xr.Dataset) -> xr.Dataset:
-    """Return the steps of a state with an ellipse about the coil's centre, or refuse too few of them."""
+    """Return a state's steps about the coil's centre, or refuse."""
     kept = fit.isel(step=np.flatnonzero(fit.refused.values == ""))
     known = kept.x0.values[~kept.undetermined.values]
     if len(known):

@@ -1,4 +1,4 @@
-"""Published results of Gast & Zimmermann (2020): tables, model, and a map of its ellipses."""
+"""Published tables, model and map of Gast & Zimmermann (2020)."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, 
 def published_model() -> EllipseModel:
     """Return the model of Table A1.
 
-    It is for coils 1 to 3, without the misprint and without the added 0.2 mm. The range of δ is not printed. It is
-    taken from 0 to the zero of A or B, 1.23e-3, 1.87e-3 and 1.24e-3.
+    It is for coils 1 to 3, without the misprint and without the added 0.2 mm. The range of δ is not
+    printed. It is taken from 0 to the zero of A or B, 1.23e-3, 1.87e-3 and 1.24e-3.
     """
     table = {key: tuple(p * 1e-3 for p in values) for key, values in table_a1().items()}
     coils = []
@@ -66,10 +66,10 @@ def published_model() -> EllipseModel:
 
 
 def difference_from_published(design: Design) -> str:
-    """Say why the coils of a design are not those of Table A1, empty if they are.
+    """Say how a design's coils differ from Table A1, or empty.
 
-    The coils are compared by their names and by their places in the map, which must be within 1 mm of the published
-    centre of their ellipses near the peak.
+    The coils are compared by their names and by their places in the map, which must be within 1 mm
+    of the published centre of their ellipses near the peak.
     """
     names, setup = design.array.names, design.indentation
     if missing := [name for name in _COILS if name not in names]:

@@ -1,4 +1,4 @@
-"""Two-dimensional response of a coil, beside the full model. The model is from Gast and Zimmermann's FEM paper."""
+"""Two-dimensional response of a coil (Gast and Zimmermann's FEM paper)."""
 
 from __future__ import annotations
 
@@ -27,34 +27,35 @@ def line_response(
 ) -> xr.Dataset:
     """Compute δ of one coil in a two-dimensional model.
 
-    The cross-section of the coil consists of infinite wires, and the indenter is an infinite cylinder. Raises
-    ElastomerError A design without an indentation, an unknown coil, an indenter that is not round, or a rectangular
-    sample. Raises MetalError A design with plates.
+    The cross-section of the coil consists of infinite wires, and the indenter is an infinite
+    cylinder. Raises ElastomerError A design without an indentation, an unknown coil, an indenter
+    that is not round, or a rectangular sample. Raises MetalError A design with plates.
 
     Parameters
     ----------
     design : Design or DesignFile
         Design with an indentation. Its round indenter becomes a cylinder of the same radius.
     coil : str, optional
-        Name of the coil, cut at its centre along x. The first coil by default. Its neighbours are left out.
+        Name of the coil, cut at its centre along x. The first coil by default. Its neighbours are
+        left out.
     depths, x : array_like, shape (n,), optional
-        Depths and positions along x of the indenter in m, positions from the map's origin. By default those in the
-        design.
+        Depths and positions along x of the indenter in m, positions from the map's origin. By
+        default those in the design.
     accuracy : LayerMesh, optional
         Accuracy of the magnetic problem.
 
     Returns
     -------
     xarray.Dataset
-        Response as of `coilarray.response.map.response_map` for one state, named after the coil, and at one position
-        along y, the coil's centre. ``delta`` is the change of the inductance per length divided by that inductance.
-        ``base_inductance`` and ``inductance`` are in H/m, ``force`` is in N/m, and ``contact_radius`` is half the width
-        of the contact in m.
+        Response as of `coilarray.response.map.response_map` for one state, named after the coil,
+        and at one position along y, the coil's centre. ``delta`` is the change of the inductance
+        per length divided by that inductance. ``base_inductance`` and ``inductance`` are in H/m,
+        ``force`` is in N/m, and ``contact_radius`` is half the width of the contact in m.
 
     Notes
     -----
-    The model leaves out the ends of the coil and of the dent along y. In the full model the dent is a small part of the
-    coil. Here it is as long as the coil.
+    The model leaves out the ends of the coil and of the dent along y. In the full model the dent is
+    a small part of the coil. Here it is as long as the coil.
     """
     design = design_of(design)
     setup = indentation_of(design)

@@ -26,10 +26,11 @@ _OPENED = (-math.pi / 2, math.pi)  # directions that stay when the quarter at th
 def sheet_meshes(
     parts: Mapping[str, trimesh.Trimesh], lift: float = 0.0, spread: float = 0.0
 ) -> dict[str, pyvista.PolyData]:
-    """Surfaces of the elastomer sheets in mm by name, the lowest first.
+    """Surfaces of the sheets in mm by name, lowest first.
 
-    The `parts` are solids in m from `coilarray.geometry.solids.solids`. For an exploded view, `lift` is the height in m
-    of the lowest sheet above the board, and `spread` the height of every other sheet above the sheet below it.
+    The `parts` are solids in m from `coilarray.geometry.solids.solids`. For an exploded view,
+    `lift` is the height in m of the lowest sheet above the board, and `spread` the height of every
+    other sheet above the sheet below it.
     """
     solids = {key.removeprefix("sheet/"): solid for key, solid in parts.items() if key.startswith("sheet/")}
     in_order = sorted(solids, key=lambda name: float(solids[name].bounds[0, 2]))
@@ -40,10 +41,10 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Outline of an indenter from its tip up to a height in m.
+    """Outline of an indenter from its tip, in m.
 
-    It has the radius (or half the width) and the height above the tip, shapes (n,). Above its own shape an indenter
-    continues as a rod.
+    It has the radius (or half the width) and the height above the tip, shapes (n,). Above its own
+    shape an indenter continues as a rod.
     """
     # Heights that grow as squares give even steps of the radius at a round tip.
     z = height * np.linspace(0.0, 1.0, _RADII) ** 2
@@ -57,7 +58,7 @@ def dented_sheet_meshes(
     centre: tuple[float, float],
     extent: tuple[float, float, float, float],
 ) -> dict[str, pyvista.PolyData]:
-    """Closed surfaces of the deformed sheets in mm by name.
+    """Surfaces of the deformed sheets in mm by name.
 
     The quarter of lower x and lower y is cut out. The `indentation` is one depth of the result of
     `coilarray.indent`. `centre` is x and y of the indenter, and `extent` x_min, y_min, x_max, y_max
@@ -80,8 +81,8 @@ def indenter_mesh(
 ) -> pyvista.PolyData:
     """Surface of an indenter in mm, cut open as in `dented_sheet_meshes`.
 
-    `tip` is the height in m of its tip above the board, and `height` its height above the tip. A cylinder goes from end
-    to end of the extent.
+    `tip` is the height in m of its tip above the board, and `height` its height above the tip. A
+    cylinder goes from end to end of the extent.
     """
     plane, end = indenter.symmetry == "plane", indenter.radius_at(height)
     angles, lengths = _rays(centre, extent, end, plane=plane)
@@ -129,7 +130,7 @@ def _displaced(
 
 
 def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
-    """Close the solid between faces in m, (angles, radii, 3), from the axis outwards."""
+    """Close the solid between faces (angles, radii, 3) in m."""
     rays, circles = bottom.shape[:2]
     # Point [ray, circle] of a face. All rays begin at the same point on the axis.
     lower = np.arange(rays * circles).reshape(rays, circles)

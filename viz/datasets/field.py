@@ -1,4 +1,4 @@
-"""Flux density on grids, as arrows, lines and surfaces of equal magnitude, and eddy currents as arrows."""
+"""Flux density and eddy currents: arrows, lines and surfaces."""
 
 from __future__ import annotations
 
@@ -48,8 +48,9 @@ def require_memory(points: int, what: str) -> None:
 def field_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.ArrayLike) -> pyvista.RectilinearGrid:
     """Put B on a plane or in a box in mm.
 
-    It becomes the point arrays ``"B (T)"`` and ``"|B| (T)"``. The coordinates, shapes (nx,), (ny,) and (nz,), ascend
-    and are in m. A single value makes a plane. `field` in T has the shape (nx, ny, nz, 3).
+    It becomes the point arrays ``"B (T)"`` and ``"|B| (T)"``. The coordinates, shapes (nx,), (ny,)
+    and (nz,), ascend and are in m. A single value makes a plane. `field` in T has the shape (nx,
+    ny, nz, 3).
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -68,7 +69,7 @@ def field_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.
 
 
 def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
-    """Arrows in mm along B, with the point arrays of the grid.
+    """Arrows in mm along B, with the grid's arrays.
 
     They are at least a `spacing` in m apart along each axis, and as long as the spacing times the
     square root of |B| over its maximum, so that they are visible where the field is weak.
@@ -114,8 +115,9 @@ def arrows_at(
 class Eddies:
     """Eddy currents of one body.
 
-    `points`, shape (n, 3), are places on the board in m. `normals`, shape (n, 3), are the outward unit vectors of its
-    face there. `density`, shape (n, 3), is the current per width at one instant in A/m.
+    `points`, shape (n, 3), are places on the board in m. `normals`, shape (n, 3), are the outward
+    unit vectors of its face there. `density`, shape (n, 3), is the current per width at one instant
+    in A/m.
     """
 
     points: FloatArray
@@ -126,8 +128,8 @@ class Eddies:
 def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyData:
     """Arrows along eddy currents in mm.
 
-    There is an arrow in each cube with sides of the spacing in m. An arrow as strong as `largest` in A/m is as long as
-    the spacing.
+    There is an arrow in each cube with sides of the spacing in m. An arrow as strong as `largest`
+    in A/m is as long as the spacing.
     """
     away = (eddies.points - eddies.points.min(axis=0)) / spacing
     cubes = np.floor(away + 0.5)
@@ -141,8 +143,9 @@ def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyD
 def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
     """Follow B in a box in both directions.
 
-    The lines are polylines in mm with the point array ``"|B| (T)"``. The seeds, shape (n, 3), are in m. A line ends if
-    it leaves the grid or has come round once, at its return through the plane across B at the seed.
+    The lines are polylines in mm with the point array ``"|B| (T)"``. The seeds, shape (n, 3), are
+    in m. A line ends if it leaves the grid or has come round once, at its return through the plane
+    across B at the seed.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -166,7 +169,7 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
 
 
 def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> pyvista.PolyData:
-    """Surfaces in mm of a box on which |B| has given values in T."""
+    """Surfaces in mm on which |B| has given values in T."""
     surfaces: pyvista.PolyData = grid.contour(list(levels), scalars=AMOUNT, compute_normals=True)
     for name in set(surfaces.point_data.keys()) - {AMOUNT, "Normals"}:
         del surfaces.point_data[name]
@@ -174,7 +177,7 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
-    """Choose indices of values of an axis at least a distance apart, in its middle."""
+    """Choose indices of values at least a distance apart."""
 
     def apart(first: int) -> list[int]:
         kept = [first]
@@ -193,7 +196,7 @@ _NOWHERE: _Line = (np.empty((0, 3)), np.empty(0))
 def _followed(
     grid: pyvista.RectilinearGrid, seeds: npt.NDArray[np.float64], way: Literal["forward", "backward"]
 ) -> dict[int, _Line]:
-    """Line in mm, shape (m, 3), and |B| in T from every seed in one direction."""
+    """Line (m, 3) in mm and |B| in T from every seed."""
     from coilarray.viz.extra_3d import pyvista
 
     found = grid.streamlines_from_source(
@@ -209,7 +212,7 @@ def _followed(
 
 
 def _first_round(line: npt.NDArray[np.float64]) -> int | None:
-    """Count the points until a line returns to its seed, or None."""
+    """Count the points until a line closes, or None."""
     if len(line) < 2:
         return None
     away = line - line[0]

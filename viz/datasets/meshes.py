@@ -1,4 +1,4 @@
-"""Meshes in mm of a board and its barrels, of plates and balls, and their VTK files."""
+"""Meshes in mm of boards, plates and balls, and VTK files."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.Poly
 def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
     """Surface of the copper of one layer in mm.
 
-    The `parts` are solids in m from `coilarray.geometry.solids.solids`. The cell array ``"coil"`` is the index in
-    `names` of the coil of each triangle.
+    The `parts` are solids in m from `coilarray.geometry.solids.solids`. The cell array ``"coil"``
+    is the index in `names` of the coil of each triangle.
     """
     return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
 
@@ -94,7 +94,7 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
 
 def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
-    """Surface of the laminate in mm, empty if there is none."""
+    """Surface of the laminate in mm, or empty."""
     from coilarray.viz.extra_3d import pyvista
 
     return solid_mesh(parts["board"]) if "board" in parts else pyvista.PolyData()
@@ -105,7 +105,7 @@ VTK_SUFFIXES = {"PolyData": ".vtp", "RectilinearGrid": ".vtr", "UnstructuredGrid
 
 
 def vtk_text(mesh: pyvista.DataSet) -> str:
-    """Text of a PolyData, RectilinearGrid or UnstructuredGrid as an XML file of VTK."""
+    """Text of a PolyData or grid as VTK's XML file."""
     from vtkmodules import vtkIOXML
 
     # The text is written in memory, because VTK is silent, or crashes, if it cannot write a file.

@@ -1,4 +1,4 @@
-"""Results over a board: couplings as arcs, a response as a surface, a position with its ellipse."""
+"""Results over a board: arcs, surfaces, and ellipses."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def response_surface(
     relief: float = 0.0,
     above: float = 0.0,
 ) -> tuple[pyvista.PolyData, pyvista.PolyData]:
-    """Surface of δ of one state with outlines of coils, in mm.
+    """Surface of a state's δ with coils' outlines, in mm.
 
     The point array is ``"delta (1)"``. `height` in m is the height of δ = 0, and `relief` the rise
     at the largest |δ|. `outlines`, corners (n, 2) on the board in m, lie `above` the surface, one
@@ -149,7 +149,7 @@ def uncertainty_ellipse(
     magnification: float = 1.0,
     height: float = 0.0,
 ) -> pyvista.PolyData:
-    """Ellipse in mm that contains a position with a given probability.
+    """Ellipse in mm around a position with given probability.
 
     The `centre` is in m, the `covariance` (2, 2) of the Gaussian errors of x and y in m². (r − r̂)ᵀ
     Σ⁻¹ (r − r̂) = q with q the quantile of χ² for two degrees of freedom, −2 ln(1 − confidence).

@@ -1,4 +1,4 @@
-"""Plans of a board: the copper of one layer, all layers from above, and the narrowest places."""
+"""Plans of a board: copper of layers and narrowest places."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ _LETTER_OF_PITCH = 0.2  # height over the distance of neighbours; names of six l
 def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
     """Draw the copper of one layer in mm.
 
-    Each coil has its own colour and its name. Holes and the edge of the board are drawn too. Raises GeometryError if
-    the board has no such layer.
+    Each coil has its own colour and its name. Holes and the edge of the board are drawn too. Raises
+    GeometryError if the board has no such layer.
 
     Parameters
     ----------
@@ -152,17 +152,17 @@ def check_figure(array: Array, margins: Sequence[Margin], numbers: Sequence[int]
     array : Array
         Board that is drawn.
     margins : sequence of Margin
-        Margins to mark, the worst first. Margins without a place are left out. Places close together share a circle,
-        which is red if the first of them is broken. Their numbers stand beside it, or the first if there are more than
-        two.
+        Margins to mark, the worst first. Margins without a place are left out. Places close
+        together share a circle, which is red if the first of them is broken. Their numbers stand
+        beside it, or the first if there are more than two.
     numbers : sequence of int, optional
         Their numbers in a table, in which several may share a row. The default is 1, 2, ….
 
     Returns
     -------
     Figure
-        For each layer all its copper, and beside it the enlarged place of its mark with the lowest number. More than
-        four layers stand beside each other, and are smaller.
+        For each layer all its copper, and beside it the enlarged place of its mark with the lowest
+        number. More than four layers stand beside each other, and are smaller.
     """
     layers = array.stackup.names
     numbered = sorted(zip(numbers or range(1, len(margins) + 1), margins, strict=True), key=itemgetter(0))

@@ -1,4 +1,4 @@
-"""Figures of coils in their circuit: k and L, effective inductance, currents, and impedance over frequency."""
+"""Figures of coils in their circuit, over frequency too."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the inductance matrix.
 
-    L is on the diagonal and M of the pairs off it. For more than 12 coils only M is drawn, because L would take up its
-    colours.
+    L is on the diagonal and M of the pairs off it. For more than 12 coils only M is drawn, because
+    L would take up its colours.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def _signed_matrix(matrix: xr.DataArray, title: str, quantity: str, ax: Axes | None, *, diagonal: bool) -> Axes:
-    """Draw a matrix of the coils in colours about zero, without its diagonal if that would take up the colours."""
+    """Draw a matrix in colours about zero, without a dominant diagonal."""
     names, unit = matrix.coil.values.tolist(), str(matrix.attrs["units"])
     hidden = np.eye(len(names), dtype=np.bool_) & (not diagonal)
     shown = PLAIN if unit == "1" else style.axis_unit(matrix.values[~hidden], unit)
@@ -81,8 +81,8 @@ def _signed_matrix(matrix: xr.DataArray, title: str, quantity: str, ax: Axes | N
 def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the effective inductance of each coil.
 
-    All other coils are open, and as terminated. The change in per cent is written beside them. Dots are used rather
-    than bars, because the axis does not start at zero.
+    All other coils are open, and as terminated. The change in per cent is written beside them. Dots
+    are used rather than bars, because the axis does not start at zero.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
 def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the currents that an active coil induces.
 
-    Each column has the currents per ampere in an active coil. The magnitude in the other coils is a colour, with the
-    phase written below.
+    Each column has the currents per ampere in an active coil. The magnitude in the other coils is a
+    colour, with the phase written below.
 
     Parameters
     ----------
@@ -146,18 +146,20 @@ def plot_frequency_sweep(
 ) -> Axes:
     """Draw a quantity over frequency, one curve per state.
 
-    If there are many states, three of them and the range of all are drawn. A quantity with a pole is drawn up to four
-    times its value at the lowest frequency. Raises ValueError if the sweep has no such quantity.
+    If there are many states, three of them and the range of all are drawn. A quantity with a pole
+    is drawn up to four times its value at the lowest frequency. Raises ValueError if the sweep has
+    no such quantity.
 
     Parameters
     ----------
     sweep : xarray.Dataset
         Result of `coilarray.circuit.impedance.sweep_design`.
     quantity : str
-        Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or ``quality_factor``.
+        Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or
+        ``quality_factor``.
     scan : xarray.Dataset, optional
-        Result of `coilarray.circuit.impedance.scan_design` of the same states. A dot marks the resonance with the tank
-        on each curve, and a dotted line the self-resonance.
+        Result of `coilarray.circuit.impedance.scan_design` of the same states. A dot marks the
+        resonance with the tank on each curve, and a dotted line the self-resonance.
     """
     there = [name for name in _NAMES if name in sweep]
     if quantity not in there:
@@ -181,7 +183,8 @@ def plot_frequency_sweep(
         ax.fill_between(f, low, high, where=within, color=GREY, alpha=_RANGE, lw=0, label=f"all {len(names)} states")
     for k in chosen:
         name, curve = names[k], shown.of(values[:, k])
-        # Losses turn a pole of the inductance into a steep fall, and a sample on it may lie within the axis.
+        # Losses turn a pole of the inductance into a steep fall, and a sample on it may lie within
+        # the axis.
         falls = (np.diff(values[:, k]) < 0) & ((values[:-1, k] > top) | (np.diff(np.sign(values[:, k])) < 0))
         pole = np.flatnonzero(falls & (quantity == "apparent_inductance")) + 1
         drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
@@ -212,12 +215,14 @@ def plot_frequency_sweep(
 def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     """Draw impedance quantities over frequency.
 
-    These are apparent inductance, resistance and quality factor, with the resonances of every state.
+    These are apparent inductance, resistance and quality factor, with the resonances of every
+    state.
 
     Parameters
     ----------
     sweep, scan : xarray.Dataset
-        Results of `coilarray.circuit.impedance.sweep_design` and `coilarray.circuit.impedance.scan_design`.
+        Results of `coilarray.circuit.impedance.sweep_design` and
+        `coilarray.circuit.impedance.scan_design`.
     """
     names = ("apparent_inductance", "impedance_real", "quality_factor")
     figure = style.new_figure(6.5, 3.2 * len(names))

@@ -1,4 +1,4 @@
-"""Figures of B_z along a line across a coil, and on a plane above the board."""
+"""Figures of B_z along a line and on a plane."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ def plot_field_lines(
 ) -> Axes:
     """Draw B_z along x.
 
-    Each field has a bell-shaped curve, as in Fig. 2 of Gast & Zimmermann (2020). Raises ValueError if there is no
-    field, or a field is not along x.
+    Each field has a bell-shaped curve, as in Fig. 2 of Gast & Zimmermann (2020). Raises ValueError
+    if there is no field, or a field is not along x.
 
     Parameters
     ----------
     fields : mapping of str to xarray.Dataset
-        Results of `coilarray.operating_field` along x, with one y and one z, by their texts in the legend.
+        Results of `coilarray.operating_field` along x, with one y and one z, by their texts in the
+        legend.
     coil : tuple of float, optional
         Ends of the coil along x in m. The coil is shaded.
     """

@@ -1,4 +1,4 @@
-"""Figures of an indentation: force over depth, and the dent in section."""
+"""Figures of an indentation: force over depth, and section."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: Axes | None = None) -> Axes:
     """Draw the deformed sheets under the indenter in section.
 
-    The section is mirrored about the axis of the indenter. The flat sheets are dashed. Raises ValueError if the dataset
-    has no such depth.
+    The section is mirrored about the axis of the indenter. The flat sheets are dashed. Raises
+    ValueError if the dataset has no such depth.
 
     Parameters
     ----------

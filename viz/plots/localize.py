@@ -1,4 +1,4 @@
-"""Figures of the localization: ellipses and their parameters, errors of x, distortion, and bounds."""
+"""Figures of the localization: ellipses, errors, distortion, bounds."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def plot_ellipse_parameters(
 ) -> Axes:
     """Draw A, B and x0 of a coil over δ.
 
-    Markers are the fitted ellipses, and lines are the polynomials, as in Fig. 5b of Gast & Zimmermann (2020). Levels
-    whose points do not determine their ellipse are crossed out. Raises ValueError if the fits or the model have no such
-    state.
+    Markers are the fitted ellipses, and lines are the polynomials, as in Fig. 5b of Gast &
+    Zimmermann (2020). Levels whose points do not determine their ellipse are crossed out. Raises
+    ValueError if the fits or the model have no such state.
 
     Parameters
     ----------
@@ -153,14 +153,15 @@ def plot_ellipses(
 def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()) -> Axes:
     """Draw the error of a determined x over position.
 
-    The figure follows Fig. 7 of Gast & Zimmermann (2020). The colours are symmetric about zero. Places without a
-    position are grey. Raises ValueError if there are fewer than two x or y, or no error at all.
+    The figure follows Fig. 7 of Gast & Zimmermann (2020). The colours are symmetric about zero.
+    Places without a position are grey. Raises ValueError if there are fewer than two x or y, or no
+    error at all.
 
     Parameters
     ----------
     error : xarray.DataArray
-        Determined minus real x in m, with the dimensions y and x and their coordinates in m. Places without a position
-        are NaN.
+        Determined minus real x in m, with the dimensions y and x and their coordinates in m. Places
+        without a position are NaN.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m, first point not repeated.
     """
@@ -175,9 +176,10 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
 def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
     """Draw x0 of a coil over δ.
 
-    It is predicted with the neighbours grounded and open, and as published. Levels are crossed out if the window shows
-    too little of their ellipse, and the axis fits the other levels. If the result has standard deviations, bands are
-    two standard deviations of the posterior on each side. Raises ValueError if the dataset has no such state.
+    It is predicted with the neighbours grounded and open, and as published. Levels are crossed out
+    if the window shows too little of their ellipse, and the axis fits the other levels. If the
+    result has standard deviations, bands are two standard deviations of the posterior on each side.
+    Raises ValueError if the dataset has no such state.
 
     Parameters
     ----------
@@ -213,8 +215,8 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
 def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
     """Draw the share of each cause in x0 over δ.
 
-    The legend starts with the largest cause. Single neighbours are thin lines. Causes below a tenth of the largest
-    cause have no name.
+    The legend starts with the largest cause. Single neighbours are thin lines. Causes below a tenth
+    of the largest cause have no name.
 
     Parameters
     ----------
@@ -266,8 +268,9 @@ def plot_identifiability(
 ) -> Axes:
     """Draw the Cramér–Rao bound of x, y or depth.
 
-    It is drawn over the board on a logarithmic scale. Places with an infinite bound are grey. Raises ValueError if the
-    dataset has no such quantity, fewer than two x or y, or no finite value.
+    It is drawn over the board on a logarithmic scale. Places with an infinite bound are grey.
+    Raises ValueError if the dataset has no such quantity, fewer than two x or y, or no finite
+    value.
 
     Parameters
     ----------
@@ -308,8 +311,8 @@ def _conditions(bounds: xr.Dataset) -> str:
 def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw `plot_identifiability` of all unknown quantities.
 
-    These are x, y and, if it is unknown, the depth. Maps of a wide board stand below each other, other maps side by
-    side.
+    These are x, y and, if it is unknown, the depth. Maps of a wide board stand below each other,
+    other maps side by side.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Figures of measurements beside the model: comparisons, calibrations, and the noise of a board."""
+"""Figures of measurements: comparisons, calibrations, and noise."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
 def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
     """Draw x0 of the ellipses of one state over δ.
 
-    The values are measured and simulated, with bands of two standard deviations. Levels whose points do not determine
-    their ellipse are crossed out.
+    The values are measured and simulated, with bands of two standard deviations. Levels whose
+    points do not determine their ellipse are crossed out.
 
     Parameters
     ----------
@@ -104,9 +104,9 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
 def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw a comparison, one row per state.
 
-    A row has maps of measured minus simulated δ before and after scale and shift, in the same colours, and x0 of both.
-    A response along a single line, or at a single position, is drawn by `plot_readings` alone. The first `MOST_STATES`
-    states are shown.
+    A row has maps of measured minus simulated δ before and after scale and shift, in the same
+    colours, and x0 of both. A response along a single line, or at a single position, is drawn by
+    `plot_readings` alone. The first `MOST_STATES` states are shown.
 
     Parameters
     ----------
@@ -143,15 +143,15 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
 def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     """Draw measured and fitted numbers, one row per state.
 
-    The residuals are in standard deviations. For ellipses, A, B and x0 are drawn over δ, with a band of one standard
-    deviation of the posterior. For a response, δ is drawn along x, and the residuals as a map if there are several
-    rows. At most six states are shown.
+    The residuals are in standard deviations. For ellipses, A, B and x0 are drawn over δ, with a
+    band of one standard deviation of the posterior. For a response, δ is drawn along x, and the
+    residuals as a map if there are several rows. At most six states are shown.
 
     Parameters
     ----------
     calibration : xarray.Dataset
-        Dataset of `coilarray.studies.calibrate.calibrate`. If it has more than six states, the states with the largest
-        measured values are drawn, and the title mentions this.
+        Dataset of `coilarray.studies.calibrate.calibrate`. If it has more than six states, the
+        states with the largest measured values are drawn, and the title mentions this.
     combination : int
         Index of the combination of choices. The default is the most probable combination.
     """
@@ -270,13 +270,13 @@ def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 @style.styled
 def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the Allan deviation of every state against the averaging time.
+    """Draw every state's Allan deviation against the averaging time.
 
     Parameters
     ----------
     found : xarray.Dataset
-        Result of `coilarray.hardware.record.stability.stability`. If it has ``expected``, white noise of the budget is
-        a dotted line.
+        Result of `coilarray.hardware.record.stability.stability`. If it has ``expected``, white
+        noise of the budget is a dotted line.
     """
     ax = ax or style.new_axes(6.5, 3.8)
     tau, names = found.tau.values, found.state.values.tolist()

@@ -86,8 +86,8 @@ def plot_front(
 ) -> Axes:
     """Draw two scores of all trials.
 
-    The scores are drawn against each other, with the Pareto front and the given design. Raises ValueError if the shapes
-    do not fit.
+    The scores are drawn against each other, with the Pareto front and the given design. Raises
+    ValueError if the shapes do not fit.
 
     Parameters
     ----------
@@ -100,8 +100,8 @@ def plot_front(
     named : mapping of int to str, optional
         Names to write beside points, by their indices.
     stairs : {"pre", "post"}, optional
-        Draw the front as a staircase: ``"post"`` if the first score is minimized, ``"pre"`` if it is maximized. None
-        draws no line, as for two out of more scores.
+        Draw the front as a staircase: ``"post"`` if the first score is minimized, ``"pre"`` if it
+        is maximized. None draws no line, as for two out of more scores.
     """
     values, kept = np.asarray(points, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
     if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:

@@ -1,4 +1,4 @@
-"""Figures of the sensor response: maps of δ, profiles, bell curves, and readings over the distance of a target."""
+"""Figures of the sensor response: maps, profiles, curves, distances."""
 
 from __future__ import annotations
 
@@ -52,15 +52,17 @@ def plot_response(
 ) -> Axes:
     """Draw a map of δ of one state.
 
-    It is drawn over the position of the indenter, with the outlines of the coils. The colours are symmetric about zero,
-    or start at zero for values of one sign. They are white if |δ| is below 1 % of its maximum. A dashed line marks the
-    change of sign. Between the positions δ is interpolated linearly. Nothing is drawn beside a position without a
-    value. Raises ValueError if the dataset has no such state or depth, or the map has a single row.
+    It is drawn over the position of the indenter, with the outlines of the coils. The colours are
+    symmetric about zero, or start at zero for values of one sign. They are white if |δ| is below 1
+    % of its maximum. A dashed line marks the change of sign. Between the positions δ is
+    interpolated linearly. Nothing is drawn beside a position without a value. Raises ValueError if
+    the dataset has no such state or depth, or the map has a single row.
 
     Parameters
     ----------
     response : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and the coordinates in m, with at least two x and two y.
+        Response with ``delta`` (depth, y, x, state) and the coordinates in m, with at least two x
+        and two y.
     state, depth : str and int
         Name of the state, and index of the depth in the dataset.
     outlines : sequence of array_like, each of shape (m, 2)
@@ -90,7 +92,8 @@ def plot_response_profile(
 
     There is a curve for each state and depth that is not fixed.
 
-    Dotted lines mark the centres of the coils. Raises ValueError if the dataset has no such state or depth.
+    Dotted lines mark the centres of the coils. Raises ValueError if the dataset has no such state
+    or depth.
 
     Parameters
     ----------
@@ -99,8 +102,8 @@ def plot_response_profile(
     state, depth : str and int, optional
         Name of the only state and index of the only depth that are drawn. None draws all.
     along : {"x", "y"}
-        Direction of the line. It is the line with the largest |δ| of the state, or of the middle state if all states
-        are drawn. States without a response on it are left out.
+        Direction of the line. It is the line with the largest |δ| of the state, or of the middle
+        state if all states are drawn. States without a response on it are left out.
     """
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
@@ -142,21 +145,25 @@ def plot_bell_curve(
 ) -> Axes:
     """Draw δ along a line through a coil's centre.
 
-    Each depth has a curve with its peak and its width at half the peak. Dots are the positions of the response, and
-    curves are cubic splines through the positions with a value. A bar marks the width at half the peak. The legend
-    gives both, without the width if δ does not fall to half on both sides.
+    Each depth has a curve with its peak and its width at half the peak. Dots are the positions of
+    the response, and curves are cubic splines through the positions with a value. A bar marks the
+    width at half the peak. The legend gives both, without the width if δ does not fall to half on
+    both sides.
 
-    A dotted line marks the centre of the coil. Raises ValueError if the map has no such state, or fewer than two
-    positions have a value.
+    A dotted line marks the centre of the coil. Raises ValueError if the map has no such state, or
+    fewer than two positions have a value.
 
     Parameters
     ----------
     response : xarray.Dataset
-        Result of `coilarray.response_map` or `coilarray.paper.two_dimensional.line_response`, two positions or more.
+        Result of `coilarray.response_map` or `coilarray.paper.two_dimensional.line_response`, two
+        positions or more.
     state : str, optional
-        Name of the state of a map. The default is the state that responds nearest to the middle of the map.
+        Name of the state of a map. The default is the state that responds nearest to the middle of
+        the map.
     along : {"x", "y"}
-        Direction of the line. On a map the other coordinate is the value nearest to the centre of the coil.
+        Direction of the line. On a map the other coordinate is the value nearest to the centre of
+        the coil.
     """
     name, across = middle_state(response) if state is None else state, "y" if along == "x" else "x"
     delta = _delta(response, state=name, depth=None)
@@ -201,9 +208,9 @@ def plot_bell_curve(
 def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw one map per state with a common colour bar.
 
-    The maps are the response to the deepest dent or the nearest target. A response along a single line, or at a single
-    position, is drawn as one curve per state instead. At most `MOST_MAPS` states are shown. If more states respond, the
-    nearest to the middle of the map are chosen.
+    The maps are the response to the deepest dent or the nearest target. A response along a single
+    line, or at a single position, is drawn as one curve per state instead. At most `MOST_MAPS`
+    states are shown. If more states respond, the nearest to the middle of the map are chosen.
 
     Parameters
     ----------
@@ -227,8 +234,8 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
 class _Look:
     """Common look of maps.
 
-    It has the sides in mm and the unit of δ. In this unit it has the edges of the bands and the |δ| below which a map
-    is white.
+    It has the sides in mm and the unit of δ. In this unit it has the edges of the bands and the |δ|
+    below which a map is white.
     """
 
     outlines: Sequence[npt.ArrayLike]  # m
@@ -348,16 +355,17 @@ def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[floa
 def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None = None) -> Axes:
     """Draw a quantity against the distance of a target.
 
-    There is a curve per state, at the place where the target changes it the most. Values that no converter can read are
-    crossed. Raises ValueError if the quantity is none of these.
+    There is a curve per state, at the place where the target changes it the most. Values that no
+    converter can read are crossed. Raises ValueError if the quantity is none of these.
 
     Parameters
     ----------
     response : xarray.Dataset
         Result of `coilarray.target_map`.
     quantity : str
-        ``delta``, whose magnitude is drawn on a logarithmic axis beside the noise, or ``effective_inductance``,
-        ``quality_factor`` or ``frequency``, with a dotted line for each value without the target.
+        ``delta``, whose magnitude is drawn on a logarithmic axis beside the noise, or
+        ``effective_inductance``, ``quality_factor`` or ``frequency``, with a dotted line for each
+        value without the target.
     """
     if quantity not in _SHOWN:
         raise ValueError(f"quantity must be one of {', '.join(_SHOWN)}; got {quantity!r}.")
@@ -397,9 +405,9 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
 def target_figure(response: xr.Dataset) -> Figure:
     """Draw all quantities against the distance of a target.
 
-    These are |δ|, inductance, quality factor and frequency. `response` is the result of `coilarray.target_map`. Every
-    state is shown where the target changes it the most. If there are many states, the nearest to the middle of the map
-    are shown.
+    These are |δ|, inductance, quality factor and frequency. `response` is the result of
+    `coilarray.target_map`. Every state is shown where the target changes it the most. If there are
+    many states, the nearest to the middle of the map are shown.
     """
     figure = style.new_figure(9.5, 6.4)
     panels = figure.subplots(2, 2, sharex=True).ravel().tolist()

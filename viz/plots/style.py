@@ -65,7 +65,7 @@ _AX = """ax : matplotlib.axes.Axes, optional
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Draw in `STYLE`, keep the caller's settings, and explain the parameter `ax`, which most plots have."""
+    """Draw in `STYLE`, keep the settings, explain the parameter `ax`."""
     explained = inspect.getdoc(draw)
     if explained and "ax" in inspect.signature(draw).parameters:
         sections = re.split(r"(?<=\n)\n(?=\w+\n-+\n)", explained + "\n")
@@ -74,7 +74,8 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> R:
         """Draw with the settings of `STYLE`."""
-        # Matplotlib's own context would undo the settings that a notebook makes when its first figure loads a backend.
+        # Matplotlib's own context would undo the settings that a notebook makes when its first
+        # figure loads a backend.
         before = {key: matplotlib.rcParams[key] for key in STYLE}
         matplotlib.rcParams.update(STYLE)
         try:
@@ -95,7 +96,7 @@ class NotebookFigure(Figure):
 
 
 def new_figure(width: float, height: float, layout: Literal["compressed"] | None = None) -> Figure:
-    """Make a figure with sizes in inches, of pyplot where somebody looks at it."""
+    """Make a figure in inches, of pyplot if somebody looks."""
     prompt = hasattr(sys, "ps1")  # of Python, IPython and notebooks
     if (prompt or "matplotlib.pyplot" in sys.modules) and threading.current_thread() is threading.main_thread():
         from matplotlib import pyplot
@@ -112,8 +113,8 @@ def new_axes(width: float, height: float) -> Axes:
 def save(figure: Figure, file: Any, **look: Any) -> None:
     """Save a figure and close it.
 
-    `look` goes to Matplotlib. The figure is drawn first, because Matplotlib's layout cuts labels of axes with equal
-    scales the first time.
+    `look` goes to Matplotlib. The figure is drawn first, because Matplotlib's layout cuts labels of
+    axes with equal scales the first time.
     """
     figure.draw_without_rendering()
     figure.savefig(file, **look)
@@ -196,7 +197,7 @@ def draw_curve(
 
 
 def finish_curves(ax: Axes, x: str, y: str, title: str = "") -> None:
-    """Label the axes of curves, with a grid behind and a legend beside them."""
+    """Label the axes of curves, with grid and legend."""
     faint_grid(ax)
     ax.set(xlabel=x, ylabel=y, title=title)
     legend_beside(ax)

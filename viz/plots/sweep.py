@@ -1,4 +1,4 @@
-"""Figures of sweeps over entries of a design: lines, coupling with its zeros, maps and dots."""
+"""Figures of sweeps: lines, coupling zeros, maps and dots."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ _FAR_APART = 3.0  # largest over least resonance on an axis of equal steps
 def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the coupling coefficients of pairs over an entry.
 
-    Circles, and values in the legend, mark the `zero_crossings`, for example of the pitch at which a pair does not
-    couple. A dashed line is the design's own value. Raises ValueError if the sweep is not over one entry with numbers,
-    or has no k.
+    Circles, and values in the legend, mark the `zero_crossings`, for example of the pitch at which
+    a pair does not couple. A dashed line is the design's own value. Raises ValueError if the sweep
+    is not over one entry with numbers, or has no k.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
     Parameters
     ----------
     sweep : xarray.Dataset
-        Result of `coilarray.sweep` of a grid over one entry, or over two if one of them has texts. Each text then has a
-        line. A point without a value is a gap.
+        Result of `coilarray.sweep` of a grid over one entry, or over two if one of them has texts.
+        Each text then has a line. A point without a value is a gap.
     quantity : str
         Name of a variable.
     """
@@ -151,8 +151,8 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
 def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
     """Draw a quantity over two entries as colours.
 
-    Places without a result are grey. A diamond marks the design's own values. Raises ValueError if the sweep is over
-    fewer or more entries.
+    Places without a result are grey. A diamond marks the design's own values. Raises ValueError if
+    the sweep is over fewer or more entries.
 
     Parameters
     ----------
@@ -186,12 +186,13 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
 def sweep_figure(result: xr.Dataset) -> Figure:
     """Draw all quantities of a sweep, one panel each.
 
-    A grid over one or two entries has lines or maps. A grid over more entries, and samples, have a panel with dots for
-    each quantity and entry. Over one entry with numbers, the coupling coefficients share a panel of
-    `plot_coupling_sweep`, and the resonances with the tank and the self-resonances share a panel too. A dashed line or
-    a diamond marks the design's own value. Points without a result are left out, or grey on a map. Crosses mark points
-    that break fabrication rules or that no converter reads. Raises ValueError if there is no quantity, or more than
-    `MOST_PANELS` panels.
+    A grid over one or two entries has lines or maps. A grid over more entries, and samples, have a
+    panel with dots for each quantity and entry. Over one entry with numbers, the coupling
+    coefficients share a panel of `plot_coupling_sweep`, and the resonances with the tank and the
+    self-resonances share a panel too. A dashed line or a diamond marks the design's own value.
+    Points without a result are left out, or grey on a map. Crosses mark points that break
+    fabrication rules or that no converter reads. Raises ValueError if there is no quantity, or more
+    than `MOST_PANELS` panels.
 
     Parameters
     ----------
@@ -284,7 +285,7 @@ def _over_numbers(sweep: xr.Dataset, entries: Sequence[str]) -> bool:
 
 
 def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
-    """Entry along lines and entry of the lines' texts, or empty."""
+    """Entry along lines and entry of their texts, or empty."""
     if "sample" in sweep.dims:
         return "", ""
     if len(entries) == 1:
@@ -296,7 +297,7 @@ def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
 
 
 def _numbers(coordinate: xr.DataArray, values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
-    """Places of values on an axis, on which texts are numbered."""
+    """Places of values on an axis, where texts are numbered."""
     if not _is_text(coordinate):
         return values.astype(np.float64)
     texts = list(dict.fromkeys(coordinate.values.tolist()))
@@ -324,7 +325,7 @@ def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
 
 
 def _own(coordinate: xr.DataArray) -> float | None:
-    """Design's own value of an entry, if it is a number within the sweep."""
+    """Design's own value of an entry, if within the sweep."""
     own = coordinate.attrs.get("design_value")
     if _is_text(coordinate) or own is None:
         return None

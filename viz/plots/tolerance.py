@@ -1,4 +1,4 @@
-"""Figures of a tolerance analysis: contributions to every spread, and the scatter of the boards."""
+"""Figures of tolerances: contributions to spreads, and scatter."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _LEAST_SHARE = 0.02
 def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -> Figure:
     """Draw the shares of the contributors.
 
-    With samples the histograms of the first outputs are drawn too. Raises ValueError if the analysis has no such
-    output, or none is asked for.
+    With samples the histograms of the first outputs are drawn too. Raises ValueError if the
+    analysis has no such output, or none is asked for.
 
     Parameters
     ----------

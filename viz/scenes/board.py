@@ -1,4 +1,4 @@
-"""Scenes of a board with laminate, copper, names and rulers, and of the sheets on it, flat or dented."""
+"""Scenes of a board and of the sheets on it."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class CoilColours:
 def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     """Scene of a board, with sheets lifted off it.
 
-    It has laminate, copper, barrels, coil names, a legend and a scale in mm. Copper is coloured by layer. The laminate
-    is translucent, so that the lower layers show through it. The sheets are lifted off the board and off each other and
-    drawn as thin glass with clear edges.
+    It has laminate, copper, barrels, coil names, a legend and a scale in mm. Copper is coloured by
+    layer. The laminate is translucent, so that the lower layers show through it. The sheets are
+    lifted off the board and off each other and drawn as thin glass with clear edges.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def scene_of_board(
     box: Box | None = None,
     name_heights: npt.ArrayLike = 0.0,
 ) -> Scene:
-    """Scene of a board: laminate, copper by layer, barrels, names, rulers.
+    """Scene of a board: laminate, copper, barrels, names, rulers.
 
     A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names.
     `name_heights` in m lift the names above anything that covers the coils.
@@ -120,7 +120,7 @@ def board_in_pieces(
 
 
 def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
-    """Give the copper of a board values of the coils as colours."""
+    """Colour the copper of a board by coils' values."""
     parts = []
     for part in copper:
         mesh = part.mesh.copy()
@@ -147,7 +147,7 @@ def sheet_label(name: str, thickness: float) -> str:
 
 
 def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
-    """Cut a mesh upright to a rectangle in m and leave it open there, or return it without one."""
+    """Cut a mesh upright to a rectangle in m, left open."""
     if box is None or not mesh.n_cells:
         return mesh
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in box)
@@ -182,12 +182,13 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
     edge_on: Side = "right" if axis == "x" else "front"
 
     def place(along: float, outwards: float) -> tuple[float, float, float]:
-        """Place as far below the board as outside it, for views from the side."""
+        """Place equally far below and outside, for side views."""
         return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
     texts = [Text(true_minus(f"{t:g}"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
-    # Beyond the end of the edge it is clear of the numbers unless the board is small in the picture.
+    # Beyond the end of the edge it is clear of the numbers unless the board is small in the
+    # picture.
     title = Text(f"{axis} (mm)", place(high + 4 * length, 2.2 * length), hidden_from=(edge_on,), always=True)
     return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]
 
@@ -209,8 +210,8 @@ def dent_scene(
 ) -> Scene:
     """Scene of a dent, best seen from the side "cut".
 
-    It has the board, the deformed sheets on it and the indenter. A quarter of them is cut out. Raises ValueError if the
-    dataset has no such depth, or the centre is not on the board.
+    It has the board, the deformed sheets on it and the indenter. A quarter of them is cut out.
+    Raises ValueError if the dataset has no such depth, or the centre is not on the board.
 
     Parameters
     ----------
@@ -249,8 +250,8 @@ def scene_of_dent(
 ) -> Scene:
     """Scene of the deformed sheets and the indenter.
 
-    The arguments are the same as for `dent_scene`. A `box` x_min, y_min, x_max, y_max in m shows this part of the
-    sheets, by default all over the board. A centre outside it raises a ValueError.
+    The arguments are the same as for `dent_scene`. A `box` x_min, y_min, x_max, y_max in m shows
+    this part of the sheets, by default all over the board. A centre outside it raises a ValueError.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])

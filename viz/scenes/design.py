@@ -1,4 +1,4 @@
-"""Scenes of a design: all parts that a view requests, computed and joined."""
+"""Scenes of a design: a view's parts, computed and joined."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     import pyvista
 
 Tracker = Callable[[str], Progress | None]
-"""Takes the name of a computation and returns its progress function, which is called with (done, total)."""
+"""Takes the name of a computation and returns its progress function of (done, total)."""
 
 Item = Literal[
     "board",
@@ -85,16 +85,18 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Selection of the shown parts of a design, and how they are computed.
+    """Selection of a design's shown parts, and their computation.
 
     Parameters
     ----------
     show : tuple of str
-        Items of `ITEMS`. Sheets are lifted off a bare board, and a dent replaces them. Currents colour the copper.
+        Items of `ITEMS`. Sheets are lifted off a bare board, and a dent replaces them. Currents
+        colour the copper.
     layers : tuple of str, optional
         Copper layers, all by default.
     coil : str, optional
-        Measured coil, for field, lines, surfaces, currents and response. The default is the middle coil.
+        Measured coil, for field, lines, surfaces, currents and response. The default is the middle
+        coil.
     others_open : bool
         Leave the other coils open, instead of terminated as in the design.
     spacing : float, optional
@@ -102,12 +104,13 @@ class View:
     at : tuple of float, optional
         Place of the indenter or target on the board in m. The default is off the map's centre.
     distance : float, optional
-        Distance of the target in m. The default is the least distance. If B is not shown, a slider stands at this
-        distance first.
+        Distance of the target in m. The default is the least distance. If B is not shown, a slider
+        stands at this distance first.
     depth : float, optional
         Depth of the indentation in m. The default is the deepest of the design.
     table : xarray.Dataset, optional
-        Table of `coilarray.localize.forward.table_for`, which a location needs. The readings at `at` are located.
+        Table of `coilarray.localize.forward.table_for`, which a location needs. The readings at
+        `at` are located.
     """
 
     show: tuple[Item, ...] = ("board",)
@@ -135,9 +138,10 @@ def board_and_metal(design: Design) -> tuple[Item, ...]:
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
     """Compute the scene of a view, by default the board.
 
-    `track` gives the progress function of each computation. An unknown coil or layer, an indenter off the board, or a
-    field that needs too much memory raises a GeometryError. An impossible indentation, map or reading raises an
-    ElastomerError or LocalizeError. Metal that the design does not have or that is not computed raises a MetalError.
+    `track` gives the progress function of each computation. An unknown coil or layer, an indenter
+    off the board, or a field that needs too much memory raises a GeometryError. An impossible
+    indentation, map or reading raises an ElastomerError or LocalizeError. Metal that the design
+    does not have or that is not computed raises a MetalError.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 

@@ -1,7 +1,7 @@
 """Put a scene into a PyVista plotter.
 
-This makes the actors, texts, legend, colour bars and the camera. Actors are the same for windows, pictures and pages,
-and need no screen.
+This makes the actors, texts, legend, colour bars and the camera. Actors are the same for windows,
+pictures and pages, and need no screen.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ BAR_WIDTH = 0.085
 """Width of one colour bar with its numbers, over the width of the picture."""
 
 _HEIGHT, _WIDTH = 900, 1400  # pixels of the reference picture, with letters and lines in their nominal sizes
-# The legend in pixels of the reference picture: letters, their mean width, a line, a sign with room, the rim.
+# The legend in pixels of the reference picture: letters, their mean width, a line, a sign with
+# room, the rim.
 _LEGEND, _LETTER, _LINE, _SIGN, _RIM = 17, 10.2, 29, 24, 40
 _TICKS = 5  # numbers on a colour bar
 _TITLE = 13  # letters in a line of its title
@@ -53,7 +54,8 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
     scene : Scene
         Scene that is drawn, at the first position of its slider.
     plotter : pyvista.Plotter
-        Plotter that gets the actors. Lengths are in mm. A part or text replaces another with the same name.
+        Plotter that gets the actors. Lengths are in mm. A part or text replaces another with the
+        same name.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen.
     panel : tuple of float, optional
@@ -89,7 +91,8 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
     for text in scene.texts:
         alike[text_name(text)].append(text)
     for name, texts in alike.items():
-        # In PyVista, texts of one actor give way to each other if they meet, but not to texts of another actor.
+        # In PyVista, texts of one actor give way to each other if they meet, but not to texts of
+        # another actor.
         points = np.array([text.position for text in texts], dtype=np.float64)
         view.add_point_labels(
             points, [text.text for text in texts], name=name, font_size=round(texts[0].height * pixel),
@@ -148,7 +151,7 @@ def _surface(part: Part) -> pyvista.PolyData:
 
 
 def text_name(text: Text) -> str:
-    """Name of the actor of all texts that look like a text."""
+    """Name of the actor of texts that look alike."""
     return f"texts {text.group} {text.height:g}{' bold' if text.bold else ''}{' always' if text.always else ''}"
 
 
@@ -234,7 +237,7 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
 
 
 def shown_units(scale: Scale) -> tuple[float, str]:
-    """Factor from values to the numbers on a colour bar, and title.
+    """Factor to the numbers on a colour bar, and title.
 
     >>> shown_units(Scale("B", "B", "T", 1e-8, 2e-6))
     (1000000.0, 'B (µT)')

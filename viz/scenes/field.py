@@ -1,4 +1,4 @@
-"""Scenes of a coil's field: the points at which it is needed, planes with arrows, lines and surfaces."""
+"""Scenes of a coil's field: planes, arrows, lines, surfaces."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def field_box(design: Design, coil: str, spacing: float) -> Spans:
 
 
 def points_of_box(design: Design, box: Spans) -> Axes:
-    """Axes of a box without points in the copper, across which B_z is continuous and interpolated."""
+    """Axes of a box outside the copper, across which B_z is interpolated."""
     x, y, z = box
     above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
     below = np.arange(-design.array.stackup.thickness - z.spacing / 2, z.low - z.spacing / 2, -z.spacing)[::-1]

@@ -1,4 +1,4 @@
-"""Plates, the target at its distances, and the eddy currents in them as arrows."""
+"""Plates, the target, and eddy currents in them."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ CURRENT = 1e-3
 class Position:
     """One position of a target.
 
-    It has its distance and place in m, its eddy currents if they are shown, and lines about it. `place` is the place of
-    its centre, or of the lower face of an infinite plate.
+    It has its distance and place in m, its eddy currents if they are shown, and lines about it.
+    `place` is the place of its centre, or of the lower face of an infinite plate.
     """
 
     distance: float
@@ -76,8 +76,8 @@ def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene
 def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scale: Scale | None, first: int) -> Scene:
     """Scene of a target with a slider of its distance.
 
-    Infinite plates are cut to `within` in m. `scale` belongs to the eddy currents if they are shown. `first` is the
-    first position of the slider.
+    Infinite plates are cut to `within` in m. `scale` belongs to the eddy currents if they are
+    shown. `first` is the first position of the slider.
     """
     group = f"target: {_body_words(body)}"
     parts: list[Part] = []
@@ -196,7 +196,7 @@ def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
 
 
 def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint) -> list[Phasors]:
-    """Eddy currents through the thickness of plates with an outline, at triangles of their upper faces."""
+    """Eddy currents through outlined plates, at their upper faces' triangles."""
     outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
     if not outlined:
         return []
@@ -293,7 +293,7 @@ def scene_of_metal(
 
 @dataclass(frozen=True, eq=False)
 class EddyScene:
-    """Eddy currents of all bodies at one instant and on one scale."""
+    """Eddy currents of all bodies at an instant."""
 
     of_plates: Scene
     of_target: Sequence[Eddies | None]  # at each distance, None for a ball
@@ -309,7 +309,7 @@ def scene_of_eddies(
     operation: WorkingPoint,
     within: Box,
 ) -> EddyScene:
-    """Eddy currents of plates, and of the target at distances over a place, in m.
+    """Eddy currents of plates and target at distances in m.
 
     They are shown at the instant at which they are strongest.
     """
@@ -359,7 +359,7 @@ def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
 
 
 def steps_of(design: Design, distance: float | None = None) -> list[float]:
-    """Distances of the target in m for a slider, with others between few, unless each takes seconds."""
+    """Distances of the target in m for a slider, with more between few."""
     target = target_of(design)
     given, wanted = target.distances, [] if distance is None else [distance]
     layers = any(sheet.magnetic for sheet in design.sheets) or bool(design.plates)

@@ -1,4 +1,4 @@
-"""Scene as a web page that needs no network: vtk.js draws the meshes, the page the texts."""
+"""Scene as a web page by vtk.js, without network."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ _POLICY = (
 def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
     """Write a scene as a web page.
 
-    The text comes from `scene_page`. Raises MissingDependencyError if trame-vtk is not installed. Raises OutputError if
-    the file cannot be written.
+    The text comes from `scene_page`. Raises MissingDependencyError if trame-vtk is not installed.
+    Raises OutputError if the file cannot be written.
 
     Parameters
     ----------

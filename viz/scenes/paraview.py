@@ -1,4 +1,4 @@
-"""Scene as VTK files for ParaView, with all arrays of every part."""
+"""Scene as VTK files for ParaView, with all arrays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
     scene : Scene
         Scene to write, with its arrays in SI units and without its colours.
     path : Path
-        Multi-block file, .vtm. The files of its parts (.vtp, .vtu or .vtr) are in the folder of this name beside it.
+        Multi-block file, .vtm. The files of its parts (.vtp, .vtu or .vtr) are in the folder of
+        this name beside it.
 
     Returns
     -------

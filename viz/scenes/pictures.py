@@ -1,4 +1,4 @@
-"""Scenes as pictures, films (GIF by Pillow, MP4 by PyAV) and windows with a switch for every group."""
+"""Scenes as pictures, films (GIF, MP4) and windows."""
 
 from __future__ import annotations
 
@@ -23,23 +23,24 @@ from coilarray.viz.scenes.scene import Scene, Side
 SIZE = (1600, 900)
 """Default width and height of a picture in pixels."""
 
-# Pixels. VTK's anti-aliasing needs textures of more than twice this size, and 16384 is the limit of graphics cards and
-# of Mesa. A larger picture is blank.
+# Pixels. VTK's anti-aliasing needs textures of more than twice this size, and 16384 is the limit of
+# graphics cards and of Mesa. A larger picture is blank.
 _LONGEST = 6000
 
 
 def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE) -> None:
     """Render a scene off-screen into an image file.
 
-    Raises MissingDependencyError if this machine cannot render. The text names the system packages. Raises OutputError
-    if the size is not allowed, or the file cannot be written.
+    Raises MissingDependencyError if this machine cannot render. The text names the system packages.
+    Raises OutputError if the size is not allowed, or the file cannot be written.
 
     Parameters
     ----------
     scene : Scene
         Scene that is shown.
     path : Path
-        File to write. The suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it is complete.
+        File to write. The suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it
+        is complete.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen.
     size : tuple of int
@@ -94,16 +95,17 @@ def save_movie(
 ) -> None:
     """Render scenes off-screen into a film.
 
-    Raises MissingDependencyError if this machine cannot render, or PyAV is not installed for .mp4. Raises OutputError
-    if the suffix, size or rate is not allowed, there is no picture, or the file cannot be written.
+    Raises MissingDependencyError if this machine cannot render, or PyAV is not installed for .mp4.
+    Raises OutputError if the suffix, size or rate is not allowed, there is no picture, or the file
+    cannot be written.
 
     Parameters
     ----------
     still : Scene
         Scene in every picture.
     moving : iterable of Scene
-        Additional scene of each picture, read as the film is made. All must have the same groups and scales. The camera
-        is aimed at the first.
+        Additional scene of each picture, read as the film is made. All must have the same groups
+        and scales. The camera is aimed at the first.
     path : Path
         File to write, .gif or .mp4. It appears only when it is complete.
     side, size
@@ -159,8 +161,8 @@ def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
         return Pillow.fromarray(np.frombuffer(zlib.decompress(kept[k]), dtype=np.uint8).reshape(shape))
 
     chosen = sorted(set(np.linspace(0, len(kept) - 1, _SAMPLED).round().astype(int).tolist()))
-    # An octree keeps the colours of small things such as a colour bar. Pillow's median cut gives them to the large
-    # areas.
+    # An octree keeps the colours of small things such as a colour bar. Pillow's median cut gives
+    # them to the large areas.
     colours = Pillow.fromarray(np.vstack([np.asarray(picture(k)) for k in chosen])).quantize(
         colors=256, method=Pillow.Quantize.FASTOCTREE
     )
@@ -193,8 +195,8 @@ _LETTER = 8.5  # width of a letter beside a switch in pixels
 def show(scene: Scene, *, side: Side = "oblique") -> None:
     """Open a window with a scene.
 
-    The function returns when the user closes it. Raises MissingDependencyError if no window can be opened or this
-    machine cannot render.
+    The function returns when the user closes it. Raises MissingDependencyError if no window can be
+    opened or this machine cannot render.
 
     Parameters
     ----------

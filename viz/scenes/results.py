@@ -1,4 +1,4 @@
-"""Scenes of results over a board: coupling, passive currents, a response, and a located indentation."""
+"""Scenes of results over a board."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of 
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     """Scene of arcs between all pairs of coils.
 
-    `coupling` is a result of `coilarray.circuit.coupling.couple_design` with the centres ``x``, ``y`` in m.
+    `coupling` is a result of `coilarray.circuit.coupling.couple_design` with the centres ``x``,
+    ``y`` in m.
     """
     centres = np.column_stack((coupling.x.values, coupling.y.values))
     k = coupling.coupling.values
@@ -74,8 +75,8 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
 def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
     """Colour the coils by δ, shape (coils,).
 
-    NaN stands for a coil without a value. The colours reach to `least` at least, so that noise does not look like a
-    touch.
+    NaN stands for a coil without a value. The colours reach to `least` at least, so that noise does
+    not look like a touch.
     """
     numbers = np.asarray(values, dtype=np.float64)
     small = not np.nanmax(np.abs(numbers), initial=0.0) >= least
@@ -85,7 +86,7 @@ def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
 
 
 def scene_of_response(response: xr.Dataset, state: str, *, outlines: Sequence[npt.ArrayLike] = ()) -> Scene:
-    """Scene of the deepest δ of one state draped over the board."""
+    """Scene of a state's deepest δ over the board."""
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
     surface, lines = meshes.response_surface(
         response, state, outlines=outlines, height=_OVER, relief=relief, above=_ABOVE
@@ -100,8 +101,9 @@ def scene_of_response(response: xr.Dataset, state: str, *, outlines: Sequence[np
 def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[float, float] | None = None) -> Scene:
     """Scene of the possible positions of an indentation.
 
-    All lengths are in m and all places on the board. These are the `location`, the `bounds` of the board (x_min, y_min,
-    x_max, y_max), the height `top` of the pins, and the real place `truth`, which gets a cross.
+    All lengths are in m and all places on the board. These are the `location`, the `bounds` of the
+    board (x_min, y_min, x_max, y_max), the height `top` of the pins, and the real place `truth`,
+    which gets a cross.
     """
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])

@@ -1,4 +1,4 @@
-"""Contents of a scene as plain values: meshes with their colours, texts, scales, and cameras."""
+"""Contents of a scene: meshes, texts, scales, and cameras."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 Side = Literal["oblique", "top", "front", "right", "cut"]
-"""Side of the view: obliquely from the front, from above, from the front, from the right, or into the cut of a dent."""
+"""Side of the view: oblique from the front, above, front, right, or into the cut of a dent."""
 
 SIDES: tuple[Side, ...] = ("oblique", "top", "front", "right")
 """Sides that pages offer."""
@@ -81,7 +81,8 @@ def aim(
 def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> npt.NDArray[np.float64]:
     """Places of points in a picture of a given size.
 
-    The points have shape (n, 3) in mm. The places have shape (n, 2), and go from 0 to 1 across and up.
+    The points have shape (n, 3) in mm. The places have shape (n, 2), and go from 0 to 1 across and
+    up.
     """
     focus, up = np.array(camera.focus), np.array(camera.up)
     out = np.array(camera.position) - focus
@@ -96,8 +97,8 @@ def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
     return x, y, z
 
 
-# K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009. It is made for lit surfaces on white, on
-# which the white centre of the plots' map would be lost.
+# K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009. It is made for lit
+# surfaces on white, on which the white centre of the plots' map would be lost.
 _DIVERGING = "coolwarm"
 _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
@@ -132,14 +133,14 @@ class Scale:
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
     def values(self, count: int) -> npt.NDArray[np.float64]:
-        """Values, shape (count,), at equal steps of colour from the lower end upwards, in the unit."""
+        """Values (count,) at equal steps of colour, rising, in the unit."""
         share = np.linspace(0.0, 1.0, count)
         if self.logarithmic:
             return np.asarray(self.low * (self.high / self.low) ** share)
         return np.asarray(self.low + share * (self.high - self.low))
 
     def steps(self, count: int) -> tuple[str, ...]:
-        """Colours ``#rrggbb``, as many as `count`, at equal steps from the lower end upwards."""
+        """Colours ``#rrggbb``, `count` at equal steps from the lower end."""
         return tuple(
             f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in self.colours_of(self.values(count)).tolist()
         )
@@ -260,7 +261,8 @@ class Scene:
     def bounds(self) -> tuple[float, float, float, float, float, float]:
         """Bounds of parts and texts in mm.
 
-        They are x_min, x_max, y_min, y_max, z_min, z_max. A scene without parts raises a ValueError.
+        They are x_min, x_max, y_min, y_max, z_min, z_max. A scene without parts raises a
+        ValueError.
         """
         if not self.parts:
             raise ValueError("a scene must have at least one part; got none.")

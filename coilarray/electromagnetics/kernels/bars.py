@@ -80,8 +80,9 @@ def _line_potential(r1: float, r2: float, length: float) -> float:
 def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: float, length: float) -> float:
     """Potential ∫ dl/R of a segment at a point near or on it.
 
-    The segment runs from the origin along the unit vector u. With ρ from the line and a, b along it from the ends, r1 +
-    r2 − length = (r1 − a) + (r2 − b) is a sum of two positive parts, each ρ²/(r + a) for a > 0. So nothing cancels.
+    The segment runs from the origin along the unit vector u. With ρ from the line and a, b along it
+    from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is a sum of two positive parts, each ρ²/(r
+    + a) for a > 0. So nothing cancels.
     """
     cx, cy, cz = uy * z - uz * y, uz * x - ux * z, ux * y - uy * x
     rho2 = cx * cx + cy * cy + cz * cz
@@ -105,8 +106,8 @@ def _graded(
 ) -> float:
     """Integrate a filament's potential along another on graded panels.
 
-    The potential is of the filament p0 + s u, over q0 + t v with t from `start` to `end`. The panels halve towards
-    `start`. The panel there is not longer than `finest`.
+    The potential is of the filament p0 + s u, over q0 + t v with t from `start` to `end`. The
+    panels halve towards `start`. The panel there is not longer than `finest`.
     """
     total = 0.0
     far = end
@@ -174,8 +175,8 @@ def filament_pair(
 ) -> float:  # fmt: skip
     """Neumann's integral ∬ dl·dl'/R of two filaments.
 
-    They are p0 + s u, 0 ≤ s ≤ length_1, and q0 + t v, 0 ≤ t ≤ length_2 (u, v unit vectors). The integral is infinite if
-    they overlap on one line.
+    They are p0 + s u, 0 ≤ s ≤ length_1, and q0 + t v, 0 ≤ t ≤ length_2 (u, v unit vectors). The
+    integral is infinite if they overlap on one line.
     """
     cosine = ux * vx + uy * vy + uz * vz
     wx = uy * vz - uz * vy
@@ -267,7 +268,7 @@ def filament_pair_far(
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
     nodes: FloatArray, weights: FloatArray,
 ) -> float:  # fmt: skip
-    """Compute `filament_pair` by a Gauss rule along both, at distances above their lengths."""
+    """Compute `filament_pair` by Gauss rules, at distances above both lengths."""
     cosine = ux * vx + uy * vy + uz * vz
     h1, h2 = 0.5 * length_1, 0.5 * length_2
     dx = q0x + h2 * vx - p0x - h1 * ux
@@ -293,8 +294,9 @@ def _corner_cell(
 ) -> float:  # fmt: skip
     """Integrate (ax + bx x)(ay + by y) K from the origin to (x_end, y_end).
 
-    K is the filament integral at the lateral distance √(x² + y²). In polar coordinates there are two triangles on
-    either side of the diagonal, each with dθ/cos θ as variable, and r = R τ³ so that r ln r becomes smooth.
+    K is the filament integral at the lateral distance √(x² + y²). In polar coordinates there are
+    two triangles on either side of the diagonal, each with dθ/cos θ as variable, and r = R τ³ so
+    that r ln r becomes smooth.
     """
     if x_end == 0.0 or y_end == 0.0:
         return 0.0

@@ -53,7 +53,8 @@ def _sum_segments(
             bx += factor * cx
             by += factor * cy
             bz += factor * cz
-            # The next segment begins here, but its u is taken from the vertex. Differences would add up roundings.
+            # The next segment begins here, but its u is taken from the vertex. Differences would
+            # add up roundings.
             ux, uy, uz = x - vertices[s + 1, 0], y - vertices[s + 1, 1], z - vertices[s + 1, 2]
             a = b
     field[i, 0], field[i, 1], field[i, 2] = bx, by, bz

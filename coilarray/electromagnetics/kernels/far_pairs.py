@@ -1,4 +1,4 @@
-"""Neumann sums of bars, and of nodes with currents, far apart.
+"""Neumann sums of distant bars, and of nodes with currents.
 
 The exact potential of one bar is evaluated at the nodes of a Gauss rule along the other. The
 potential of a segment a at a point, along it, is ln((|u| + |v| + |a|)/(|u| + |v| − |a|)) with u and
@@ -30,8 +30,8 @@ def add_node_sums(
 ) -> None:  # fmt: skip
     """Add the sum of two sets of nodes to `sums` (m,).
 
-    The second set is moved by each of `shifts` (m, 3). `nodes` and `currents` have the shape (n, 3), the others (3, k),
-    so that the processor takes several at once.
+    The second set is moved by each of `shifts` (m, 3). `nodes` and `currents` have the shape (n,
+    3), the others (3, k), so that the processor takes several at once.
     """
     x, y, z = other_nodes[0], other_nodes[1], other_nodes[2]
     wx, wy, wz = other_currents[0], other_currents[1], other_currents[2]
@@ -56,7 +56,7 @@ def add_node_sums(
 
 
 def gauss_tables(most: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss nodes and weights on [−1, 1], the rule of n nodes in row n."""
+    """Gauss nodes and weights on [−1, 1], n nodes in row n."""
     nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
     for n in range(1, most + 1):
         nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
@@ -67,7 +67,7 @@ _NODES, _WEIGHTS = gauss_tables(MOST_NODES)
 
 
 def least_distances(log_tolerance: float) -> FloatArray:
-    """Least distances in segment lengths at which n nodes, entry n, err by e^`log_tolerance`."""
+    """Least distances in segment lengths for errors e^`log_tolerance` of n nodes."""
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray(0.5 * np.sinh(-log_tolerance / (2.0 * np.arange(MOST_NODES + 1))))
 
@@ -85,9 +85,10 @@ def node_count(distance: float, length: float, least: FloatArray) -> int:
 def add_nodes(
     count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes along row `b` of a table, and return their number.
+    """Collect the nodes along row `b` of a table and count them.
 
-    The segment starts at (dx, dy, dz) from the source's start. `batch` (4, CAPACITY) holds x, y, z and weight.
+    The segment starts at (dx, dy, dz) from the source's start. `batch` (4, CAPACITY) holds x, y, z
+    and weight.
     """
     half = 0.5 * b[6]
     for k in range(n):

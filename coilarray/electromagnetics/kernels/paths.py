@@ -40,12 +40,13 @@ Vector = tuple[float, float, float]
 MAX_NODES = 16  # of the Gauss rules in the tables
 # most filament pairs of a pair of bars, from three Gauss rules, and four signs or pieces
 RULE_SIZE = 4 * MAX_NODES**2 * MAX_NODES
-# The following numbers in widths are no round numbers. Distances are round, and rounding would decide on them as a coil
-# is turned.
+# The following numbers in widths are no round numbers. Distances are round, and rounding would
+# decide on them as a coil is turned.
 NODE_PAIR = 12.3  # widths of distance from which two nodes, of the cross-section's variance, suffice for parallel bars
 THICK = 6.2  # widths of distance beyond which thickness does not count for bars at an angle
 TOUCHING = 0.47  # widths of distance within which bars at an angle meet
-# sin² of the angle of bars that share their lateral direction (turns of a spiral are tilted by 3e-3)
+# sin² of the angle of bars that share their lateral direction (turns of a spiral are tilted by
+# 3e-3)
 PARALLEL_SIN2 = 4e-4
 _SHORT = 30.7  # widths; the corners of longer sides change a single turn by less than 1e-5
 _WIDE_ANGLE = 0.97  # cosine of 14°; below it both kinks of a corner are nearly one
@@ -95,7 +96,7 @@ def _same_side(a: FloatArray, b: FloatArray) -> float:
 
 @kernel
 def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
-    """Vector from start to start of a bar and a moved bar, and distance of their middles."""
+    """Vector between the starts of a bar and a moved bar, and distance of their middles."""
     dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
     first, second = 0.5 * a[6], 0.5 * b[6]
     mx, my, mz = dx + second * b[3] - first * a[3], dy + second * b[4] - first * a[4], dz + second * b[5] - first * a[5]
@@ -130,7 +131,7 @@ def _log_bernstein(x: float, y: float) -> float:
 def _set_offset(
     rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
 ) -> None:
-    """Write row k: filaments s and t beside the middles of two bars, h above each other."""
+    """Write row k: filaments s and t beside two bars' middles, h apart."""
     rule[k, 0] = weight
     rule[k, 1] = t * b[7] - s * a[7] + h * normal[0]
     rule[k, 2] = t * b[8] - s * a[8] + h * normal[1]
@@ -141,7 +142,7 @@ def _set_offset(
 def _parallel_rule(
     a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
-    """Offsets of parallel bars of equal size, none if they touch.
+    """Offsets of equal parallel bars, none if they touch.
 
     The nearest places are (gx, gy, gz) apart. The lateral offset has a triangular density on
     [−width, width], and likewise across the thickness. Its direction is the mean of both bars, so
@@ -178,7 +179,8 @@ def _parallel_rule(
 def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     """Offset to both sides that represents distant parallel bars.
 
-    In the plane across the bars the kernel is harmonic, so only the difference of the two variances counts.
+    In the plane across the bars the kernel is harmonic, so only the difference of the two variances
+    counts.
     """
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
     step = math.sqrt(abs(variance))
@@ -199,10 +201,10 @@ def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
 
 @kernel
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of bars at an angle, or parallel bars of different size.
+    """Offsets of bars at an angle, or parallel and of different size.
 
-    Across the thickness there are two nodes with the variance of the offset. One node suffices if the bars are too far
-    apart or `level` with each other, so that up and down are equal.
+    Across the thickness there are two nodes with the variance of the offset. One node suffices if
+    the bars are too far apart or `level` with each other, so that up and down are equal.
     """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
@@ -226,7 +228,7 @@ def _add_layers(
     rule: FloatArray, count: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, thickness: float,
     sides: int, n_z: int, normal: Vector,
 ) -> int:  # fmt: skip
-    """Add the offsets at s and t across the thickness, by their triangular density."""
+    """Add the offsets s, t by their triangular density across the thickness."""
     for c in range(n_z):
         z = 0.5 * (1.0 + _NODES[n_z, c])
         for side in range(sides):
@@ -303,7 +305,7 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
 
 @kernel
 def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
-    """Exact integral of touching parallel bars without tilt, starts (dx, dy, dz) apart."""
+    """Exact integral of touching parallel bars, starts (dx, dy, dz) apart."""
     sign = 1.0 if cosine > 0.0 else -1.0
     # The start of the second bar that comes first along the first bar, and its middle.
     ex = dx + (0.0 if cosine > 0.0 else b[6] * b[3])
@@ -339,7 +341,7 @@ def _offsets(
     a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float, centre_distance: float,
     near_widths: float, extra: int, rule: FloatArray,
 ) -> int:  # fmt: skip
-    """Write the offsets of two bars by how they lie, none for parallel bars that touch.
+    """Write the offsets of two bars, none for touching parallel bars.
 
     (dx, dy, dz) leads from start to start. The centre lines alone are one offset of zero.
     """
@@ -409,10 +411,10 @@ def bar_pair(
 def _collect(
     a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, count: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes of distant bars, or return −1 if they do not lie apart.
+    """Collect the nodes of distant bars, or return −1 for near bars.
 
-    The mean over the cross-sections is the mean over two lateral offsets of each bar. Parallel bars need two offsets in
-    all, as in `bar_pair` at this distance.
+    The mean over the cross-sections is the mean over two lateral offsets of each bar. Parallel bars
+    need two offsets in all, as in `bar_pair` at this distance.
     """
     dx, dy, dz, centre_distance = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])
@@ -425,7 +427,8 @@ def _collect(
     nodes = node_count(distance, b[6], _LEAST_FILAMENTS if size == 0.0 else _LEAST) + extra
     if nodes > MOST_NODES:
         return -1
-    # Offsets across the bars are ±s of the first and ±t of the second. One loop lets `add_nodes` be compiled once.
+    # Offsets across the bars are ±s of the first and ±t of the second. One loop lets `add_nodes` be
+    # compiled once.
     sx, sy, sz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     sides = 1
@@ -459,7 +462,8 @@ def _rows_sum(
     total = 0.0
     for i in range(start, stop):
         near, far = 0.0, 0.0
-        # A plain 0 has a type of its own, for which all kernels that take it would be compiled once more.
+        # A plain 0 has a type of its own, for which all kernels that take it would be compiled once
+        # more.
         count, begin = int(0.0), i + 1 if own else int(0.0)
         for j in range(begin, second.shape[0] + 1):
             last = j == second.shape[0]  # lets `batch_sum` be called, and compiled into this, at one place

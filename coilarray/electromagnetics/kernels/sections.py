@@ -40,7 +40,7 @@ Basis = tuple[FloatArray, FloatArray, FloatArray]  # cells, √area and currents
 
 
 def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Horizontal unit vectors u × z across segments (n, 3), and a mask of those not vertical."""
+    """Horizontal unit vectors u × z (n, 3), and a mask without vertical segments."""
     steps = np.diff(vertices, axis=0)
     across = np.hypot(steps[:, 0], steps[:, 1])
     flat = across > 1e-9 * np.linalg.norm(steps, axis=1)
@@ -53,8 +53,9 @@ def gauss_points(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Gauss points along segments: segment (n,), length in m (n,), point (n, 3).
 
-    `rules` has (least length in widths, points), rising. The points keep half a width away from the corners. There the
-    field of the next segment's centre line, though not of its copper, has no bound.
+    `rules` has (least length in widths, points), rising. The points keep half a width away from the
+    corners. There the field of the next segment's centre line, though not of its copper, has no
+    bound.
     """
     steps = np.diff(vertices, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -82,7 +83,7 @@ def _antiderivative(x: float, z: float) -> float:
 
 @kernel
 def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
-    """Halved difference of the variances, and quarter of the cumulants, of two cells' offset."""
+    """Halved variance difference and quarter cumulants of two cells' offset."""
     a1, a2, b1, b2 = w1 * w1, w2 * w2, t1 * t1, t2 * t2
     sx, sz = (a1 + a2) / 12.0, (b1 + b2) / 12.0
     fourth = (a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2) / 80.0 + (a1 * a2 + b1 * b2) / 24.0 - 6.0 * sx * sz
@@ -117,8 +118,9 @@ def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: floa
 def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: FloatArray) -> None:
     """Mean of ln r between the cells of two traces (x, z) apart.
 
-    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre. `second` (4, m) holds the same
-    for the other trace, one per row, so that the processor takes several at once. `out` has shape (n, m).
+    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre. `second` (4,
+    m) holds the same for the other trace, one per row, so that the processor takes several at once.
+    `out` has shape (n, m).
     """
     xs, zs, ws, ts = second[0], second[1], second[2], second[3]
     for i in range(first.shape[0]):
@@ -315,8 +317,8 @@ def section(
 ) -> Section:
     """Reduce parallel traces to their eddy modes.
 
-    `basis` returns the basis of a width and thickness (`response_basis`). `between` returns the `interaction` of the
-    bases of two such sizes at a distance (x, z).
+    `basis` returns the basis of a width and thickness (`response_basis`). `between` returns the
+    `interaction` of the bases of two such sizes at a distance (x, z).
     """
     unit = max(max(w, t) for _, _, w, t in traces)
     scaled = [tuple(round(value / unit, 9) for value in trace) for trace in traces]

@@ -30,8 +30,9 @@ def add_magnetic_field(
 ) -> None:  # fmt: skip
     """Add the B of polylines at a block of points.
 
-    `x`, `y`, `z`, `bx`, `by`, `bz` and the scratch `norm` have shape (n,). `vertices` (m, 3) holds all polylines in
-    sequence, polyline c being rows starts[c]:starts[c + 1] with the weight µ0 I/4π in `weights`.
+    `x`, `y`, `z`, `bx`, `by`, `bz` and the scratch `norm` have shape (n,). `vertices` (m, 3) holds
+    all polylines in sequence, polyline c being rows starts[c]:starts[c + 1] with the weight µ0 I/4π
+    in `weights`.
     """
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
@@ -73,8 +74,8 @@ def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
     With top/bottom = 2^k m, m near one, the result is k ln 2 + 2 atanh((m − 1)/(m + 1)). For k = 0
     the argument of atanh is `ratio`, tanh of half of the result, without the rounding of m − 1.
     """
-    # The difference of two floating-point numbers' bits is near the difference of their logarithms to base 2, times
-    # 2^52.
+    # The difference of two floating-point numbers' bits is near the difference of their logarithms
+    # to base 2, times 2^52.
     k = (np.float64(top).view(np.int64) - np.float64(bottom).view(np.int64) + (1 << 51)) >> 52
     scaled = bottom * np.int64((k + 1023) << 52).view(np.float64)
     q = ratio if k == 0 else (top - scaled) / (top + scaled)

@@ -84,7 +84,7 @@ def _area(t: FloatArray) -> float:
 
 @kernel
 def _moments(t: FloatArray, out: FloatArray) -> None:
-    """Centroid, second moments xx, yy, zz, xy, yz, zx over the area, and radius of a triangle."""
+    """Centroid, second moments xx, yy, zz, xy, yz, zx over the area, radius."""
     for a in range(3):
         out[a] = (t[0, a] + t[1, a] + t[2, a]) / 3.0
     for a in range(3):
@@ -131,8 +131,9 @@ def _edge(
 ) -> tuple[float, float, float, float, float, float]:
     """Return normal, distance, ∫ dl/r and angle of an edge.
 
-    The normal is outward, in the plane. The distance of the point from the edge's line is along this normal. `d` is the
-    distance of the point from the plane. The angles of all edges add up to the solid angle.
+    The normal is outward, in the plane. The distance of the point from the edge's line is along
+    this normal. `d` is the distance of the point from the plane. The angles of all edges add up to
+    the solid angle.
     """
     m = (k + 1) % 3
     ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z

@@ -59,8 +59,8 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
 def find_series(path: FloatArray) -> IntArray:
     """Cut a path (rows of `kernels.paths`) into series of evenly stepping segments.
 
-    Rows of the result are first row, stride and number of rows of a series, whose starts and ends step evenly. Every
-    segment is in one series, and a single segment is a series by itself.
+    Rows of the result are first row, stride and number of rows of a series, whose starts and ends
+    step evenly. Every segment is in one series, and a single segment is a series by itself.
     """
     ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
     places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
@@ -87,7 +87,7 @@ def _step_evenly(
     places: FloatArray, sizes: FloatArray, free: BoolArray, i: IntArray | int, j: IntArray, k: IntArray,
     tolerance: float,
 ) -> BoolArray:  # fmt: skip
-    """Mask of the triples of free, alike segments on equidistant points."""
+    """Mask of the triples of free, alike, equidistant segments."""
     alike = (sizes[i] == sizes[j]).all(axis=-1) & (sizes[j] == sizes[k]).all(axis=-1)
     bend = np.abs(places[i] - 2.0 * places[j] + places[k]).max(axis=-1)
     return np.asarray(alike & (bend <= tolerance) & free[i] & free[j] & free[k])
@@ -122,9 +122,10 @@ def _sum_two_series(
     first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
-    """Sum of two series, or of the pairs i < j of one series (`own`).
+    """Sum of two series, or of pairs i < j of one (`own`).
 
-    The sum is cut into lines of pairs (i + t·di, j + t·dj), 0 ≤ t < n, and a line is halved if its two rules disagree.
+    The sum is cut into lines of pairs (i + t·di, j + t·dj), 0 ≤ t < n, and a line is halved if its
+    two rules disagree.
     """
     m, n = a[2], b[2]
     a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
@@ -132,7 +133,8 @@ def _sum_two_series(
     near_too, far_too = _distance(first[a_last], second[b_last], shift), _distance(first[a_last], second[b[0]], shift)
     nearest = min(near, far, near_too, far_too)
     apart = m * n > _FEW and min(m, n) > 2 and nearest > _APART * max(_width(first, a), _width(second, b))
-    # Pairs of one difference, or one sum, of the indices have equal positions, whichever leads along the nearness.
+    # Pairs of one difference, or one sum, of the indices have equal positions, whichever leads
+    # along the nearness.
     alike = near + near_too <= far + far_too
     j_begin, dj = (b[0], b[1]) if alike or apart else (b_last, -b[1])
     begins, lengths = np.empty(64, np.int64), np.empty(64, np.int64)
@@ -175,8 +177,9 @@ def series_sum(
 ) -> float:  # fmt: skip
     """Sum `bar_pair` over the series of two paths.
 
-    It is over rows of `first` and of `second` moved by `shift`, or over the pairs i < j of one path's `own` rows.
-    `of_first` and `of_second` are their series (`find_series`), the last four arguments the rules (`series_rules`).
+    It is over rows of `first` and of `second` moved by `shift`, or over the pairs i < j of one
+    path's `own` rows. `of_first` and `of_second` are their series (`find_series`), the last four
+    arguments the rules (`series_rules`).
     """
     rule = np.empty((RULE_SIZE, 4))
     total = 0.0
