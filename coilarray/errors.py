@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable
 
 _LONGEST = 500  # characters of an error, a path of 200 included
-_END = 150  # of them behind what is cut out
+_END = 150  # characters after the cut
 _SHOWN = 80  # characters of a value
 LARGEST = 1e30
-"""Of any number: powers of it, up to the sixth in the kernels, stay within the range of float64."""
+"""Largest allowed number: its sixth power, in the kernels, stays within the range of float64."""
 _LISTED = 120  # characters of a list of names
 
 

@@ -26,7 +26,7 @@ from coilarray.geometry.stackup import Stackup
 _SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
 _MOST_NAMES = 12  # of coils, in a row of a table
 _NEAREST = 1.01  # of the least distance: limit for neighbours
-_SAME_PLACE = 1e-9  # m; distances that differ by less are equal
+_SAME_PLACE = 1e-9  # m: distances that differ by less are equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,10 +229,7 @@ class Connector:
 
 @dataclass(frozen=True, eq=False)
 class Routing:
-    """Array and connector from which `route_leads` made other placements.
-
-    The function is `coilarray.geometry.connector.route_leads`.
-    """
+    """Array and connector from which `route_leads` made other placements."""
 
     array: Array
     connector: Connector
@@ -559,10 +556,7 @@ def array_words(array: Array) -> str:
 
 
 def copper_words(coil: Coil) -> str:
-    """Return the size of a winding's copper in brackets.
-
-    It is width by height. The text is empty if they are not below the stated size.
-    """
+    """Return a winding's copper size in brackets, or ""."""
     if coil.wound is None or coil.wound.is_parallel:
         return ""
     spiral = coil.wound

@@ -13,7 +13,7 @@ from coilarray.errors import LARGEST, GeometryError
 SMALLEST = 1 / LARGEST
 """Least length in m."""
 
-_STRAIGHT = 1e-6  # rad; less is not a bend
+_STRAIGHT = 1e-6  # rad: less is not a bend
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,7 +118,7 @@ def _routed(
 class NoWayError(GeometryError):
     """No way leads from a coil to its pad.
 
-    `coil` is the coil that should be routed first, `routed` the number of coils routed before it.
+    The `coil` should be routed first. `routed` is the number of coils routed before it.
     """
 
     def __init__(self, coil: int, message: str) -> None:
@@ -151,10 +151,7 @@ def _turned(array: Array, side: Side) -> Array:
 
 
 def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
-    """Order of the coils along the edge at the bottom.
-
-    Of coils above one another the nearest comes first if `near_first`, otherwise last.
-    """
+    """Order of the coils along the edge, then by distance."""
     ends = np.array([place.to_board(place.coil.terminal_points).mean(axis=0) for place in array.placements])
     x, y = ends.T
     apart = min((place.coil.terminal.pad for place in array.placements if place.coil.terminal), default=1e-3)
@@ -286,7 +283,7 @@ class _Grid:
         return found
 
     def _foreign(self, coil: int, end: int) -> list[_Taken]:
-        """Copper on a lead's layer that it must not meet.
+        """Copper that a lead must not meet on its layer.
 
         The lead may meet its own pad, and its own trace near its end.
         """
@@ -386,10 +383,7 @@ class _Grid:
         return close[~shapely.intersects(others[:, None], hops).any(axis=0)]
 
     def _take(self, layers: Sequence[str], shape: BaseGeometry, owner: _Owner) -> None:
-        """Block edges near a piece of copper.
-
-        They are blocked for later leads. The own leads of `owner` may touch it.
-        """
+        """Block edges near copper, except for the owner's leads."""
         near = shape.buffer(self.clearance).simplify(1e-3 * self.clearance)
         taken = _Taken(near, owner, self.tree.query(near, predicate="intersects"))
         for layer in layers:
@@ -400,10 +394,7 @@ _Owner = tuple[int, int] | tuple[int, str, int] | None
 
 
 class _Taken(NamedTuple):
-    """Piece of copper with its clearance, owner and edges.
-
-    The shape is widened by the clearance. The edges are the edges of the grid that it meets.
-    """
+    """Copper widened by its clearance, with owner and grid edges."""
 
     shape: BaseGeometry
     owner: _Owner
@@ -423,7 +414,7 @@ def _straightened(way: FloatArray) -> FloatArray:
 def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc, ...]]:
     """Round the corners of a line.
 
-    `radius` is in m. The radius is reduced if it needs more than nearly half of a piece.
+    The radius in m is reduced if it needs more than nearly half of a piece.
     """
     step = np.diff(corners, axis=0)
     length = np.hypot(*step.T)
@@ -435,10 +426,7 @@ def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc,
 
 
 def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Placement:
-    """Return a coil whose path has ways at both ends.
-
-    The ways are in m on the board, from the coil's ends to their pads.
-    """
+    """Return a coil with ways from its ends to pads."""
     coil = place.coil
     c, s = math.cos(place.rotation), math.sin(place.rotation)
     lines, widths, arcs = list(coil.lines), list(coil.widths), list(coil.arcs) or [()] * len(coil.lines)

@@ -151,18 +151,12 @@ class _Tip(ABC):
 
     @property
     def largest_radius(self) -> float:
-        """Largest radius in m at which the body can touch.
-
-        For a plane body it is the largest distance along x. It is inf for an infinite body.
-        """
+        """Largest radius in m at which the body can touch."""
         return self.radius
 
     @property
     def height(self) -> float:
-        """Largest depth in m for which the shape is known.
-
-        It is inf if the shape continues, like the rod above an edge.
-        """
+        """Largest depth in m for which the shape is known."""
         return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:

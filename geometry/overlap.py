@@ -104,10 +104,7 @@ def _steps(way: FloatArray, line: FloatArray) -> FloatArray:
 
 
 def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
-    """Yield nearest places that face each other.
-
-    Both places belong to one path. They are within one trace or between two traces.
-    """
+    """Yield nearest places of one path that face each other."""
     for trace in {trace.shape: trace for trace in traces}.values():
         # the cheaper of two that agree
         if np.ptp(trace.widths) > 0 or simple_outline(trace.line, float(trace.widths[0])) is None:
@@ -126,7 +123,7 @@ def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
 def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield a closed trace without either end.
 
-    The first lacks its end, the second its beginning. End and beginning are joined to each other.
+    End and beginning are joined to each other.
     """
     for line, widths in ((trace.line, trace.widths), (trace.line[::-1], trace.widths[::-1])):
         step = np.diff(line, axis=0)
@@ -141,7 +138,7 @@ def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
 def _between(traces: Sequence[_Trace]) -> Iterator[_Place]:
     """Yield the places where traces of two paths meet.
 
-    Of pairs with the same relative position, one pair is measured.
+    Pairs with the same relative position are measured once.
     """
     margin = MITRE_LIMIT / 2 * np.array([trace.widths.max() for trace in traces])
     low = np.array([trace.line.min(axis=0) for trace in traces]).reshape(-1, 2) - margin[:, None]

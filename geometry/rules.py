@@ -467,10 +467,7 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 def trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], within: float
 ) -> Gap | None:
-    """Smallest gap of two traces, up to `within` (m).
-
-    Each trace is a centre line with half its widths.
-    """
+    """Smallest gap up to `within` (m) of two traces with half-widths."""
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + within)
     if not len(i):

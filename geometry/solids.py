@@ -52,10 +52,7 @@ def solids(array: Array, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trim
 
 
 def sheet_solids(array: Array, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
-    """Build the sheets of `solids` alone, which is much faster.
-
-    Raises GeometryError if two sheets have the same name.
-    """
+    """Build the sheets of `solids` alone, which is much faster."""
     return {key: _extruded(prism) for key, prism in sheet_prisms(array, sheets).items()}
 
 
@@ -74,7 +71,7 @@ def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, f
 
 @lru_cache(maxsize=1)  # a report shows one board in two scenes
 def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
-    """Build the copper, barrels and laminate of `solids`.
+    """Copper, barrels and laminate of `solids`.
 
     The result is cached for the next caller and must not be changed.
     """
@@ -134,10 +131,9 @@ def _extruded(prism: Prism) -> trimesh.Trimesh:
 
 @dataclass(frozen=True)
 class Prism:
-    """Flat piece with upright walls.
+    """Outline in m with the heights of its two faces.
 
-    It has an outline and the heights of its two faces, in m. Circles of the outline are made by
-    `coilarray.geometry.copper.disc`.
+    Circles are made by `coilarray.geometry.copper.disc`.
     """
 
     shape: BaseGeometry
@@ -146,10 +142,7 @@ class Prism:
 
 
 def board_prisms(array: Array) -> dict[str, Prism]:
-    """Divide a board into prisms of copper, barrels and laminate.
-
-    The keys are the keys of `coilarray.geometry.solids`.
-    """
+    """Divide a board into prisms, with the keys of `solids`."""
     copper = {f"copper/{layer}/{net}": prism for layer, net, prism in _copper(array)}
     barrels = {f"barrel/{net}/{n}": prism for net, n, prism in _barrels(array)}
     laminate = _laminate(array)
@@ -185,10 +178,7 @@ def _laminate(array: Array) -> Prism | None:
 
 
 def sheet_prisms(array: Array, sheets: Sequence[Sheet]) -> dict[str, Prism]:
-    """Stack sheets upwards from z = 0.
-
-    They are as large as the board. The keys are ``sheet/<name>``.
-    """
+    """Sheets as large as the board, stacked from 0."""
     names = [sheet.name for sheet in sheets]
     if len(set(names)) != len(names):
         raise GeometryError(f"sheet names must differ; got {', '.join(names)}.")

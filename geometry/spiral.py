@@ -169,9 +169,9 @@ class Winding(Construction, SingleCoil):
         return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, inset))[0])
 
     def outwards(self, step: int) -> FloatArray:
-        """Direction of the leads at the end of a `step`.
+        """Return the unit vector of the leads after a `step`.
 
-        It is a unit vector, shape (2,). Vias inside the winding lie in the opposite direction.
+        Vias inside the winding lie in the opposite direction.
         """
         rim = self.rim(step)
         return np.asarray(rim / float(np.hypot(*rim)))
@@ -188,10 +188,7 @@ class Winding(Construction, SingleCoil):
 
     @abstractmethod
     def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return unit normals and distances in m of enclosing sides.
-
-        The normals point from the centre to the sides and have the shape (n, 2).
-        """
+        """Outward normals (n, 2) and distances in m of enclosing sides."""
 
     @abstractmethod
     def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
@@ -203,10 +200,7 @@ class Winding(Construction, SingleCoil):
         return np.asarray(self.width / 2 + self.pitch * turns)
 
     def _radii(self, inset: FloatArray) -> FloatArray:
-        """Radii in m of the corners between successive sides.
-
-        The sides are moved in by `inset`. The array has the shape (n − 1,).
-        """
+        """Radii (n − 1,) in m of corners between sides."""
         return np.zeros(len(inset) - 1)
 
     def _corners(self, sides: IntArray, inset: FloatArray) -> FloatArray:

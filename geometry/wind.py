@@ -226,10 +226,7 @@ def _fan(
 
 
 def _to_stubs(centre: FloatArray, begins: Sequence[FloatArray], ends: FloatArray) -> FloatArray:
-    """Distance (n,) in m of places from the nearest stub.
-
-    Places have the shape (2,) or (n, 2), and `ends` (n, 2).
-    """
+    """Distance (n,) in m of places from the nearest stub."""
     nearest = np.full(len(ends), math.inf)
     for begin in begins:
         along = ends - begin

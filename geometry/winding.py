@@ -26,7 +26,7 @@ _WITHIN = (3 - math.sqrt(5)) / 2  # golden section: symmetry puts nothing there
 _GRAIN = 1e-9  # of the size of a path
 _SAME = 1e-6  # of a distance: places of a symmetric coil have the same distance but for rounding
 _NO_AREA = 1e-6  # of the area that is enclosed: rounding between lines above each other
-_POLE = 1 / 3  # of the most turns; a pole has more
+_POLE = 1 / 3  # of the most turns: a pole has more
 _RAYS = 180
 _BLOCK = 64
 _HALVINGS = 8
@@ -46,10 +46,7 @@ class FlatPath:
 
     @classmethod
     def of_lines(cls, lines: Sequence[FloatArray], widths: Sequence[FloatArray]) -> FlatPath:
-        """Join lines (n, 2) and widths (n − 1,) in m to a path.
-
-        Each line begins at the end of the line before.
-        """
+        """Join lines (n, 2) with widths (n − 1,), in m."""
         numbers = [np.append(np.full(len(width), k), -1) for k, width in enumerate(widths)]
         with_vias = [np.append(width, 0.0) for width in widths]
         return cls(np.vstack(lines), np.concatenate(with_vias)[:-1], np.concatenate(numbers)[:-1])
@@ -102,10 +99,7 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Winding part of a path from `begin` to `end` (m).
-
-    `pitch` is the mean pitch in m.
-    """
+    """Winding part of a path from `begin` to `end` (m)."""
 
     path: FlatPath
     begin: float
@@ -266,10 +260,7 @@ def _lead(path: FlatPath, pitch: float) -> float | None:
 
 
 def _poles(points: FloatArray) -> tuple[Pole, ...]:
-    """Find the places about which a path winds most.
-
-    The path has points (n, 2) in m and is closed by a straight line.
-    """
+    """Places about which a path (n, 2), closed, winds most."""
     ring = np.vstack((points, points[:1]))
     # on a fine grid: edges of layers above each other are the same but for rounding, which must not
     # separate faces
@@ -296,9 +287,9 @@ def _poles(points: FloatArray) -> tuple[Pole, ...]:
 
 
 def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
-    """Count how often a path runs around a place.
+    """Count how often a path (n, 2) runs around a place.
 
-    Turns are positive anticlockwise. `points` (n, 2): path in m. `place`: x and y in m.
+    Turns are positive anticlockwise.
     """
     about = points - np.array(place)
     a, b = about[:-1], about[1:]
@@ -306,10 +297,7 @@ def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
 
 
 def _winding_numbers(places: FloatArray, ring: FloatArray) -> IntArray:
-    """Winding numbers of a closed path about places.
-
-    The path has the shape (n + 1, 2), the places (m, 2) and the result (m,).
-    """
+    """Winding numbers (m,) of a closed path about places (m, 2)."""
     (x0, y0), (x1, y1) = ring[:-1].T, ring[1:].T
     px, py = places[:, :1], places[:, 1:]
     left = (x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)

@@ -100,9 +100,9 @@ def array_html(array: Array) -> str:
 
 
 def array_picture(array: Array, title: str = "") -> str:
-    """Return a drawing as an HTML image.
+    """Return a drawing as an HTML image, or a sentence.
 
-    The board is drawn to scale. For a board that takes too long to draw it is a sentence.
+    It is a sentence for a board that takes too long to draw.
     """
     points = sum(len(line) for place in array.placements for line, _, _ in place.traces())
     if points > _MOST_POINTS:

@@ -135,7 +135,7 @@ def _recognized(label: str, data: bytes) -> DataFile | None:
 def _named(files: Sequence[DataFile]) -> list[DataFile]:
     """Add functions to Gerber files without X2 attributes.
 
-    The rules are the rules of the program that names most of the files.
+    The rules belong to the program that names most of the files.
     """
     best: dict[int, tuple[str, int]] = {}
     for rules in gerbonara("layer_rules").MATCH_RULES.values():
@@ -318,10 +318,7 @@ class DrilledHole:
 
 
 def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
-    """Read the objects of a Gerber file in order.
-
-    Raises BoardError, with file and line, for data that would be read wrongly.
-    """
+    """Read the objects of a Gerber file, or raise BoardError."""
     repeated = next((match for match in _STEP_REPEAT.finditer(file.text) if match.groups() != ("1", "1")), None)
     if repeated:
         line = file.text.count("\n", 0, repeated.start()) + 1
@@ -371,10 +368,7 @@ def parse_drills(file: DataFile) -> list[DrilledHole]:
 
 
 class _Recorder(list[Any]):
-    """List that records `state` with every appended object.
-
-    It replaces the list to which a parser of gerbonara appends.
-    """
+    """List that records `state` with every object of gerbonara's parser."""
 
     def __init__(self, state: Callable[[], Any]) -> None:
         super().__init__()
@@ -386,10 +380,7 @@ class _Recorder(list[Any]):
 
 
 def _refusing(label: str, parse: Callable[[], None]) -> None:
-    """Let gerbonara parse, and convert its errors to BoardError.
-
-    Warnings that mean a wrong result are converted too.
-    """
+    """Let gerbonara parse, and refuse errors and wrong results."""
     complaints: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

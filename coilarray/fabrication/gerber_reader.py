@@ -102,10 +102,7 @@ class _Bore:
 
     @property
     def pads(self) -> dict[str, list[Flash]]:
-        """Flashes by layer that are wider than the hole.
-
-        Narrower flashes only mark the hole.
-        """
+        """Flashes by layer that are wider than the hole."""
         found: dict[str, list[Flash]] = {}
         for layer, flash in self.lands:
             if flash.size > self.hole.diameter:
@@ -165,7 +162,7 @@ def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) ->
 def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
     """Copper layers that a drill file's holes reach.
 
-    They are given by its function, such as Plated,1,4,PTH. By default it is all layers.
+    Its function gives them, such as Plated,1,4,PTH. By default it is all layers.
     """
     ends = file.function[1:3]
     if len(ends) < 2:

@@ -125,10 +125,7 @@ class _Layer:
     def stroke(
         self, start: FloatArray, end: FloatArray, width: float, function: str = "", middle: FloatArray | None = None
     ) -> None:
-        """Draw a stroke, or an arc through `middle`, in mm.
-
-        Consecutive strokes share the point between them.
-        """
+        """Draw a stroke, or an arc through `middle`, in mm."""
         self._select(width, function)
         if self._at != _coordinates(start):
             self._operation(start, "D02")
@@ -181,10 +178,7 @@ class _File:
 
 
 def _gerbers(array: Array, project: _Project) -> Iterator[_File]:
-    """Yield the Gerber layers in order.
-
-    They are copper from top to bottom, solder masks, names of the coils, and the board's edge.
-    """
+    """Yield copper from top to bottom, masks, names and edge."""
     names = array.stackup.names
 
     def file(name: str, layer: _Layer, function: tuple[str, ...], polarity: str = "") -> _File:

@@ -122,27 +122,18 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
 @dataclass(frozen=True)
 class _Board:
-    """Context for reading the nodes of one file.
-
-    It holds the copper layers, the nets by number, and the origin on KiCad's sheet in mm.
-    """
+    """Context of a file: layers, nets, and origin in mm."""
 
     layers: KicadLayers
     nets: dict[str, str]
     origin: Point
 
     def to_board(self, x: float, y: float) -> Point:
-        """Transform a place on KiCad's sheet to the board's frame.
-
-        The place is in mm with y down, the result in m with y up.
-        """
+        """Transform mm with y down to m with y up."""
         return (x - self.origin[0]) / _PER_M, (self.origin[1] - y) / _PER_M
 
     def footprint(self, node: Node) -> ToBoard:
-        """Return the transformation from a footprint to the board.
-
-        The footprint's frame is in mm with y down, the board's in m.
-        """
+        """Return the transformation from a footprint (mm) to the board (m)."""
         place = node.need("at")
         x0, y0 = pair(place)
         turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0
@@ -193,10 +184,7 @@ class _Board:
         return Hole(x, y, drill, size, layers, self.net(node), "via", node.where, shapes=shapes)
 
     def pad(self, node: Node, to_board: ToBoard) -> tuple[list[Hole], list[SurfacePad]]:
-        """Return a pad as hole or surface pads.
-
-        The pad belongs to a footprint. There is a surface pad for each of its copper layers.
-        """
+        """Return a pad as hole or surface pads by layer."""
         number, kind = node.text(0), node.text(1)
         if kind == "np_thru_hole":
             return [], []
@@ -220,10 +208,7 @@ class _Board:
         return [Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes)], []
 
     def areas(self, nodes: Iterable[Node], to_board: ToBoard) -> Iterator[CopperArea]:
-        """Yield copper areas: zones, drawn shapes, texts and others.
-
-        The others are any objects on copper or with a net.
-        """
+        """Yield zones, drawn shapes, texts and other copper."""
         for node in nodes:
             net = self.net(node) if node.name != "net" else None
             names = self.layers.all(node)
@@ -298,10 +283,7 @@ class KicadLayers:
     assumed: dict[str, str]
 
     def one(self, node: Node) -> str | None:
-        """Return a node's copper layer, or None.
-
-        It stands in (layer …) or (layers …). Mask layers are ignored.
-        """
+        """Return a node's copper layer, or None."""
         if node.child("layers") is None:
             node.need("layer")
         found = self.all(node)
@@ -326,10 +308,7 @@ class KicadLayers:
 
 
 def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
-    """Read the copper layers of a board and their thicknesses.
-
-    A given stack-up replaces the board's.
-    """
+    """Read the copper layers of a board and their thicknesses."""
     table = root.need("layers")
     user_names = {}
     for node in table.items:
@@ -368,10 +347,7 @@ def _depth(name: str) -> float:
 
 
 def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:
-    """Thicknesses of copper, and the dielectrics between.
-
-    A dielectric has a thickness and a permittivity. Unknown values are None.
-    """
+    """Thicknesses of copper, and the dielectrics between, None if unknown."""
     copper: dict[str, float | None] = {}
     slabs: list[list[Slab]] = []
     for layer in given.children("layer"):
@@ -388,10 +364,7 @@ def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab
 
 
 def _sublayers(layer: Node) -> Iterator[Slab]:
-    """Yield thickness in m and permittivity of every sublayer.
-
-    The word addsublayer separates the parts of a layer of the stack-up.
-    """
+    """Yield thickness in m and permittivity of every sublayer."""
     thickness = epsilon = None
     for item in layer.items:
         if item == "addsublayer":
@@ -405,7 +378,7 @@ def _sublayers(layer: Node) -> Iterator[Slab]:
 
 
 _CURVE_PIECES = 64
-_FARTHEST = 1e4  # mm; KiCad itself ends at 2147
+_FARTHEST = 1e4  # mm: KiCad itself ends at 2147
 
 
 def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
@@ -446,10 +419,7 @@ def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
 
 
 def pair(node: Node) -> Point:
-    """Return the first two numbers of a node, in mm.
-
-    They are a place or a size. Raises BoardError for values that no board has.
-    """
+    """Return the first two numbers of a node, in mm."""
     x, y = node.number(0), node.number(1)
     if max(abs(x), abs(y)) > _FARTHEST:
         raise BoardError(f"{node.where}: ({node.name} …) must lie within {_FARTHEST:g} mm; got {x:g}, {y:g}.")

@@ -1,4 +1,4 @@
-"""KiCad project folders: the board, its rules, and footprints of its coils.
+"""KiCad project folders: board, rules and footprints.
 
 A footprint holds the terminals of a coil on a board, or a whole winding as a part of a library.
 """
@@ -64,7 +64,7 @@ def node(name: str, *items: str) -> str:
 
 
 def block(name: str, head: Iterable[str], children: Iterable[str]) -> str:
-    """Write an expression with each child indented on its own lines."""
+    """Write an expression with indented children, each on its lines."""
     lines = [f"({' '.join((name, *head))}"]
     for child in children:
         lines += [f"  {line}" for line in child.split("\n")]
@@ -103,7 +103,7 @@ def mm(nm: int) -> str:
 
 
 def length(metres: float) -> str:
-    """Write a length in m as mm, rounded to 1 nm."""
+    """Write a length in m as mm to 1 nm."""
     return mm(int(nanometres(metres)))
 
 
@@ -257,7 +257,7 @@ def _attributes(placement: Placement, *more: str) -> str:
 
 
 def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> str:
-    """Write the coil's name, on the silk screen if it fits."""
+    """Write the coil's name, on silk if it fits."""
     if label is None:
         return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
     place = drawing.points((label.x, label.y)) - drawing.points((placement.x, placement.y))
@@ -276,7 +276,7 @@ def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: 
 
 
 def _outline(placement: Placement, drawing: Drawing) -> str:
-    """Outline of the winding, without a courtyard as coils may overlap."""
+    """Outline of the winding without courtyard, as coils may overlap."""
     points = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
     style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"))
     return node("fp_poly", points, *style, drawing.identifier("outline"))

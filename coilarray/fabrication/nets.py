@@ -244,10 +244,7 @@ class _Coil:
         return _fault("cut", (self.name,), last, end, f"{off}no copper on {last}")
 
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
-        """Whether the piece reaches a point of a layer.
-
-        Copper of the piece counts. Copper around the hole that is drilled there counts too.
-        """
+        """Whether a piece or its hole reaches a point."""
         here = [d for d in self.drills if d.drilled and np.hypot(d.x - point[0], d.y - point[1]) < 1e-9]
         radius = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_MARGIN
         return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), radius))
@@ -320,7 +317,7 @@ def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
 
 
 def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:
-    """Discs where round strokes may exceed the mitred outline.
+    """Discs of round strokes that may exceed the mitred outline.
 
     They lie at ends, sharp corners and changes of width.
     """

@@ -11,7 +11,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import board_outline, disc, drills
 
-# Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
+# Heights of the letters in m, the first that fits. Below 0.8 mm KiCad warns and screens blur.
 _SIZES = (1.0e-3, 0.8e-3)
 # The widest letters of KiCad's stroke font are this many heights wide with their gap, descenders
 # included so high.

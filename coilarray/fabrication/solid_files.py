@@ -70,7 +70,7 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
 # Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by
 # accident.
 _ON_CIRCLE = 1e-9
-_SHORTEST = 1e-9  # m; edges below 0.1 nm do not exist for Open CASCADE
+_SHORTEST = 1e-9  # m: edges below 0.1 nm do not exist for Open CASCADE
 _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
 
@@ -100,10 +100,7 @@ def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] =
 
 
 def faceted_prisms(array: Array) -> dict[str, Prism]:
-    """Return the prisms of a board with coarser arcs.
-
-    The copper has the larger pieces of `Coil.current_lines`, which give fewer faces.
-    """
+    """Return the prisms of a board with coarser arcs."""
     prisms = board_prisms(array)
     coils = {id(place.coil): place.coil for place in array.placements if any(place.coil.arcs)}
     if not coils:

@@ -144,7 +144,7 @@ class EmulatedSwitches:
         """Release the port."""
 
 
-_CIRCUITS = 256  # number of solved circuits to keep; a scan repeats the same few
+_CIRCUITS = 256  # number of solved circuits to keep, as a scan repeats the same few
 
 
 class World(Protocol):

@@ -50,14 +50,11 @@ class Resonator:
     """Coil and capacitor at resonance at the converter's oscillator."""
 
     frequency: float  # in Hz
-    parallel_resistance: float  # in Ω; infinite without losses
+    parallel_resistance: float  # in Ω, inf without losses
     quality_factor: float  # of the whole tank
 
     def amplitude(self, current: float) -> float:
-        """Return the peak voltage in V.
-
-        It is V = 4 R_p I/π (eq. 12) for a drive current in A.
-        """
+        """Peak voltage 4 R_p I/π in V (eq. 12)."""
         return 4 * self.parallel_resistance * current / math.pi
 
     def automatic_drive(self) -> int:

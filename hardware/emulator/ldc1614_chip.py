@@ -121,7 +121,7 @@ class Ldc1614:
         if address == _CONFIG:
             self._configure(value)
 
-    # ------------------------------------------------------- what happens to the chip
+    # ------------------------------------------------------- events at the chip
 
     def advance(self) -> None:
         """Simulate the chip up to now."""

@@ -84,13 +84,13 @@ class BoardCalibration(Table):
     clock: Annotated[float, Field(ge=CLOCKS[0], le=CLOCKS[1])] = Field(alias="clock_Hz")
     """Clock of the converter."""
     clock_error: _NotNegative | None = Field(alias="clock_standard_error_Hz", default=None)
-    """Its standard error; none if the clock is taken from the settings."""
+    """Its standard error, None if the clock is taken from the settings."""
     clock_from: Literal["settings", "known frequency"]
     """Source of the clock."""
     capacitances_from: Literal["known inductances", "design"] | None = None
     """Source of the inductances with which the capacitances were found."""
     channels: Annotated[list[Channel], Field(max_length=1000)] = Field(default_factory=list)
-    """Tanks; none if no inductances were given."""
+    """Tanks, none if no inductances were given."""
 
     @model_validator(mode="after")
     def _states_differ(self) -> BoardCalibration:

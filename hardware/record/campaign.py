@@ -41,7 +41,7 @@ _FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 10
 class Campaign:
     """Positions, depths and sequence of a campaign."""
 
-    x: tuple[float, ...]  # m from the map's origin, as y; rising
+    x: tuple[float, ...]  # m from the map's origin, as y, rising
     y: tuple[float, ...]
     depths: tuple[float, ...]  # of the indentation in m, rising
     repeats: int = 1  # passes over the whole grid

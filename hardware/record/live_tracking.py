@@ -36,7 +36,7 @@ class LiveState:
     """One state of a scan."""
 
     name: str
-    delta: float | None  # (L − L_0)/L_0; None while the baseline is measured, or without a value
+    delta: float | None  # (L − L_0)/L_0. None while the baseline is measured, or without a value
     verdict: Verdict
     reasons: tuple[str, ...] = ()  # why the reading is not good or has no δ
 
@@ -49,9 +49,9 @@ class LiveReading:
     time: float  # of the scan in s by the board's clock
     elapsed: float  # s since the first scan of this session of the board
     states: tuple[LiveState, ...]  # in the order of the scan
-    waiting: int  # scans that the baseline still needs; 0 once it is complete
-    location: Location | None  # of the indentation; None if it was not requested or cannot be found
-    problem: str  # why there is no location although requested; otherwise empty
+    waiting: int  # scans that the baseline still needs
+    location: Location | None  # of the indentation. None if it was not requested or cannot be found
+    problem: str  # why there is no location although requested, or ""
     noise: float | None  # standard deviation of each δ alone. None without a baseline
     rate: float | None  # scans per second over the latest scans, by the board's clock
     lost: int  # scans missing so far

@@ -335,9 +335,9 @@ def record_stream(
 
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
-    """Switch SQLite to its write-ahead log.
+    """Switch SQLite to its write-ahead log, making a missing file.
 
-    Readers and a recorder then do not wait for each other. A missing file is created.
+    Readers and a recorder then do not wait for each other.
     """
     with writing(path, sqlite3.Error):
         connection.execute("PRAGMA journal_mode = WAL")

@@ -71,7 +71,7 @@ class RecordedScan:
     stage: str  # part of the measurement: "stream", "single", "baseline" or "peak"
     position: int | None  # number of the attempt at a place, see `Recording.positions`
     place: GridPlace | None
-    depth: float | None  # of the indenter in m if known; 0 if it does not touch
+    depth: float | None  # of the indenter in m if known, 0 without contact
     temperature: float | None  # in °C, if a thermometer was given and its reading known
 
 

@@ -143,10 +143,7 @@ class EmulatedStage:
 
 @dataclass(frozen=True)
 class StageLimits:
-    """Range of a machine.
-
-    No position outside is ever sent.
-    """
+    """Range of a machine, beyond which no position is sent."""
 
     x: tuple[float, float]  # least and greatest position on the board in m
     y: tuple[float, float]  # m
