@@ -210,6 +210,7 @@ def spice_subcircuit(
     A coil with both pins free has no path for direct current: ground one pin, through 1 GΩ if it
     floats. A coil of no resistance has no operating point across a voltage source or an ideal
     short: drive it by a current source, and short it through a resistance.
+
     >>> print(spice_subcircuit(["A", "B"], [[2e-6, 1e-6], [1e-6, 2e-6]], [3.0, 0.0], capacitance=[0, 4e-12]))
     * coilarray: 2 coils; H, ohm, F
     .subckt coilarray A_1 A_2 B_1 B_2

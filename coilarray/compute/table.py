@@ -219,6 +219,7 @@ def dataset_table(
     There is a row for each combination of their coordinates. The dimension that is named first
     changes slowest. Numbers that are not finite are left empty. `shown` has units for people if the
     customary units do not fit, such as %.
+
     >>> import xarray as xr
     >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
     >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})

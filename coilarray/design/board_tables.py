@@ -1,6 +1,7 @@
-"""Tables of a design file about the board: layers, coils, their array, connector and edge.
+"""Tables of a design file about the board and coils.
 
-Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in SI.
+Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in
+SI.
 """
 
 from __future__ import annotations
@@ -66,7 +67,8 @@ class StackupTable(Table):
     copper_thickness_um: list[Micrometres]
     """Thickness of each copper layer."""
     dielectric_thickness_mm: list[Millimetres] = Field(default_factory=list)
-    """Thickness of each dielectric, between one copper layer and the next: one value less than the layers."""
+    """Thickness of each dielectric, between one copper layer and the next: one value less than the
+    layers."""
     dielectric_epsilon_r: list[Relative] = Field(default_factory=list)
     """Relative permittivity of each dielectric."""
 
@@ -87,7 +89,7 @@ class StackupTable(Table):
 
     @classmethod
     def of(cls, stackup: Stackup, layers: Mapping[str, str]) -> dict[str, Any]:
-        """Return the entries of a stack-up, with other names for its `layers`."""
+        """Return the entries of a stack-up, with renamed `layers`."""
         return cls.entries_of(stackup) | {"layers": [layers[name] for name in stackup.names]}
 
 
@@ -156,9 +158,11 @@ class WoundTable(Table):
     gap_mm: Millimetres
     """Distance between neighbouring turns, from copper to copper."""
     winding: Literal["ccw", "cw"] = "ccw"
-    """Sense of the winding on the first layer seen from above, inwards: counter-clockwise or clockwise."""
+    """Sense of the winding on the first layer seen from above, inwards: counter-clockwise or
+    clockwise."""
     return_lead: bool = False
-    """For an odd number of layers: one more layer, with a trace from the inner end out to the second terminal."""
+    """For an odd number of layers: one more layer, with a trace from the inner end out to the
+    second terminal."""
     via: ViaTable = ViaTable()
     """Holes that join the layers."""
     leads: LeadsTable | None = None
@@ -172,7 +176,7 @@ class WoundTable(Table):
 
     @classmethod
     def of(cls, spiral: Winding) -> dict[str, Any]:
-        """Return the entries of a wound coil but its shape and sizes."""
+        """Return the entries of a wound coil except its shape."""
         table = cls.entries_of(spiral, *WoundTable.SHARED) | {"via": ViaTable.entries_of(spiral.via)}
         return table if spiral.leads is None else table | {"leads": LeadsTable.of(spiral.leads, spiral.via)}
 
@@ -183,8 +187,9 @@ class SidedTable(WoundTable):
     SHARED: ClassVar[tuple[str, ...]] = (*WoundTable.SHARED, "winding_rule")
 
     winding_rule: WindingRule = "parallel"
-    """How turns become smaller: "parallel" sides, all of the outermost turn at the stated size, with a step inwards on
-    the last side of each turn; or a part of the step at each "corner", so that the copper is narrower than stated."""
+    """How turns become smaller: "parallel" sides, all of the outermost turn at the stated size,
+    with a step inwards on the last side of each turn; or a part of the step at each "corner", so
+    that the copper is narrower than stated."""
 
 
 class PolygonCoil(SidedTable):
@@ -225,7 +230,10 @@ class PolygonCoil(SidedTable):
 
     @classmethod
     def of_polygon(cls, spiral: Spiral | RoundedSpiral) -> dict[str, Any]:
-        """Return the entries of a polygon's shape; the size is the one of flats and corners that has fewer digits."""
+        """Return the entries of a polygon's shape.
+
+        The size is over flats or corners, whichever has fewer digits.
+        """
         sides = spiral.sides
         flats = spiral.extent if isinstance(spiral, RoundedSpiral) else spiral.diameter
         corners = flats / math.cos(math.pi / sides) / MM
@@ -252,8 +260,9 @@ class CircleCoil(WoundTable):
     shape: Literal["circle"]
     """A circular winding."""
     outer_diameter_mm: Millimetres
-    """Diameter of the circle on which the outer edge of the copper starts; from there it nears the centre steadily, so
-    that the copper of two layers is half of a pitch, of trace and gap, narrower."""
+    """Diameter of the circle on which the outer edge of the copper starts; from there it nears the
+    centre steadily, so that the copper of two layers is half of a pitch, of trace and gap,
+    narrower."""
     first_corner_deg: Degrees = 0.0
     """Direction in which the winding starts; 0 is +x."""
 
@@ -277,8 +286,8 @@ class OblongTable(SidedTable):
     outer_height_mm: Millimetres
     """Size of the copper along y."""
     first_side: Side = "right"
-    """Side where the winding starts and its leads leave: at its middle, or over the corner at its beginning where
-    corners are sharp and sides parallel."""
+    """Side where the winding starts and its leads leave: at its middle, or over the corner at its
+    beginning where corners are sharp and sides parallel."""
 
     def oblong(self, name: str, radius_mm: float) -> Coil:
         """Return the coil in SI from its corners' radius."""
@@ -290,7 +299,7 @@ class OblongTable(SidedTable):
 
     @classmethod
     def of_oblong(cls, spiral: RoundedSpiral) -> dict[str, Any]:
-        """Return the entries of a rectangle's or racetrack's shape, whose sides are along x and y."""
+        """Return the entries of a shape along x and y."""
         quarter = round(spiral.direction / (math.pi / 2)) % 4
         sizes = (spiral.extent, spiral.breadth) if quarter % 2 == 0 else (spiral.breadth, spiral.extent)
         table = {
@@ -328,7 +337,7 @@ class RacetrackCoil(OblongTable):
 
 
 def _wound(spiral: Winding) -> Coil:
-    """Return the coil of a spiral, if it has not too many segments."""
+    """Return the coil of a spiral without too many segments."""
     segments = spiral.steps * spiral.layers
     if segments > _MOST_SEGMENTS:
         raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
@@ -336,7 +345,7 @@ def _wound(spiral: Winding) -> Coil:
 
 
 def _half_side(sides: int, winding: Sense) -> float:
-    """Angle in rad from a polygon's corner to the middle of the side that the winding follows from it."""
+    """Angle in rad from a corner to its side's middle."""
     return math.pi / sides if winding == "ccw" else -math.pi / sides
 
 
@@ -357,7 +366,8 @@ class PathCoil(Table):
     shape: Literal["path"]
     """Centre lines of your own."""
     lines_mm: list[list[Point]] = Field(min_length=1)
-    """Centre lines as corners [x, y], one line for each copper layer; each starts where the one before ends."""
+    """Centre lines as corners [x, y], one line for each copper layer; each starts where the one
+    before ends."""
     trace_width_mm: TraceWidths
     """Width of the trace: one number, or for each line a list with one of each of its segments."""
     gap_mm: Millimetres
@@ -411,14 +421,17 @@ AnyCoil = PolygonCoil | CircleCoil | RectangleCoil | RacetrackCoil | PathCoil
 
 
 def coil_entries(coil: Coil) -> dict[str, Any]:
-    """Return the table of a coil: its winding, or paths where a file has no such winding."""
+    """Return the table of a coil's winding, or its paths."""
     if coil.wound is None or (shape := _shape_entries(coil.wound)) is None:
         return PathCoil.of(coil)
     return shape | WoundTable.of(coil.wound)
 
 
 def _shape_entries(spiral: Winding) -> dict[str, Any] | None:
-    """Shape and sizes of a winding; None for a rectangle that is not along x and y, which a file can only trace."""
+    """Return shape and sizes of a winding.
+
+    It is None for a rectangle that is not along x and y, which a file can only trace.
+    """
     if isinstance(spiral, Spiral):
         return PolygonCoil.of_polygon(spiral)
     assert isinstance(spiral, RoundedSpiral)  # no other kind exists
@@ -455,7 +468,7 @@ class FreeArray(Table):
     """The coils, one table each."""
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> Array:
-        """Return the array in SI; DesignError for a coil or layer that does not exist."""
+        """Return the array in SI, of existing coils and layers."""
         for index, place in enumerate(self.placements):
             _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
         placements = tuple(
@@ -471,12 +484,13 @@ class LatticeArray(Table):
     ATTRIBUTES: ClassVar = {"lattice": "kind", "layer_shift_per_row": "layer_shift"}
 
     lattice: LatticeKind
-    """One coil, a row, rows and columns, rows shifted by half a pitch, a triangle of such rows, or rings of hexagons
-    around a middle coil."""
+    """One coil, a row, rows and columns, rows shifted by half a pitch, a triangle of such rows, or
+    rings of hexagons around a middle coil."""
     coil: str
     """Name of their shape, a table of `[coils]`."""
     columns: Annotated[int, Field(ge=1, le=1000)] | None = None
-    """Number of coils in a row, of a triangle in its longest; of linear, square, hexagonal and triangle lattices."""
+    """Number of coils in a row, of a triangle in its longest; of linear, square, hexagonal and
+    triangle lattices."""
     rows: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of rows."""
     rings: Annotated[int, Field(ge=1, le=100)] | None = None
@@ -488,7 +502,8 @@ class LatticeArray(Table):
     rotation_deg: Degrees = 0.0
     """Rotation of every coil about its own centre, counter-clockwise."""
     layers: list[list[str]] = Field(min_length=1)
-    """Copper layers of the coils, in turn along a row: neighbours that overlap must not share copper."""
+    """Copper layers of the coils, in turn along a row: neighbours that overlap must not share
+    copper."""
     layer_shift_per_row: int | None = None
     """Shift of the order of layers from row to row, in coils; chosen for the lattice by default."""
     names: list[Name] | None = None
@@ -511,7 +526,7 @@ class LatticeArray(Table):
         return self
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> Array:
-        """Return the array in SI; DesignError for a coil or layer that does not exist."""
+        """Return the array in SI, of existing coils and layers."""
         coil = _coil(coils, self.coil, "array.coil")
         _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
         given = {key: value for key, value in self.in_si(without=("coil",)).items() if value is not None}
@@ -519,7 +534,7 @@ class LatticeArray(Table):
 
     @classmethod
     def of(cls, lattice: Lattice, coil: str, names: Mapping[str, str], layers: Mapping[str, str]) -> dict[str, Any]:
-        """Return the entries of a lattice of the shape `coil`, with other names for its coils and layers."""
+        """Return the entries of a lattice of the shape `coil`."""
         without = {"single": ("columns", "rows", "rings", "pitch_mm"), "rings": ("columns", "rows")}
         table = cls.entries_of(lattice, without=("coil", *without.get(lattice.kind, ("rings",))))
         table = {"lattice": table.pop("lattice"), "coil": coil} | table
@@ -532,7 +547,7 @@ class LatticeArray(Table):
 def array_entries(
     array: Array, shapes: Sequence[str], names: Mapping[str, str], layers: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the table of an array, as a lattice or as placements of the `shapes` of its coils."""
+    """Return the table of an array, a lattice or placements."""
     if array.lattice is not None and _is_on(array.lattice, array):
         return LatticeArray.of(array.lattice, shapes[0], names, layers)
     placements = [
@@ -589,7 +604,8 @@ class BoardTable(Table):
     margin_mm: LimitMillimetres = 2.0
     """Distance from the outermost copper to the edge of the board."""
     through_holes: bool = True
-    """Whether vias go through the whole board; blind and buried ones join only the layers of their coil."""
+    """Whether vias go through the whole board; blind and buried ones join only the layers of their
+    coil."""
 
 
 def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:

@@ -1,6 +1,7 @@
-"""Tables of a design file about bodies: sheets, indenter, plates, target, and the places where they are moved.
+"""Tables of a design file about sheets, indenter and metal.
 
-Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in SI.
+Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in
+SI.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ class SheetTable(Table):
 
 
 class MaterialTable(Table):
-    """Keys of what carries eddy currents: a named material, or its conductivity and permeability."""
+    """Keys of a conductor: a named material, or its values."""
 
     material: str | None = None
     """Name of the material; or give the two keys that follow."""
@@ -114,7 +115,7 @@ class MaterialTable(Table):
         return self
 
     def substance(self, name: str) -> Material | None:
-        """Return the material in SI, called `name` if it is not a known one; None without a material."""
+        """Return the material in SI, called `name` if not known."""
         if self.material is not None:
             return MATERIALS[self.material]
         if self.conductivity_MS_per_m is None and self.relative_permeability is None:
@@ -124,7 +125,7 @@ class MaterialTable(Table):
 
     @classmethod
     def of_material(cls, material: Material) -> dict[str, Any]:
-        """Return the entries of a material; a perfect conductor raises a DesignError."""
+        """Return the entries of a material, not a perfect conductor."""
         if MATERIALS.get(material.name) == material:
             return {"material": material.name}
         if math.isinf(material.conductivity):
@@ -180,7 +181,10 @@ class FlatTable(MaterialTable):
         return self
 
     def piece(self, name: str, x: float = 0.0, y: float = 0.0, lower: float = 0.0) -> Plate | FinitePlate:
-        """Return the piece in SI, with its lower face, below its centre, at `x`, `y` and `lower` in m."""
+        """Return the piece in SI.
+
+        The middle of its lower face is at `x`, `y` and `lower` in m.
+        """
         material = self.substance(name)
         assert material is not None  # the validator has checked it
         sizes = self.in_si(*FlatTable.model_fields)
@@ -235,7 +239,8 @@ class PlateTable(FlatTable):
     name: Name
     """Name of the plate."""
     z_mm: Position | None = None
-    """Height of its lower face (of a tilted one: below its centre); z = 0 is the top face of the first layer."""
+    """Height of its lower face (of a tilted one: below its centre); z = 0 is the top face of the
+    first layer."""
     distance_mm: LimitMillimetres | None = None
     """Instead of z_mm: the gap to the sheets above the board or to the board's underside."""
     side: Literal["above", "below"] | None = None
@@ -257,7 +262,10 @@ class PlateTable(FlatTable):
         return self
 
     def build(self, top: float, underside: float) -> Plate | FinitePlate:
-        """Return the plate in SI, for the heights of the sheets' upper and the board's lower face in m."""
+        """Return the plate in SI.
+
+        The heights of the sheets' upper and the board's lower face are in m.
+        """
         plate = self.piece(self.name, self.x_mm * MM, self.y_mm * MM, (self.z_mm or 0.0) * MM)
         if self.distance_mm is None:
             return plate
@@ -276,10 +284,10 @@ class PlateTable(FlatTable):
 
 
 def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_copper: float) -> None:
-    """Raise DesignError for plates of one name, in the sheets, in the coils' copper or in each other.
+    """Refuse plates of one name, or in anything else.
 
-    `top` is the height in m of the sheets' upper face, and `lowest_copper` the height of the lowest face of the coils'
-    copper. Below it plates may lie in the board, such as a copper pour.
+    `top` is the height in m of the sheets' upper face. Below `lowest_copper` in m, the lowest face
+    of the coils, plates may lie in the board, such as a copper pour.
     """
     names = [plate.name for plate in plates]
     if len(set(names)) != len(names):
@@ -312,7 +320,8 @@ def _share_ground(one: Plate | FinitePlate, other: Plate | FinitePlate) -> bool:
 class RoundTable(MaterialTable):
     """``[indenter]`` of every shape without an edge; without a material it is nothing to the field.
 
-    The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder that lies along y.
+    The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder
+    that lies along y.
     """
 
     shape: Literal["hemisphere", "paraboloid", "cylinder_edge"]
@@ -340,7 +349,8 @@ class PunchTable(MaterialTable):
     radius_mm: Millimetres
     """Radius of the punch."""
     edge_radius_mm: Millimetres | None = None
-    """Radius of its rounded edge, a tenth of its radius by default; then gast2020's sheets take 0.3 radii of depth."""
+    """Radius of its rounded edge, a tenth of its radius by default; then gast2020's sheets take 0.3
+    radii of depth."""
 
     def build(self) -> FlatPunch:
         """Return the indenter in SI."""
@@ -351,7 +361,8 @@ class ConeTable(MaterialTable):
     """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
 
     shape: Literal["cone"]
-    """A cone that presses with its tip; large deformations do not reach far under a sharp one, of some 45°."""
+    """A cone that presses with its tip; large deformations do not reach far under a sharp one, of
+    some 45°."""
     half_angle_deg: Annotated[float, Field(gt=0, lt=90)]
     """Angle between its axis and its side."""
     radius_mm: Millimetres | None = None
@@ -422,7 +433,10 @@ class PlacesTable(Table):
         return self
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return x and y of the map in m, with both ends; empty if they follow from the array."""
+        """Return x and y of the map in m.
+
+        They include both ends, and are empty if they follow from the array.
+        """
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:
@@ -430,7 +444,7 @@ class PlacesTable(Table):
         return x, y
 
     def places(self) -> dict[str, Any]:
-        """Return x, y, origin and step in SI, as `Indentation` and `Target` take them."""
+        """Return x, y, origin and step in SI."""
         x, y = self.positions()
         at_x, at_y = (0.0, 0.0) if self.origin_mm is None else self.origin_mm
         return {
@@ -443,7 +457,7 @@ class PlacesTable(Table):
 
     @classmethod
     def of_places(cls, setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, Any]:
-        """Return the entries of the positions of an `Indentation` or a `Target` and of their origin."""
+        """Return the entries of positions and their origin."""
         table: dict[str, Any]
         x, y = ([_label(value) for value in row] for row in (setup.x, setup.y))
         step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
@@ -473,9 +487,10 @@ def _check_range(key: str, low: float, high: float, step: float) -> None:
         raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
 
-# Positions are labels, and -26 mm must be -0.026 m: they are divided by whole millimetres, not multiplied by 1e-3.
+# Positions are labels, and -26 mm must be -0.026 m: they are divided by whole millimetres, not
+# multiplied by 1e-3.
 def _even_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
-    """Return the positions in m of a range [low, high] and a step in mm."""
+    """Return positions in m of a range and a step."""
     low, high = bounds
     steps = round((high - low) / step)
     return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))
@@ -487,7 +502,7 @@ def _label(value: float) -> float:
 
 
 def _is_even(row: Sequence[float], step: float) -> bool:
-    """Check whether positions in mm are those of a range with a step."""
+    """Check whether positions in mm are an even range."""
     if step <= 0 or round((row[-1] - row[0]) / step) != len(row) - 1:
         return False
     return np.allclose(_even_positions((row[0], row[-1]), step), np.array(row) / 1e3, rtol=0, atol=_FEMTOMETRE)
@@ -497,7 +512,8 @@ class IndentationTable(PlacesTable):
     """``[indentation]``: how deep and where the indenter presses."""
 
     strain: Strain = "finite"
-    """Large deformations of neo-Hookean sheets, or linear elasticity, faster and some percent less accurate."""
+    """Large deformations of neo-Hookean sheets, or linear elasticity, faster and some percent less
+    accurate."""
     base: Literal["bonded", "frictionless", "seat"] = "bonded"
     """Support of the lowest sheet: glued to the board, sliding freely on it, or on a soft seat."""
     seat_stiffness_kPa_per_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None  # noqa: N815 - the unit
@@ -515,17 +531,21 @@ class IndentationTable(PlacesTable):
     seat_lifts: bool = False
     """Whether the sheet may lift off the seat."""
     seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
-    """Pressure of the sheets' own weight, which holds them down on a seat that they may lift off."""
+    """Pressure of the sheets' own weight, which holds them down on a seat that they may lift
+    off."""
     depths_mm: list[Millimetres] = Field(min_length=1)
     """Depths of the indentation, rising."""
     sample_radius_mm: Millimetres | None = None
-    """Radius of a round sample with a free edge; without it and the next two the sheets are infinite."""
+    """Radius of a round sample with a free edge; without it and the next two the sheets are
+    infinite."""
     sample_x_mm: Range | None = None
-    """Range of a rectangular sample with free sides along x, from the same origin as the positions."""
+    """Range of a rectangular sample with free sides along x, from the same origin as the
+    positions."""
     sample_y_mm: Range | None = None
     """The same along y."""
     ellipse_x_mm: Range | None = None
-    """Range of the positions along x to which ellipses are fitted, from the same origin; all of the map by default."""
+    """Range of the positions along x to which ellipses are fitted, from the same origin; all of the
+    map by default."""
     ellipse_y_mm: Range | None = None
     """The same along y."""
 
@@ -604,7 +624,7 @@ class IndentationTable(PlacesTable):
 
 
 def _bounds(x_mm: Range | None, y_mm: Range | None) -> tuple[float, float, float, float] | None:
-    """Return the edges (x_min, y_min, x_max, y_max) of ranges in m, labels as the positions within them."""
+    """Return the edges (x_min, y_min, x_max, y_max) in m."""
     if x_mm is None or y_mm is None:
         return None
     return x_mm[0] / 1e3, y_mm[0] / 1e3, x_mm[1] / 1e3, y_mm[1] / 1e3

@@ -14,20 +14,20 @@ from coilarray.geometry import Array, Coil, FinitePlate, Material, Plate, Rounde
 from coilarray.geometry.arcs import Arc
 from coilarray.geometry.spiral import Winding
 
-# Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise must not make
-# another design. Therefore numbers count to 14 digits. Places and angles, for which zero is not a special value, count
-# to 1 pm and 1 prad.
+# Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such
+# noise must not make another design. Therefore numbers count to 14 digits. Places and angles, for
+# which zero is not a special value, count to 1 pm and 1 prad.
 _DIGITS = 14
 _PLACES = 12
 
 
 def digest_of(*values: object) -> str:
-    """Return the hexadecimal SHA-256 of dataclasses, mappings, sequences, arrays and plain values."""
+    """Return the hexadecimal SHA-256 of values of any structure."""
     return hashlib.sha256(json.dumps([_plain(value) for value in values], sort_keys=True).encode()).hexdigest()
 
 
 def _plain(value: Any) -> Any:
-    """Return a value in the form of JSON. Dataclasses become lists that begin with the name of the class."""
+    """Return a value for JSON, dataclasses with the class's name."""
     match value:
         case bool() | str() | None:
             return value
@@ -62,7 +62,7 @@ def _plain(value: Any) -> Any:
 
 
 def _array(array: Array) -> Any:
-    """Return every coil shape of an array once; the lattice is a hint and does not count."""
+    """Return every coil shape once, without the lattice."""
     coils: dict[int, str] = {}
     placements: list[Any] = []
     for place in array.placements:
@@ -74,7 +74,7 @@ def _array(array: Array) -> Any:
 
 
 def _coil(coil: Coil) -> Any:
-    """Return the sizes of a spiral, or the lines of another coil; names do not count."""
+    """Return a spiral's sizes, or a coil's lines, without names."""
     if coil.wound is not None:
         return coil.wound
     lines = (coil.lines, coil.arcs) if coil.arcs else (coil.lines,)

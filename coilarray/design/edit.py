@@ -1,4 +1,4 @@
-"""Changes in the texts of TOML files that keep the comments, order and layout of all other entries."""
+"""Changes in TOML texts that keep comments, order and layout."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from coilarray.design.write import document_text
 
 
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
-    r"""Return the text of a TOML file changed to `document`; None if the change needs a new text.
+    r"""Return the text of a TOML file changed to `document`.
 
-    Items of a list are identified by their name, or content. New entries are added at the end of their table.
+    Items of a list are identified by their name, or content. New entries are added at the end of
+    their table. The result is None if the change needs a new text.
 
-    Examples
-    --------
     >>> text = "# mine\n[board]\nmargin_mm = 2.0  # as wide as the seal\n"
     >>> print(edited_text(text, {"board": {"margin_mm": 3.5}}), end="")
     # mine
@@ -57,7 +56,7 @@ def _edit(table: Any, old: Mapping[str, Any], wanted: Mapping[str, Any]) -> None
 
 
 def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence[Mapping[str, Any]]) -> None:
-    """Change a list of tables; a table that is kept, in whatever place, keeps its comments."""
+    """Change a list of tables, with comments of kept tables."""
     before, after, there = list(map(_known_by, old)), list(map(_known_by, wanted)), list(tables)
     found = []
     for k, (name, item) in enumerate(zip(after, wanted, strict=True)):
@@ -74,7 +73,7 @@ def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence
 
 
 def _edit_list(items: Array, old: Sequence[Any], wanted: Sequence[Any]) -> None:
-    """Change a list of the file; an item that is kept keeps its comment."""
+    """Change a list, with comments of kept items."""
     before, after = list(map(_known_by, old)), list(map(_known_by, wanted))
     for _, first, end, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes()[::-1]:
         both = min(end - first, stop - start)
@@ -92,12 +91,15 @@ def _edit_list(items: Array, old: Sequence[Any], wanted: Sequence[Any]) -> None:
 
 
 def _known_by(item: Any) -> str:
-    """Return the identity of an item in a list: the name of a table, or the text of any other item."""
+    """Return the name of a table, or an item's text."""
     return str(item["name"]) if isinstance(item, Mapping) and "name" in item else repr(item)
 
 
 def _is_other(before: Any, after: Any) -> bool:
-    """Check whether a value has changed; 23.0 is 23, but 1 is not true."""
+    """Check whether a value has changed.
+
+    23.0 is 23, but 1 is not true.
+    """
     return bool(before != after) or isinstance(before, bool) != isinstance(after, bool)
 
 

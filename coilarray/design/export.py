@@ -1,4 +1,4 @@
-"""Boards of designs as files for fabrication, which are read back and checked, or for another program."""
+"""Boards of designs as files, which are checked for fabrication."""
 
 from __future__ import annotations
 
@@ -31,10 +31,9 @@ _SHOWN_FAULTS = 3
 
 @dataclass(frozen=True)
 class Exported:
-    """Files that were written.
+    """Paths of written files, and faults in their copper.
 
-    `files` are their paths. `net_faults` are up to three faults in the copper of the files, read back. Formats that are
-    not read back have no faults.
+    Up to three faults are found by reading back, in formats that are read back.
     """
 
     files: tuple[Path, ...]
@@ -56,10 +55,12 @@ def export(
     design : Design or DesignFile
         Design of the board.
     path : str or Path
-        File to write. For ``"kicad"`` it is a folder. An existing file is replaced, whole or not at all. In an
-        existing folder the files of the project are replaced, once all of them are written.
+        File to write. For ``"kicad"`` it is a folder. An existing file is replaced, whole or not at
+        all. In an existing folder the files of the project are replaced, once all of them are
+        written.
     to : {"kicad", "gerber", "dxf", "svg", "step", "stl", "glb"}, optional
-        Format. By default it follows from the suffix, and is ``"kicad"`` for a name without a suffix.
+        Format. By default it follows from the suffix, and is ``"kicad"`` for a name without a
+        suffix.
     sheets : bool
         Include the elastomer sheets in ``"step"``, ``"stl"`` and ``"glb"``.
     allow_faults : bool
@@ -75,7 +76,8 @@ def export(
     OutputError
         An unknown format or suffix, or a file that cannot be written.
     RuleViolationError
-        KiCad or Gerber files that were read back and have a coil that is cut or touches another coil.
+        KiCad or Gerber files that were read back and have a coil that is cut or touches another
+        coil.
     MissingDependencyError
         A library that the format needs is not installed.
 
@@ -143,7 +145,10 @@ def _format_of(path: Path) -> Format:
 
 
 def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
-    """Read a board back and return its first three faults: cut or touching coils, and foreign copper."""
+    """Return the first three faults of a board, read back.
+
+    They are cut or touching coils, and foreign copper.
+    """
     from coilarray.fabrication.nets import board_layers, check_nets
 
     if to == "kicad":

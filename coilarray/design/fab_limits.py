@@ -1,4 +1,4 @@
-"""The table ``[fab]`` of a design file. It names the bundled profiles of board houses."""
+"""The table ``[fab]`` of a design file, with bundled profiles."""
 
 from __future__ import annotations
 
@@ -20,18 +20,9 @@ from coilarray.geometry import FabRules
 class FabProfile:
     """Limits of a board house with their sources.
 
-    Parameters
-    ----------
-    name, title : str
-        Name in ``[fab]``, and title.
-    read : date
-        Date on which the sources were read.
-    sources : tuple of tuple of str
-        Title and address of every page that states the limits.
-    limits : mapping of str to object
-        Keys and values of ``[fab]``, in the units of the keys.
-    assumed : mapping of str to str
-        Keys of `limits` that no source gives, with the reason.
+    `name` is the name in ``[fab]``. The `sources`, titles and addresses of pages, were read on the
+    date `read`. `limits` are keys and values of ``[fab]``, and `assumed` their keys that no source
+    gives, with the reason.
     """
 
     name: str
@@ -50,8 +41,6 @@ class FabProfile:
 @functools.cache
 def load_profile(name: str) -> FabProfile:
     """Read a bundled profile.
-
-    A name that is not in `coilarray.design.fabs.names` raises a DesignError.
 
     >>> round(load_profile("oshpark-4-layer").rules.min_trace * 1e3, 3)
     0.127

@@ -1,7 +1,7 @@
-"""Keys of TOML files: one declaration a key, from which it is read, written, and described.
+"""Keys of TOML files, declared once for reading and writing.
 
-A key is a field of a `Table`. Its annotation has the type and the range, its assignment the default, the end of its
-name the unit, and the text beneath it the meaning.
+A key is a field of a `Table`. Its annotation has the type and the range, its assignment the
+default, the end of its name the unit, and the text beneath it the meaning.
 """
 
 from __future__ import annotations
@@ -43,17 +43,15 @@ _UNITS: Mapping[str, tuple[str, float]] = {
 
 
 def _parts(key: str) -> tuple[str, str]:
-    """Split a key into its name and its unit, empty without one."""
+    """Split a key into name and unit, empty without unit."""
     ends = [end for end in _UNITS if key.endswith(f"_{end}")]
     unit = max(ends, key=len, default="")
     return key.removesuffix(f"_{unit}") if unit else key, unit
 
 
 def entry_unit(key: str) -> str:
-    """Return the unit of an entry of a file, by its dotted key, as tables show it; "1" for an entry without one.
+    """Return the unit of a dotted key, "1" without unit.
 
-    Examples
-    --------
     >>> entry_unit("array.pitch_mm"), entry_unit("circuit.resistivity_ohm_m"), entry_unit("array.columns")
     ('mm', 'ohm m', '1')
     >>> entry_unit("seat_stiffness_slope_x_per_mm"), entry_unit("seat_gap_slope_x_mm_per_mm")
@@ -67,10 +65,8 @@ def entry_unit(key: str) -> str:
 
 
 def key_in_si(key: str) -> tuple[str, float]:
-    """Return the name of a key without its unit, and the SI value of the unit.
+    """Return a key without unit, and its SI factor.
 
-    Examples
-    --------
     >>> key_in_si("pitch_mm"), key_in_si("columns")
     (('pitch', 0.001), ('columns', 1.0))
     """
@@ -78,7 +74,8 @@ def key_in_si(key: str) -> tuple[str, float]:
     return name, _UNITS[unit][1] if unit else 1.0
 
 
-# Bounds far beyond any board: a typo is refused at once instead of overflowing or running for hours.
+# Bounds far beyond any board: a typo is refused at once instead of overflowing or running for
+# hours.
 Millimetres = Annotated[float, Field(gt=0, le=10_000)]
 Micrometres = Annotated[float, Field(gt=0, le=100_000)]
 LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
@@ -91,7 +88,7 @@ Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+
 
 
 class Table(BaseModel):
-    """A table of the file: unknown keys, wrong types and numbers that are not finite are refused."""
+    """Table of a file without unknown keys or wrong values."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=True)
 
@@ -101,7 +98,7 @@ class Table(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, table: object) -> object:
-        """Name the allowed keys beside an unknown key, which ``extra="forbid"`` alone does not."""
+        """Name the allowed keys beside an unknown key."""
         known = sorted(field.alias or name for name, field in cls.model_fields.items())
         for key in table if isinstance(table, Mapping) else ():
             if key not in known:
@@ -116,21 +113,21 @@ class Table(BaseModel):
 
     @classmethod
     def attribute(cls, key: str) -> tuple[str, float]:
-        """Attribute of a key's value in SI, and the SI value of its unit."""
+        """Attribute of a key, and its unit in SI."""
         name, scale = key_in_si(key)
         return cls.ATTRIBUTES.get(key, name), scale
 
     def in_si(self, *keys: str, without: Sequence[str] = ()) -> dict[str, Any]:
-        """Values in SI by their attributes, lists as tuples: of `keys`, by default of all but `without`."""
+        """Values in SI by their attributes, lists as tuples."""
         chosen = keys or [key for key in type(self).model_fields if key not in without]
         named = ((key, self.attribute(key)) for key in chosen)
         return {name: _times(getattr(self, key), scale) for key, (name, scale) in named}
 
     @classmethod
     def entries_of(cls, value: object, *keys: str, without: Sequence[str] = ()) -> dict[str, Any]:
-        """Entries that are read as the attributes of a value in SI, arrays as lists; None is left out.
+        """Entries of the attributes of a value in SI.
 
-        They are those of `keys`, by default of all keys but `without`. `in_si` reads them back, see `entry_of`.
+        Arrays are lists, and None is left out. `in_si` reads the entries back, see `entry_of`.
         """
         found: dict[str, Any] = {}
         for key in keys or [key for key in cls.model_fields if key not in without]:
@@ -170,15 +167,15 @@ def _is_float(annotation: Any) -> bool:
 
 
 def entry_of(value: float, scale: float) -> float:
-    """Return the entry of a file that is read as a value: the value is `scale` times the entry."""
+    """Return the entry whose `scale`-fold is a value."""
     return nearest_entry(value / scale, value, lambda entry: entry * scale)
 
 
 def nearest_entry(guess: float, value: float, read: Callable[[float], float]) -> float:
-    """Return the entry near a guess that `read` converts to a value: the shortest exact one, or the nearest.
+    """Return a value's shortest exact entry, or the nearest.
 
-    About every fortieth value has no exact entry, because numbers in mm lie less densely than numbers in m. The nearest
-    entry agrees to all digits that count for `Design.digest`.
+    About every fortieth value has no exact entry, because numbers in mm lie less densely than
+    numbers in m. The nearest entry agrees to all digits that count for `Design.digest`.
     """
     for digits in (12, 15, 16, 17):
         entry = float(f"{guess:.{digits}g}")
@@ -208,17 +205,17 @@ class Bounds(Table):
 
 
 def require_rising(key: str, values: Sequence[float]) -> None:
-    """Raise ValueError, for a validator, if a value is not greater than the one before."""
+    """Refuse a value that is not greater than the last."""
     if not all(low < high for low, high in pairwise(values)):
         raise ValueError(f"needs {key} that rise from each to the next; got {values}")
 
 
 @dataclass(frozen=True)
 class Key:
-    """What a key is, in words.
+    """Key of a table, in words.
 
-    `path` is its table, with NAME for any name and N for any number in a list. `kinds` are the shapes or lattices that
-    have it, empty for all. `unit` is empty without one, and `default` if the key may be left out.
+    `path` has NAME for any name and N for any number in a list. `kinds` are the shapes or lattices
+    that have the key, empty for all. `default` is empty if the key is needed.
     """
 
     path: str
@@ -237,7 +234,7 @@ class Key:
 
 @dataclass(frozen=True)
 class Section:
-    """Table of a file and its keys. `holder` is the meaning of the key that holds the table."""
+    """Table with its keys, and the meaning of its holder."""
 
     table: type[Table]
     path: str
@@ -249,7 +246,7 @@ class Section:
 def sections_of(
     table: type[Table], path: str = "", holder: str = "", seen: set[tuple[type[Table], str]] | None = None
 ) -> Iterator[Section]:
-    """Go through a table and the tables within it, each once with its keys."""
+    """Go through a table and the tables within it once."""
     seen = set() if seen is None else seen
     seen.add((table, path))
     kinds = tuple(
@@ -278,10 +275,8 @@ def sections_of(
 
 
 def keys_of(table: type[Table]) -> list[Key]:
-    """List the keys of a file; a key that several kinds of a table share is listed once.
+    """List the keys of a file, each once.
 
-    Examples
-    --------
     >>> key = keys_of(Bounds)[0]
     >>> key.dotted, key.unit, key.allowed, key.default, key.meaning
     ('at_least', '', 'number', '', 'Least value, in the unit of the quantity, as the largest.')
@@ -302,13 +297,13 @@ def keys_of(table: type[Table]) -> list[Key]:
 
 
 def tags_of(table: type[BaseModel], key: str, tag: str) -> list[str]:
-    """Shapes or lattices of the tables that a key may hold, by which its `tag` chooses."""
+    """Shapes or lattices by which a key's `tag` chooses tables."""
     held = _tables(table.model_fields[key].annotation)
     return [value for one in held for value in typing.get_args(one.model_fields[tag].annotation)]
 
 
 def meaning_of(table: type[Table], key: str) -> str:
-    """Return the text beneath a key in the class of its table, or of a class above it."""
+    """Return the text beneath a key in its class."""
     above = (base for base in table.__mro__ if issubclass(base, Table) and base is not Table)
     return next((found[key] for base in above if key in (found := _meanings(base))), "")
 
@@ -325,7 +320,7 @@ def _meanings(table: type[Table]) -> dict[str, str]:
 
 @cache
 def _classes(module: str) -> dict[str, ast.ClassDef]:
-    """Return the classes of a module by their names, as written."""
+    """Return the classes of a module by their names."""
     body = ast.parse(inspect.getsource(sys.modules[module])).body
     return {node.name: node for node in body if isinstance(node, ast.ClassDef)}
 
@@ -398,7 +393,7 @@ def bounds_text(metadata: Sequence[Any]) -> str:
 
 
 def _number(bound: Any) -> str:
-    """Write a bound with all its digits, thousands apart, and a minus sign."""
+    """Write a bound with all digits and a minus sign."""
     whole = float(bound).is_integer()
     return (f"{int(bound):,}".replace(",", "\u202f") if whole else f"{bound:g}").replace("-", "−")
 

@@ -1,4 +1,4 @@
-"""Designs as frozen values in SI, and how they are read from design files: TOML with units in the key names."""
+"""Designs as frozen values in SI, read from TOML files."""
 
 from __future__ import annotations
 
@@ -59,7 +59,8 @@ class Circuit:
     resistivity : float
         Resistivity of the copper in Ω·m.
     terminations : mapping of str to {"ground", "ground one end", "ground other end", "open", "load"}
-        Terminations of coils, by name, that differ from `default_termination` while another coil is measured.
+        Terminations of coils, by name, that differ from `default_termination` while another coil is
+        measured.
     default_termination : such a value
         Termination of every other coil.
     scan : tuple of ScanState
@@ -100,7 +101,7 @@ class Circuit:
 
     @property
     def short_resistance(self) -> float:
-        """Resistance in Ω of the two closed switches that ground both ends of a passive coil."""
+        """Resistance in Ω of the switches that ground a coil."""
         return 2 * self.switches.on_resistance
 
 
@@ -115,8 +116,8 @@ class Indentation:
     depths : tuple of float
         Depths of the indentation in m, rising.
     x, y : tuple of float
-        Positions of the map in m, relative to `origin_point`. If both are empty, `Design` sets them to an even grid
-        over all coils (`coilarray.design.window.array_window`).
+        Positions of the map in m, relative to `origin_point`. If both are empty, `Design` sets them
+        to an even grid over all coils (`coilarray.design.window.array_window`).
     base : {"bonded", "frictionless"} or Seat
         Contact of the lowest sheet with the board, or the soft seat between them.
     origin : str or None
@@ -124,16 +125,18 @@ class Indentation:
     origin_point : tuple of float
         x and y in m of the origin on the board. `Design` sets it if `origin` names a coil.
     sample_radius : float or None
-        Radius in m of a finite sample around the indenter, half the width under a cylinder. None for a wide sample.
+        Radius in m of a finite sample around the indenter, half the width under a cylinder. None
+        for a wide sample.
     sample_bounds : tuple of float or None
-        Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`.
-        None if the sample covers everything. With a `sample_radius` they only limit the positions of the indenter.
+        Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to
+        `origin_point`. None if the sample covers everything. With a `sample_radius` they only limit
+        the positions of the indenter.
     ellipse_bounds : tuple of float or None
-        Window (x_min, y_min, x_max, y_max) in m, relative to `origin_point`, to whose positions the ellipse model is
-        fitted. None for all of the map.
+        Window (x_min, y_min, x_max, y_max) in m, relative to `origin_point`, to whose positions the
+        ellipse model is fitted. None for all of the map.
     strain : {"finite", "linear"}
-        Mechanics of the sheets: large deformations, or linear elasticity. The latter is quicker, and its faces move up
-        and down only.
+        Mechanics of the sheets: large deformations, or linear elasticity. The latter is quicker,
+        and its faces move up and down only.
     unevenness : Unevenness
         Difference of the seat under a rectangular sample from an even seat that holds it down.
     step : float or None
@@ -141,14 +144,14 @@ class Indentation:
     over_array : tuple of tuple of float
         The x and y that `Design` has set. Another array gives others.
     material : Material or None
-        Material of a hemisphere that carries eddy currents or is magnetic. It is then computed as a `ball` of its
-        radius. None for materials without effect on the field, such as plastics.
+        Material of a hemisphere that carries eddy currents or is magnetic. It is then computed as a
+        `ball` of its radius. None for materials without effect on the field, such as plastics.
 
     Raises
     ------
     DesignError
-        No depth, x without y, depths that do not rise from above zero, a value that is not finite, or a material of
-        another indenter than a hemisphere.
+        No depth, x without y, depths that do not rise from above zero, a value that is not finite,
+        or a material of another indenter than a hemisphere.
     """
 
     indenter: Indenter
@@ -189,8 +192,8 @@ class Indentation:
     def reachable(self, depth: float) -> tuple[FloatArray, FloatArray]:
         """Least and greatest positions with contact on the sample.
 
-        x and y have the shape (2,) each, in m from the origin, and are infinite for a wide sample. The contact is
-        assumed to be as wide as the indenter at a height of `depth`.
+        They are in m from the origin, and infinite for a wide sample. The contact is assumed to be
+        as wide as the indenter at a height of `depth`.
 
         Returns
         -------
@@ -204,8 +207,6 @@ class Indentation:
 
     def in_ellipse_window(self) -> Indentation:
         """Return the indentation at positions for the ellipse model.
-
-        The ellipse model is fitted to these positions.
 
         Returns
         -------
@@ -222,7 +223,7 @@ class Indentation:
 
     @property
     def ball(self) -> Ball | None:
-        """Ball that represents the indenter in the field. It is None without a material."""
+        """Ball that represents an indenter with a material, if any."""
         return None if self.material is None else Ball(self.indenter.radius, self.material)
 
 
@@ -256,8 +257,9 @@ class Design:
     Raises
     ------
     DesignError
-        Sheets or plates of one name, plates in the sheets, the coils or each other, an indentation that the sheets do
-        not allow, a termination, state or origin of an unknown coil, or an impossible state.
+        Sheets or plates of one name, plates in the sheets, the coils or each other, an indentation
+        that the sheets do not allow, a termination, state or origin of an unknown coil, or an
+        impossible state.
 
     Examples
     --------
@@ -318,7 +320,7 @@ class Design:
                     )
 
     def _check_indentation(self, setup: Indentation) -> None:
-        """Refuse an indentation that the sheets do not allow, and find its origin and positions."""
+        """Find the origin and positions of an allowed indentation."""
         for k, sheet in enumerate(self.sheets):
             if sheet.youngs_modulus is None:
                 raise DesignError(
@@ -354,32 +356,32 @@ class Design:
 
     @property
     def top(self) -> float:
-        """Height of the upper face of all sheets in m. Without sheets it is the height of the board, 0."""
+        """Height in m of the sheets' upper face, or 0."""
         return sum(sheet.thickness for sheet in self.sheets)
 
     @cached_property
     def terminations(self) -> Mapping[str, Passive]:
-        """Termination of each coil by name. It holds while another coil is measured."""
+        """Termination of each coil that is not measured, by name."""
         circuit = self.circuit
         return {name: circuit.terminations.get(name, circuit.default_termination) for name in self.array.names}
 
     @cached_property
     def plan(self) -> tuple[ScanState, ...]:
-        """States of a scan. They are the states of the circuit, or each coil in turn."""
+        """States of a scan, by default each coil in turn."""
         return self.circuit.scan or self.coils_in_turn
 
     @cached_property
     def coils_in_turn(self) -> tuple[ScanState, ...]:
-        """States that measure each coil in turn. The other coils have their terminations."""
+        """States that measure each coil, the others with terminations."""
         return tuple(terminated_state(name, ((name, 1),), self.terminations) for name in self.array.names)
 
     @cached_property
     def digest(self) -> str:
         """Hexadecimal SHA-256 of all values that enter a result.
 
-        Name, title and source do not count. The digest is equal for equal designs, wherever they come from. Numbers
-        count to 14 digits, places to 1 pm and angles to 1 prad, so that the rounding of a unit conversion makes no
-        other design.
+        Name, title and source do not count. The digest is equal for equal designs, wherever they
+        come from. Numbers count to 14 digits, places to 1 pm and angles to 1 prad, so that the
+        rounding of a unit conversion makes no other design.
         """
         circuit, setup = self.circuit, self.indentation
         pressed: tuple[object, ...] = ()
@@ -406,7 +408,7 @@ _Placed = TypeVar("_Placed", Indentation, Target)
 def _over_array(
     setup: _Placed, array: Array, table: str, within: tuple[float, float, float, float] | None = None
 ) -> _Placed:
-    """Find the origin of a map on the board, and positions over the array if the map has none."""
+    """Find the origin of a map, and positions if needed."""
     if setup.origin is not None:
         if setup.origin not in array.names:
             raise DesignError(
@@ -422,7 +424,7 @@ def _over_array(
 
 
 def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
-    """Edges in m that keep the contact on the sample. They count from the origin, and are None for a wide sample."""
+    """Edges in m from the origin that allow contacts."""
     if setup.sample_bounds is None:
         return None
     (x_min, y_min), (x_max, y_max) = (edges.tolist() for edges in setup.reachable(setup.depths[-1]))
@@ -438,8 +440,8 @@ class DesignFile:
     design : Design
         The design itself.
     document : mapping of str to object
-        The file as TOML reads it, without defaults: plain tables, lists and values. `coilarray.design.vary.vary`
-        changes its entries.
+        The file as TOML reads it, without defaults: plain tables, lists and values.
+        `coilarray.design.vary.vary` changes its entries.
     given : frozenset of str
         Dotted keys in the file. The others have their default.
     assumed : mapping of str to str
@@ -447,8 +449,8 @@ class DesignFile:
     values : mapping of str to object
         Every value by its dotted key, defaults included, in the units of the keys.
     text : str
-        The file as it was read, whose comments and layout `coilarray.design.write.save_design` keeps. Empty without a
-        file.
+        The file as it was read, whose comments and layout `coilarray.design.write.save_design`
+        keeps. Empty without a file.
     """
 
     design: Design
@@ -460,7 +462,7 @@ class DesignFile:
 
     @cached_property
     def unusual(self) -> tuple[str, ...]:
-        """Lines about unusual values in the order of the file. Each line has the likely value too."""
+        """Lines about unusual values, with the likely values."""
         return tuple(unusual_values(self.values))
 
     def conductors(self) -> tuple[Conductor, ...]:
@@ -485,10 +487,7 @@ class DesignFile:
 
 
 def design_of(given: Design | DesignFile | CurrentPaths) -> Design:
-    """Return the design of an argument: a design, its file, or coils that become a design without more.
-
-    Anything else raises a DesignError.
-    """
+    """Return the design of a design, its file, or coils."""
     if isinstance(given, DesignFile):
         return given.design
     if isinstance(given, CurrentPaths):
@@ -517,8 +516,8 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
     Raises
     ------
     DesignError
-        An unreadable file, wrong TOML, an unknown key, a value that is not allowed, or an impossible geometry. The
-        message is one line with the file, the key, the given value and the allowed values.
+        An unreadable file, wrong TOML, an unknown key, a value that is not allowed, or an
+        impossible geometry.
 
     Examples
     --------
@@ -531,8 +530,7 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
 def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
     """Read a design with the additional content of its file.
 
-    It records which keys are given and which values are assumed. `name_or_path` and errors are the same as in
-    `load_design`.
+    `name_or_path` and errors are the same as in `load_design`.
 
     Returns
     -------
@@ -559,7 +557,7 @@ def parse_design(text: str, origin: str = "design") -> Design:
 def parse_design_file(text: str, origin: str = "design") -> DesignFile:
     """Read a design file from its text.
 
-    `origin` names it in messages. See `load_design_file`. Unusual values, which may come from a wrong unit, cause an
+    `origin` names it in messages. Values that may come from a wrong unit cause an
     `UnusualValueWarning`.
     """
     file = build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
@@ -569,16 +567,12 @@ def parse_design_file(text: str, origin: str = "design") -> DesignFile:
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
-    """Check a document and make its design.
-
-    The document is a design file as TOML reads it. `origin` names it in messages. A DesignError is raised as by
-    `load_design`.
-    """
+    """Check a document and make its design."""
     return build_design_file(document, origin).design
 
 
 def build_design_file(document: Mapping[str, Any], origin: str = "design", text: str = "") -> DesignFile:
-    """Check a document and store it with its design. The text with its comments is stored too. See `build_design`."""
+    """Check a document, and store it with design and text."""
     parsed = bundled.DESIGNS.check(Document, document, origin)
     try:
         with reading():
@@ -655,7 +649,7 @@ def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
 
 
 def _indentation(parsed: Document) -> Indentation | None:
-    """Combine the tables [indenter] and [indentation], of which neither has a meaning alone."""
+    """Combine the tables [indenter] and [indentation], which need each other."""
     indenter, table = parsed.indenter, parsed.indentation
     if indenter is None and table is None:
         return None
@@ -671,7 +665,7 @@ def _indentation(parsed: Document) -> Indentation | None:
 
 @contextmanager
 def _named(key: str) -> Iterator[None]:
-    """Prefix messages about an impossible geometry with a key. It is the key of the geometry's table."""
+    """Prefix messages about an impossible geometry with its key."""
     try:
         yield
     except GeometryError as error:
@@ -679,7 +673,10 @@ def _named(key: str) -> Iterator[None]:
 
 
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    """Return every value by its dotted key. Tables in a list are numbered from 0. Plain lists stay whole."""
+    """Return every value by its dotted key.
+
+    Tables in a list are numbered from 0. Plain lists stay whole.
+    """
     flat: dict[str, object] = {}
     for key, value in table.items():
         name = f"{prefix}{key}"

@@ -1,4 +1,4 @@
-"""Read-out of a design: ``[readout]``. It has the settings that noise and drift of the readings depend on."""
+"""Read-out of a design, the table ``[readout]``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ INTERNAL_CLOCK = 43.4e6
 DRIVE_DELAY = 5e-9
 """Delay of the converter's drive in s (SNOSCY9A, equation 1)."""
 INTERNAL_CLOCK_PER_KELVIN = -13e-6
-"""Relative change of the converter's own oscillator with temperature in 1/K (SNOSCY9A, section 6.5, mean of units)."""
+"""Relative change of the converter's own oscillator with temperature in 1/K (SNOSCY9A, section 6.5,
+mean of units)."""
 RESOLUTION_RCOUNT = 0x800
 """RCOUNT for which `Readout.resolution` is given."""
 USUAL: Mapping[str, float] = MappingProxyType(
@@ -30,7 +31,7 @@ USUAL: Mapping[str, float] = MappingProxyType(
         "switch_per_kelvin": 1.9e-3,
     }
 )
-"""Sizes of a `Readout` that does not give its own. `coilarray.circuit.noise_budget` has their sources."""
+"""Sizes for a `Readout` without its own. `coilarray.circuit.noise_budget` has their sources."""
 
 
 def conversion_time(rcount: int, reference: float) -> float:
@@ -61,10 +62,11 @@ class Readout:
     reference_divider : int
         Divider from the clock to the reference frequency.
     resolution : float or None
-        Relative standard deviation of a frequency at RCOUNT 0x800. It falls with the root of RCOUNT.
+        Relative standard deviation of a frequency at RCOUNT 0x800. It falls with the root of
+        RCOUNT.
     clock_jitter : float or None
-        Standard deviation of one period of the clock in s. It adds up from period to period in the converter's own
-        oscillator, and does not in a crystal oscillator.
+        Standard deviation of one period of the clock in s. It adds up from period to period in the
+        converter's own oscillator, and does not in a crystal oscillator.
     amplitude : float
         Peak voltage of the sensors in V.
     averaged_scans, baseline_scans : int
@@ -74,12 +76,12 @@ class Readout:
     supply_change : float
         Standard deviation of the supply from L_0 to the reading in V.
     clock_per_kelvin, clock_per_volt : float or None
-        Relative change of the clock with temperature in 1/K, and with the supply in 1/V. None for the values that are
-        known or assumed for the kind of clock.
+        Relative change of the clock with temperature in 1/K, and with the supply in 1/V. None for
+        the values that are known or assumed for the kind of clock.
     capacitor_per_kelvin, board_per_kelvin, copper_per_kelvin, switch_per_kelvin : float or None
-        Relative change with temperature in 1/K of the tank's capacitance, the board's size, the resistance of the
-        copper and the resistance of a closed switch. As for `resolution` and `clock_jitter`, None is a size that is not
-        given, which `size` takes from `USUAL`.
+        Relative change with temperature in 1/K of the tank's capacitance, the board's size, the
+        resistance of the copper and the resistance of a closed switch. As for `resolution` and
+        `clock_jitter`, None is a size that is not given, which `size` takes from `USUAL`.
 
     Raises
     ------
@@ -126,14 +128,12 @@ class Readout:
             raise DesignError(f"rcount of a read-out must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {self.rcount}.")
 
     def size(self, name: str) -> float:
-        """Return the given or usual size of a `name`.
-
-        `USUAL` has the name.
+        """Return the given or usual size of a name.
 
         Returns
         -------
         float
-            The size, in the unit that `USUAL` has for it.
+            Size in the unit of `USUAL`.
 
         Examples
         --------
@@ -155,16 +155,16 @@ class Readout:
 
     @property
     def counting_limit(self) -> float:
-        """Relative step of a frequency by counting the reference's periods alone, 1/(16 RCOUNT)."""
+        """Relative step of a frequency by counting alone, 1/(16 RCOUNT)."""
         return 1 / (16 * self.rcount)
 
     @property
     def jitter_noise(self) -> float:
         """Relative standard deviation of the reference by clock jitter.
 
-        It is the mean reference frequency of a conversion. The conversion lasts N periods of the clock, T = N/f_clk.
-        Independent errors σ_j of the periods of an oscillator that runs free add up to √N σ_j. Against a resonator only
-        the two ends of the conversion count, √2 σ_j.
+        It is the mean reference frequency of a conversion. The conversion lasts N periods of the
+        clock, T = N/f_clk. Independent errors σ_j of the periods of an oscillator that runs free
+        add up to √N σ_j. Against a resonator only the two ends of the conversion count, √2 σ_j.
         """
         periods = self.conversion_time * self.clock
         return self.size("clock_jitter") * math.sqrt(2.0 if self.external_clock else periods) / self.conversion_time
@@ -173,16 +173,19 @@ class Readout:
     def resolution_noise(self) -> float:
         """Relative standard deviation of a frequency by resolution.
 
-        It is the converter's `resolution` over √(RCOUNT/0x800). TI's SNOA944 gives 8e-7 for RCOUNT 0x800 and a sensor
-        at a tenth of the reference, as a firmware for the LDC1612 (RepRapFirmware, LDC1612.cpp) quotes it. Another
-        project quotes a fall with RCOUNT^-0.8 from the same note, which would give a third of this at full resolution.
-        Not verified.
+        It is the converter's `resolution` over √(RCOUNT/0x800). TI's SNOA944 gives 8e-7 for RCOUNT
+        0x800 and a sensor at a tenth of the reference, as a firmware for the LDC1612
+        (RepRapFirmware, LDC1612.cpp) quotes it. Another project quotes a fall with RCOUNT^-0.8 from
+        the same note, which would give a third of this at full resolution. Not verified.
         """
         return self.size("resolution") * math.sqrt(RESOLUTION_RCOUNT / self.rcount)
 
     @property
     def frequency_noise(self) -> float:
-        """Relative standard deviation of one conversion's frequency. The sensor's own noise is not included."""
+        """Relative standard deviation of one conversion's frequency.
+
+        The sensor's own noise is not included.
+        """
         return math.hypot(self.resolution_noise, self.jitter_noise)
 
 

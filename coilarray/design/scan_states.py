@@ -1,7 +1,4 @@
-"""Switches, bus, tank and the states of a scan.
-
-The coils are connected to them. The module has values only and no arithmetic.
-"""
+"""Switches, bus, tank and the states of a scan."""
 
 from __future__ import annotations
 
@@ -13,7 +10,8 @@ from typing import Literal, get_args
 from coilarray.errors import CoilarrayError, NetworkError, require_positive
 
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
-"""Termination of a coil that is not measured: both ends, its first or second end to ground, open, or a load."""
+"""Termination of a coil that is not measured: both ends, its first or second end to ground, open,
+or a load."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +23,20 @@ class Switches:
     on_resistance : float
         Resistance of a closed switch in Ω.
     off_capacitance : float
-        Capacitance of an open switch in F. Every terminal has one switch to each of A, B and ground.
+        Capacitance of an open switch in F. Every terminal has one switch to each of A, B and
+        ground.
     terminal_capacitance : float
         Capacitance from each coil terminal to ground in F, at the common pin of its switches.
     bus_capacitance : float
-        Capacitance from each side of the measuring bus to ground in F. It includes the other pins of all its switches,
-        and the converter's pins.
+        Capacitance from each side of the measuring bus to ground in F. It includes the other pins
+        of all its switches, and the converter's pins.
     lead_inductance : float
         Inductance of each lead from the bus to the converter in H.
     tank_capacitance : float
         Capacitance in F of the capacitor that the coil resonates with.
     tank_at : {"converter", "coil"}
-        Place of that capacitor: across the converter, or across the terminals of the measured coils.
+        Place of that capacitor: across the converter, or across the terminals of the measured
+        coils.
 
     Raises
     ------
@@ -65,10 +65,7 @@ class Switches:
 
     @property
     def beside_q(self) -> str:
-        """Description of the switches' resistance in R and Q.
-
-        The resistance is not copper and is mentioned beside Q of a measured coil. The text is empty without such a
-        resistance.
+        """Description of the switches' resistance beside Q, if any.
 
         Examples
         --------
@@ -118,7 +115,10 @@ class ScanState:
 
 
 def paper_plan(names: Sequence[str]) -> tuple[ScanState, ...]:
-    """Return the plan of Gast & Zimmermann (2020): each coil in turn, all others grounded at both ends."""
+    """Return the plan of Gast & Zimmermann (2020).
+
+    Each coil in turn is measured, all others grounded at both ends.
+    """
     return tuple(ScanState(name, ((name, 1),)) for name in names)
 
 
@@ -130,7 +130,7 @@ def terminated_state(
     exceptions: Mapping[str, Passive] | None = None,
     load_resistance: float = 50.0,
 ) -> ScanState:
-    """Return a state in which coils that it does not mention have their terminations."""
+    """Return a state, other coils with their terminations."""
     own = dict(exceptions or {})
     taken = {coil for coil, _ in measured} | set(own)
     own |= {coil: passive for coil, passive in terminations.items() if coil not in taken and passive != "ground"}
@@ -140,7 +140,7 @@ def terminated_state(
 def referenced_names(
     states: Sequence[str], reference: Sequence[str], error: type[CoilarrayError] = NetworkError
 ) -> tuple[str, ...]:
-    """Return the states of all but the reference coils, in order; an `error` for impossible references."""
+    """Return the states of all but the reference coils."""
     for name in reference:
         if name not in states:
             raise error(f"a reference coil must be one of {', '.join(states)}; got {name!r}.")
@@ -153,7 +153,7 @@ def referenced_names(
 
 
 def check_state(state: ScanState, names: Sequence[str]) -> None:
-    """Raise NetworkError, with the state and the coil, for a state that is impossible with these coils."""
+    """Refuse a state that is impossible with these coils."""
     known = ", ".join(names)
     if not state.measured:
         raise NetworkError(f"state {state.name} measures no coil; name at least one of {known}.")

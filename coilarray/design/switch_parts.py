@@ -1,7 +1,7 @@
 """Parts of switches that a board can be built with.
 
-A part has the connections inside its package, the order of its bits, and electrical values. No other module knows the
-package of a part. Values that no public source confirmed are in `SwitchPart.unverified`.
+A part has the connections inside its package, the order of its bits, and electrical values. Values
+that no public source confirmed are in `SwitchPart.unverified`.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ _FROM_MEMORY = "not verified: the table of the data sheet was not read"
 
 @dataclass(frozen=True)
 class SwitchPart:
-    """A package of eight switches, each closed by one bit; values are typical.
+    """Package of eight switches, each closed by one bit.
 
-    `bits` are the names of the switches from bit 0 to bit 7, and `drains` the common pins, each with the switches that
-    share it. The resistance of a closed switch is in Ω, and the attenuation by an open one in dB, at 10 MHz into 50 Ω.
-    Capacitances to ground are in F: of the own pin and of the other (common) pin of an open switch, and of both pins of
-    a closed one together. `unverified` has the fields that no public source confirmed, with the reason.
+    `bits` are the names of the switches from bit 0 to bit 7, and `drains` the common pins, each
+    with its switches. Values are typical. The resistance of a closed switch is in Ω, and the
+    attenuation by an open switch in dB, at 10 MHz into 50 Ω. Capacitances to ground are in F: of
+    the own pin and of the common pin of an open switch, and of both pins of a closed switch
+    together. `unverified` has the fields that no public source confirmed, with the reason.
     """
 
     name: PartName
@@ -47,19 +48,21 @@ class SwitchPart:
 
     @property
     def off_capacitance(self) -> float:
-        """Capacitance through an open switch in F. An isolation of a into a load R at ω gives C = 10^(−a/20)/(ω R)."""
+        """Capacitance through an open switch in F.
+
+        An isolation of a into a load R at ω gives C = 10^(−a/20)/(ω R).
+        """
         return float(10 ** (-self.off_isolation / 20) / (2 * math.pi * _DECADE * _LOAD))
 
     @property
     def closing(self) -> float:
-        """Capacitance to ground in F that a closing switch adds. It is negative if closing reduces the capacitance."""
+        """Capacitance to ground in F that a closing switch adds."""
         return self.on_capacitance - self.source_capacitance - self.drain_capacitance
 
     def capacitances(self, switches: Switches, coils: int) -> Switches:
         """Return switches with the capacitances of this part.
 
-        The board has `coils` coils, and every coil end has a switch to ground and to each side of the bus. Traces are
-        not counted.
+        Every coil end has a switch to ground and to each side of the bus. Traces are not counted.
 
         >>> counted = PARTS["ADG739"].capacitances(Switches(), 6)
         >>> round(counted.terminal_capacitance * 1e12), round(counted.bus_capacitance * 1e12)
@@ -100,15 +103,13 @@ _PARTS = (
     ),
 )  # fmt: skip
 PARTS: Mapping[str, SwitchPart] = {part.name: part for part in _PARTS}
-"""Known parts by name. R_ON and topology are from the front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V.
-Bits of the ADG714 are from ADG714/715, S8 first. Off isolation is from ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at
-10 MHz."""
+"""Known parts by name. R_ON and topology are from the front pages of ADG714/715 Rev. B and
+ADG738/739 Rev. A, at 5 V. Bits of the ADG714 are from ADG714/715, S8 first. Off isolation is from
+ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at 10 MHz."""
 
 
 def switch_part(name: str, what: str = "wiring.device.part") -> SwitchPart:
-    """Return a part by name.
-
-    A name that is not in `PARTS` raises a HardwareError, whose message begins with `what`.
+    """Return a part by name, called `what` in messages.
 
     >>> switch_part("ADG739").drains["DA"]
     ('S1A', 'S2A', 'S3A', 'S4A')

@@ -1,6 +1,7 @@
-"""The whole design file: `Document`, and its tables of the circuit, the read-out and the scan.
+"""The whole design file, and its tables of the circuit.
 
-Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in SI.
+Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in
+SI.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _Termination = Literal["short", "open", "ground one end", "ground other end", "l
 
 
 def passive_of(termination: _Termination) -> Passive:
-    """Return the termination of a coil by its word in ``[circuit]``."""
+    """Return the termination of a coil by its word."""
     return "ground" if termination == "short" else termination
 
 
@@ -65,9 +66,11 @@ class CircuitTable(Table):
     capacitance_pF: Annotated[float, Field(ge=1e-6, le=1e12)] = 120  # noqa: N815 - the unit
     """Capacitance of the tank capacitor."""
     short_resistance_ohm: _Ohms = 0.0
-    """Resistance of two closed switches: they ground a passive coil, or join the measured one to the converter."""
+    """Resistance of two closed switches: they ground a passive coil, or join the measured one to
+    the converter."""
     switches: PartName | None = None
-    """Part of the switches, whose values are taken for keys that are not given: ADG714, ADG738 or ADG739."""
+    """Part of the switches, whose values are taken for keys that are not given: ADG714, ADG738 or
+    ADG739."""
     resistivity_ohm_m: Annotated[float, Field(ge=1e-10, le=1.0)] = RESISTIVITY_COPPER
     """Resistivity of the copper."""
     switch_off_capacitance_pF: _StrayPicofarads = 0.0  # noqa: N815 - the unit
@@ -89,7 +92,7 @@ class CircuitTable(Table):
 
     @property
     def of_part(self) -> dict[str, str]:
-        """Keys that are left to the part, with the reason why their values are assumed."""
+        """Keys with assumed values of the part, and the reasons."""
         left = {} if self.switches is None else _OF_PART
         return {key: f"{self.switches}: {why}" for key, why in left.items() if key not in self.model_fields_set}
 
@@ -99,7 +102,7 @@ class CircuitTable(Table):
         return {key: round(entries[key], 3) if key.endswith("_pF") else entries[key] for key in self.of_part}
 
     def build_switches(self, coils: int) -> Switches:
-        """Return switches and tank of a board of so many coils."""
+        """Return switches and tank for a number of coils."""
         given = Switches(on_resistance=self.short_resistance_ohm / 2, **self.in_si(*_OF_SWITCHES))
         if self.switches is None:
             return given
@@ -110,7 +113,7 @@ class CircuitTable(Table):
 
     @classmethod
     def of(cls, circuit: Circuit, names: Mapping[str, str]) -> dict[str, Any]:
-        """Return the entries of a circuit, without defaults, with other names for its coils."""
+        """Return the entries of a circuit without defaults."""
         table = {
             **_switch_entries(circuit.switches),
             **cls.entries_of(circuit, "resistivity_ohm_m", "elastomer_permittivity"),
@@ -215,7 +218,7 @@ class StateTable(Table):
     """Load resistance of a coil that is loaded."""
 
     def build(self, terminations: Mapping[str, Passive]) -> ScanState:
-        """Return the state. Coils that it does not mention have their terminations from ``[circuit]``."""
+        """Return the state, other coils with terminations from ``[circuit]``."""
         measured = tuple((name.removeprefix("-"), -1 if name.startswith("-") else 1) for name in self.measure)
         if self.others is None:
             return terminated_state(self.name, measured, terminations, self.connection, self.exceptions, self.load_ohm)
@@ -223,7 +226,7 @@ class StateTable(Table):
 
     @classmethod
     def of(cls, state: ScanState, name: str, names: Mapping[str, str]) -> dict[str, Any]:
-        """Return the entries of a state, with other names for it and its coils."""
+        """Return the entries of a state with other names."""
         return {
             "name": name,
             "measure": [f"{'-' if sense < 0 else ''}{names[coil]}" for coil, sense in state.measured],

@@ -1,4 +1,4 @@
-"""Search, reading and error messages of TOML files. Every error is described in one line."""
+"""Search, reading and one-line errors of TOML files."""
 
 from __future__ import annotations
 
@@ -31,9 +31,8 @@ _Model = TypeVar("_Model", bound=BaseModel)
 class TomlFiles:
     """One kind of TOML file, such as designs.
 
-    Some of these files come with the package. `kind` names it in messages, and `error` is raised for a file that cannot
-    be read. `package` is the import name of the folder with the files that come with the package. It is empty without
-    such files.
+    `kind` names it in messages, and `error` is raised for a file that cannot be read. `package` is
+    the import name of the folder with the bundled files, if any.
     """
 
     kind: str
@@ -46,13 +45,13 @@ class TomlFiles:
         return tuple(sorted(name.removesuffix(".toml") for name in found if name.endswith(".toml")))
 
     def read(self, name: str) -> str:
-        """Text of a file in the package. Another name raises a KeyError."""
+        """Text of a file in the package."""
         if name not in self.names():
             raise KeyError(name)
         return resources.files(self.package).joinpath(f"{name}.toml").read_text(encoding="utf-8")
 
     def text(self, name_or_path: str | Path) -> str:
-        """Text of a file or of a bundled file. A file has priority over the name of a file in the package."""
+        """Text of a file, or else of a bundled file."""
         given = str(name_or_path)
         cut = given[:_LONGEST_NAME]
         if not given:
@@ -73,7 +72,7 @@ class TomlFiles:
             raise self.error(f"cannot read {cut!r}: {error}.") from None
 
     def _meant(self, path: Path) -> str:
-        """End of a message about a missing file, with a file of a similar name beside it or in the package."""
+        """End of a message about a missing file: similar names."""
         names = {name: name for name in self.names()}
         with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read, or an impossible name
             names |= {entry.stem: str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
@@ -81,7 +80,7 @@ class TomlFiles:
         return f"; did you mean {close[0][:_LONGEST_NAME]}?" if close else "."
 
     def parse(self, text: str, origin: str) -> dict[str, Any]:
-        """Return the tables of a file. `origin` names it in messages."""
+        """Return the tables of a file named `origin` in messages."""
         try:
             tables = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -105,7 +104,7 @@ class TomlFiles:
 
 
 def _unusable(tables: dict[str, Any]) -> str:
-    """Describe nesting that is too deep, or an integer of thousands of digits."""
+    """Describe nesting too deep, or an integer too long."""
     level: list[tuple[str, Any]] = [("", tables)]
     for _ in range(_DEEPEST):
         below: list[tuple[str, Any]] = []
@@ -123,7 +122,7 @@ def _unusable(tables: dict[str, Any]) -> str:
 
 
 def first_error(error: ValidationError, document: Mapping[str, Any], model: type[BaseModel] = BaseModel) -> str:
-    """Describe the first mistake of a document with its key, the allowed and the given value."""
+    """Describe the first mistake of a document with its key."""
     errors = error.errors(include_url=False)
     more = "" if len(errors) == 1 else f" (and {len(errors) - 1} more)"
     return f"{_describe(errors[0], document, model)}{more}"
@@ -137,7 +136,8 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any], model: type[Ba
     for part in details["loc"]:
         if part == "[key]":  # the key itself is wrong, not its value
             continue
-        # pydantic adds the tag of a union's member once, before its key, which may have the same name (array.rings).
+        # pydantic adds the tag of a union's member once, before its key, which may have the same
+        # name (array.rings).
         if isinstance(table, Mapping) and table is not tagged and part in (table.get("shape"), table.get("lattice")):
             tagged = table
             continue

@@ -1,9 +1,9 @@
 """Change single entries of a design.
 
-The module is common to sweeps, optimisations and tolerances. An entry is a dotted key as in `DesignFile.values`, in the
-unit of its name: ``array.pitch_mm``, ``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm``,
-``circuit.terminations.coil2``. Its value is any value that the file can have for this key, tables excepted. The changed
-document is checked like a file, so every variation is a design that could be written in a file.
+An entry is a dotted key as in `DesignFile.values`, in the unit of its name, such as
+``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm`` or ``circuit.terminations.coil2``.
+Its value is any value that the file can have for this key, tables excepted. The changed document is
+checked like a file, so every variation is a design that could be written in a file.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
         The design, which stays as it is. If it has no file, its entries come from
         `coilarray.design.write.design_document`.
     changes : mapping of str to object
-        New values by dotted key, in the units of the keys. Entries that the file does not give may be set too.
+        New values by dotted key, in the units of the keys. Entries that the file does not give may
+        be set too.
 
     Returns
     -------
@@ -47,7 +48,8 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
     Raises
     ------
     DesignError
-        An unknown entry, a wrong type or value, or an impossible geometry, as `coilarray.load_design`.
+        An unknown entry, a wrong type or value, or an impossible geometry, as
+        `coilarray.load_design`.
 
     Examples
     --------
@@ -68,14 +70,11 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
 def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a design file with changed entries.
 
-    The file is a document as TOML reads it, and is changed as by `vary`. The function is for workers, which get plain
-    tables. Unchanged parts are shared. Numbers of numpy become plain numbers, and a whole number like 3.0 becomes the
-    integer 3, which every numeric entry takes. A DesignError is raised for a key that cannot be an entry. Such a key
-    only describes the design or its file, or leads through a value, past the end of a list, to a missing coil shape, or
-    to a whole table. Other wrong keys and values are found by `coilarray.design.model.build_design`.
+    Workers get such plain tables. Unchanged parts are shared. Numbers of numpy become plain
+    numbers, and a whole number like 3.0 becomes the integer 3, which every numeric entry takes. A
+    key that cannot be an entry raises a DesignError. Other wrong keys and values are found by
+    `coilarray.design.model.build_design`.
 
-    Examples
-    --------
     >>> vary_document({"array": {"pitch_mm": 13, "columns": 6}}, {"array.pitch_mm": 12.5})
     {'array': {'pitch_mm': 12.5, 'columns': 6}}
     """
@@ -94,12 +93,12 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
 
 
 def vary_chosen(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Change a document as `vary_document` does; the chosen values are no longer assumed."""
+    """Change a document's values, which are no longer assumed."""
     return no_longer_assumed(vary_document(document, changes), changes)
 
 
 def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
-    """Return a document in which values of dotted keys, or of whole tables, are not assumed."""
+    """Return a document in which some keys are not assumed."""
     chosen = tuple(keys)
     assumed = {
         name: reason
@@ -112,7 +111,7 @@ def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[
 
 
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
-    """Copy a table or list with one entry set. Everything beside the entry is shared."""
+    """Copy a table or list with one entry set."""
     if isinstance(table, list):
         if not parts[0].isdecimal() or int(parts[0]) >= len(table):
             numbers = "0" if len(table) == 1 else f"a number from 0 to {len(table) - 1}"
@@ -127,7 +126,7 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 
 def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
-    """Return the new value of an entry. The parts that are left of its key lead further into the entry."""
+    """Return the new value of an entry, or inside it."""
     if parts:
         return _with_entry({} if present is None else present, parts, value, key)
     tables = present if isinstance(present, list) else [present]
@@ -137,19 +136,22 @@ def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 
 def _some_entry(table: Any) -> str:
-    """Return a possible end of the key of a table. A list of tables works too."""
+    """Return a possible end of the key of a table."""
     if isinstance(table, list):
         return f"0.{_some_entry(table[0])}"
     return next(iter(table), "…")
 
 
 def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:
-    """Count the parts that make a key of the table. The key may have dots itself. The result is 0 if no key matches."""
+    """Count the parts of the longest key of the table.
+
+    The key may have dots itself.
+    """
     return next((count for count in range(len(parts), 0, -1) if ".".join(parts[:count]) in table), 0)
 
 
 def plain(value: Any) -> Any:
-    """Return a value or table without numpy, with lists for tuples and integers for whole numbers."""
+    """Return a value without numpy, tuples and whole floats."""
     if isinstance(value, Mapping):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,4 +1,4 @@
-"""Default positions of a response map. They follow from the array if a design gives no positions."""
+"""Default positions of a response map over the array."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from coilarray.geometry import Array
 
 MOST_POSITIONS = 100_000
 """Most positions of a map."""
-# The finest and the coarsest step are the narrowest coil divided by these numbers. Both resolve its response, which is
-# wide for a target.
+# The finest and the coarsest step are the narrowest coil divided by these numbers. Both resolve its
+# response, which is wide for a target.
 _PARTS = {"indentation": (12.0, 6.0), "target": (12.0, 4.0)}
 _PARTS_OF_ONE = (32.0, 12.0)  # of a single coil, whose map is small
 _POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step allows; targets are wide
@@ -29,14 +29,14 @@ def array_window(
     within: tuple[float, float, float, float] | None = None,
     table: str = "indentation",
 ) -> Positions:
-    """Return an even grid over the outlines of all coils, in m from an `origin` on the board.
+    """Return an even grid over all coils from an origin.
 
-    The positions are multiples of the step, in m. By default it is a twelfth of the narrowest coil, and a thirty-second
-    of a single coil. To avoid more than 2000 positions it is up to a sixth, and to avoid more than 500 positions of a
-    target up to a quarter; for a single coil it is up to a twelfth. On a board of thousands of coils it is wider, until
-    100000 positions suffice. A given step that makes more raises a DesignError, which names its `table`. No position
-    leaves the edges `within` (x_min, y_min, x_max, y_max), also from the origin; if no other is left, their middle is
-    the only position.
+    Positions are multiples of the step in m. By default it is a twelfth of the narrowest coil, and
+    a thirty-second of a single coil. To avoid more than 2000 positions it is up to a sixth, and to
+    avoid more than 500 positions of a target up to a quarter. For a single coil it is up to a
+    twelfth. On a board of thousands of coils it is wider, until 100000 positions suffice. No
+    position leaves the edges `within` (x_min, y_min, x_max, y_max), also from the origin. If no
+    other is left, their middle is the only position.
     """
     bounds = np.reshape(array.outline_bounds, (2, 2)) - origin
     chosen = _default_step(array, np.ptp(bounds, axis=0), table) if step is None else step
@@ -49,7 +49,8 @@ def array_window(
         chosen = _round(1.1 * chosen + 5 * _ROUND)  # rounding cannot take this back
         first, last = _multiples(bounds, chosen, within)
     x, y = (
-        # Divided by whole millimetres, not multiplied: positions are labels, and -26 mm must be -0.026 m.
+        # Divided by whole millimetres, not multiplied: positions are labels, and -26 mm must be
+        # -0.026 m.
         tuple(round((a + k) * chosen * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
         for a, b in zip(first.tolist(), last.tolist(), strict=True)
     )
@@ -57,7 +58,7 @@ def array_window(
 
 
 def _default_step(array: Array, size: FloatArray, table: str) -> float:
-    """Return the default step of a map in m. It resolves the response of the narrowest coil on a map of a size in m."""
+    """Return the step in m that resolves the narrowest coil."""
     sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
     narrowest = float(min(sides))
     finest, coarsest = (narrowest / part for part in (_PARTS[table] if len(sides) > 1 else _PARTS_OF_ONE))
@@ -72,7 +73,7 @@ def _round(step: float) -> float:
 def _multiples(
     bounds: FloatArray, step: float, within: tuple[float, float, float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the first and last multiple of the step. They are along x and y, for a map over the bounds."""
+    """Return the first and last multiples of the step."""
     first, last = np.floor(bounds[0] / step + 1e-9), np.ceil(bounds[1] / step - 1e-9)
     if within is not None:
         first = np.maximum(first, np.ceil(np.array(within[:2]) / step - 1e-9))

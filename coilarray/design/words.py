@@ -12,12 +12,8 @@ _DIGITS = 12  # of a hash
 
 
 def metal_words(design: Design) -> str:
-    """Return the metal near the coils in words.
+    """Return the plates and the target in words, if any.
 
-    It has the plates by their names, and the target. The text is empty without metal.
-
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> metal_words(load_design("proximity")), metal_words(load_design("gast2020"))
     ('an aluminium plate as target', '')
@@ -31,7 +27,7 @@ def metal_words(design: Design) -> str:
 
 
 def design_facts(design: Design) -> list[tuple[str, str]]:
-    """Return a design as rows of names and values. The values are in words. Missing parts are left out."""
+    """Return a design as rows of names and values."""
     setup, switches = design.indentation, design.circuit.switches
     tank = display_unit("F").text(switches.tank_capacitance, ".4")
     sheets = [f"{sheet.name} {MM.text(sheet.thickness, '.4')}" for sheet in design.sheets]
@@ -49,7 +45,7 @@ def design_facts(design: Design) -> list[tuple[str, str]]:
 
 
 def file_facts(file: DesignFile) -> list[tuple[str, str]]:
-    """Return the number of values that a file gives, and the assumed values."""
+    """Return the number of given values, and the assumed values."""
     assumed = [key for key in file.values if key in file.assumed]
     given = sum(key in file.given and key not in file.assumed for key in file.values)
     counts = f"{given} given, {len(file.values) - given - len(assumed)} by default, {len(assumed)} assumed"
@@ -57,7 +53,7 @@ def file_facts(file: DesignFile) -> list[tuple[str, str]]:
 
 
 def design_html(design: Design, more: list[tuple[str, str]] | None = None) -> str:
-    """Return a design in the form of a notebook. More rows may be added at the end."""
+    """Return a design, with more rows, for a notebook."""
     title = f"{design.name}: {design.title}" if design.title not in ("", design.name) else design.name
     rows = [*design_facts(design), *(more or [])]
     return html_card(title, array_picture(design.array, title), html_table((), rows))

@@ -1,7 +1,4 @@
-"""Designs as documents and texts: written whole, or into the text of their file.
-
-The tables of a design file are read back by `coilarray.design.model.build_design`.
-"""
+"""Designs as documents and texts, whole or in their file."""
 
 from __future__ import annotations
 
@@ -46,10 +43,9 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     Returns
     -------
     dict
-        Plain tables, lists and values with all their digits. Entries of the circuit and of the board house are written
-        only if they differ from the default. Placements are a lattice if `Array.lattice` gives them, else free.
-        Coils are wound shapes if `Coil.wound` defines them, else paths. Names that a file cannot have are changed by
-        `design_names`.
+        Plain tables, lists and values with all their digits. Entries of the circuit and of the
+        board house are written only if they differ from the default. Names that a file cannot have
+        are changed by `design_names`.
 
     Examples
     --------
@@ -106,7 +102,7 @@ def _named_tables(bodies: Sequence[_Body], entries: Callable[[_Body], dict[str, 
 
 
 def _before_connector(array: Array) -> tuple[Array, dict[str, Any] | None]:
-    """Return an array before its leads were routed, and the table of its connector, None without one."""
+    """Return an array without routed leads, and its connector's table."""
     led = array.routing
     if led is None or led.placements != array.placements:
         return array, None  # the placements have been changed since
@@ -116,7 +112,7 @@ def _before_connector(array: Array) -> tuple[Array, dict[str, Any] | None]:
 
 
 def as_file(design: Design | DesignFile) -> DesignFile:
-    """Return a design with a document: a file as it is, a design with its `design_document`."""
+    """Return a design with a document."""
     if isinstance(design, DesignFile):
         return design
     return replace(build_design_file(design_document(design), design.name), design=design)
@@ -125,9 +121,9 @@ def as_file(design: Design | DesignFile) -> DesignFile:
 def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
     """Return the TOML text of a design.
 
-    Places are rounded to 1 nm, and other numbers to 12 digits. Placements that share a `Coil` share its table, see
-    `shape_names`. `assumed` has dotted keys of the design whose values are assumed, with the reason. ``coils.*.KEY``
-    stands for every shape, and ``coils.NAME.KEY`` for the shape of the coil NAME.
+    Places are rounded to 1 nm, and other numbers to 12 digits. Placements that share a `Coil` share
+    its table. `assumed` has dotted keys of assumed values, with the reason. ``coils.*.KEY`` stands
+    for every shape, and ``coils.NAME.KEY`` for the shape of the coil NAME.
     """
     document = _rounded(design_document(design))
     shapes = shape_names(design.array)
@@ -136,7 +132,10 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
 
 
 def document_text(document: Mapping[str, Any]) -> str:
-    """Return the TOML text of a document, with lists of plain values on one line."""
+    """Return the TOML text of a document.
+
+    Lists of plain values are on one line.
+    """
     import tomli_w
 
     def is_tables(value: object) -> bool:
@@ -153,7 +152,7 @@ def document_text(document: Mapping[str, Any]) -> str:
 
 
 def shape_names(array: Array) -> list[str]:
-    """Return the name of each placement's coil table: the coil's own, else shape1, shape2 and so on."""
+    """Return the name of each placement's coil table."""
     found: dict[int, str] = {}
     for place in array.placements:
         if id(place.coil) not in found:
@@ -163,10 +162,10 @@ def shape_names(array: Array) -> list[str]:
 
 
 def design_names(names: Iterable[str]) -> dict[str, str]:
-    """Return a name for each name that a design may have, with letters, digits, _ . + and, not first, -.
+    """Return names that a file can have, for given names.
 
-    Examples
-    --------
+    The characters are letters, digits, _ . + and, not first, -.
+
     >>> design_names(["/coil 1", "coil_1", "Top"])
     {'/coil 1': 'coil_1', 'coil_1': 'coil_1_2', 'Top': 'Top'}
     """
@@ -192,8 +191,8 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     Parameters
     ----------
     design : Design or DesignFile
-        A file keeps its keys, its comments and its layout. For a design made in Python all keys are written, each
-        with its meaning as a comment.
+        A file keeps its keys, its comments and its layout. For a design made in Python all keys are
+        written, each with its meaning as a comment.
     path : str or Path
         File to write. An existing file is replaced.
 
@@ -206,17 +205,15 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
 
 
 def file_text(file: DesignFile) -> str:
-    """Return the text of a design file, as close as possible to the text that it was read from."""
+    """Return the text of a design file with its layout."""
     from coilarray.design.edit import edited_text
 
     return edited_text(file.text, file.document) or with_comments(document_text(file.document))
 
 
 def with_comments(text: str) -> str:
-    r"""Return the text of a design file with the meaning of tables and keys behind them, where there is room.
+    r"""Return a design file's text with meanings behind entries.
 
-    Examples
-    --------
     >>> print(with_comments("[board]\nmargin_mm = 2.0\n"), end="")
     [board]                           # the edge of the board, and the reach of its holes
     margin_mm = 2.0                   # Distance from the outermost copper to the edge of the board
@@ -239,7 +236,7 @@ def with_comments(text: str) -> str:
 
 
 def _path(header: str) -> str:
-    """Return the table of a header with NAME for a name and N for the number in a list."""
+    """Return the table of a header with NAME and N."""
     parts = header.split(".")
     if parts[0] == "coils":
         parts[1:2] = ["NAME"]
@@ -248,7 +245,7 @@ def _path(header: str) -> str:
 
 @cache
 def _meanings() -> tuple[dict[str, str], dict[tuple[str, str, str], str]]:
-    """Return what tables are by their paths, and what keys are by path, key and shape or lattice."""
+    """Return the meanings of tables and keys by their paths."""
     titles: dict[str, str] = {}
     meanings: dict[tuple[str, str, str], str] = {}
     for section in sections_of(Document):
@@ -262,7 +259,7 @@ def _meanings() -> tuple[dict[str, str], dict[tuple[str, str, str], str]]:
 
 
 def _assumed_table(assumed: Mapping[str, str], of_coil: Mapping[str, str], shapes: list[str]) -> dict[str, str]:
-    """Return the table of assumed values with the keys of the file."""
+    """Return the table of assumed values with the file's keys."""
     table: dict[str, str] = {}
     for key, reason in assumed.items():
         owners = [name for name in of_coil if key.startswith(f"coils.{name}.")]

@@ -15,5 +15,5 @@ names, read = DESIGNS.names, DESIGNS.read
 
 
 def names_with(table: str) -> tuple[str, ...]:
-    """Names of the bundled designs with a table. The table, such as ``target``, is in their file."""
+    """Names of the bundled designs with a table."""
     return tuple(name for name in names() if table in DESIGNS.parse(read(name), name))

@@ -1,4 +1,4 @@
-"""Bundled profiles of board houses. Each has the stated limits with their source and the date it was read."""
+"""Bundled profiles of board houses, with sources and dates."""
 
 from __future__ import annotations
 
