@@ -28,13 +28,13 @@ def solids(array: Array, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trim
     Raises GeometryError if two sheets have the same name. Returns meshes in m, with z = 0 at the
     top face of the top copper, by these keys:
 
-    - ``copper/<layer>/<coil>``: trace and pads as one solid, as thick as the layer, without the holes.
-    - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole, from the top of the uppermost to
-      the bottom of the lowest layer it pierces. n counts from 0 in the order of `drills`, without pads
-      that have no hole.
+    - ``copper/<layer>/<coil>``: trace and pads as one solid, as thick as the layer, without holes.
+    - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole, from the top of the uppermost
+      to the bottom of the lowest layer it pierces. n counts from 0 in the order of `drills`,
+      without pads that have no hole.
     - ``board``: the laminate, from the bottom of the top copper to the top of the bottom copper,
-      without the holes through the whole board. Inner copper and blind holes lie inside it. A board of
-      one copper layer has no laminate.
+      without the holes through the whole board. Inner copper and blind holes lie inside it. A board
+      of one copper layer has no laminate.
     - ``sheet/<name>``: stacked upwards from z = 0.
 
     Every solid is watertight, and its volume is the area of its outline times its height. Circles

@@ -45,7 +45,8 @@ WindingRule = Literal["parallel", "corner"]
 def across_flats(across_corners: float, sides: int) -> float:
     """Size in m across the flats of a regular polygon.
 
-    For an odd number of sides these are twice the apothem and twice the circumradius.
+    For an odd number of sides, the sizes across flats and corners are twice the apothem and twice
+    the circumradius.
 
     Parameters
     ----------
