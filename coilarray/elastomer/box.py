@@ -179,8 +179,7 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
 def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatArray:
     """∫ L div φ over an element, L of the degrees `modes` (n, 3).
 
-    There is a row for each product L of Legendre polynomials, in the order (component, x node, y
-    node, z node).
+    Columns are in the order (component, x node, y node, z node).
     """
     columns = []
     for component in range(3):
@@ -206,8 +205,7 @@ class _Factors:
     """Cholesky factors of a box or of its lower half.
 
     The factors are within its slabs, equal ones stored once, then of faces between them, each with
-    its link to the next. `kept` are the displacements in a plane across x, (3, ny, nz), that are
-    not held.
+    its link to the next. `kept` are the free displacements in a plane across x, (3, ny, nz).
     """
 
     kept: IndexArray
@@ -258,10 +256,9 @@ class _Factors:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Layered box, factorised.
+    """Layered box, factorised, elements of z from the board up.
 
-    A box that is its own mirror image in y is stored as two halves, of even and of odd
-    displacements. The elements of z are ordered from the board up.
+    A box symmetric in y is stored as two halves, of even and of odd displacements.
     """
 
     axes: tuple[Axis, Axis, Axis]
@@ -362,10 +359,7 @@ def factorised(
 def _factors(
     slabs: dict[float, FloatArray], widths: FloatArray, kept: IndexArray, diagonal: FloatArray, p: int, size: int
 ) -> _Factors:
-    """Factorise the slabs and the faces between them.
-
-    `slabs` has their stiffness by width, and springs (nx, kept) are added.
-    """
+    """Factorise slabs (stiffness by width, springs (nx, kept)) and faces between them."""
     n = len(kept)
     inner, faces = (kept + size * np.arange(1, p)[:, None]).ravel(), (kept, kept + size * p)
     known: dict[tuple[float, bytes], tuple[_Slab, tuple[FloatArray, ...]]] = {}
@@ -402,10 +396,9 @@ def _factors(
 
 @dataclass(frozen=True, eq=False)
 class WideField:
-    """Displacement and stress about the axis at some heights.
+    """Displacement and stress about the axis at heights, by radii (…).
 
-    They are splines over radii (…). `moved` gives u_r and u_z, (…, 2, cases, heights). `stress`
-    gives σ_rr, the hoop stress and σ_rz, (…, 3, cases, heights).
+    `moved` gives u_r and u_z, `stress` σ_rr, hoop stress and σ_rz, (…, 2 or 3, cases, heights).
     """
 
     moved: CubicSpline
@@ -427,10 +420,7 @@ def transform(r: FloatArray, pressure: FloatArray, wavenumbers: FloatArray) -> F
 def wide_field(
     stack: Stack, base: Base, r: FloatArray, pressure: FloatArray, heights: FloatArray, extent: float
 ) -> WideField:
-    """Field of a wide stack under pressures (cases, n) linear between radii (n,).
-
-    The heights are from −1, the board, to 0, the top, the radii up to `extent`.
-    """
+    """Field of a wide stack under pressures (cases, n), heights −1 to 0."""
     loaded = np.flatnonzero((pressure > 0).any(axis=0))
     contact = float(r[min(loaded[-1] + 1, len(r) - 1)]) if len(loaded) else 1.0
     highest = _CUT / (_SMOOTH * contact)

@@ -47,10 +47,9 @@ _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 
 
 def _hat_forces(system: Compliance, depth: float) -> FloatArray:
-    """Solve the complementarity problem at a depth in thicknesses above zero.
+    """Force on each hat at a depth above zero in thicknesses.
 
-    Returns the force on each hat in the stack's units, never negative, over 2π (axial) or 2 (plane
-    strain). Raises ElastomerError if the problem does not converge.
+    It is in the stack's units over 2π (axial) or 2 (plane strain).
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
@@ -120,10 +119,7 @@ class _Case:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Contacts at all depths, in the stack's units.
-
-    Force on every hat, contact radius, and u_r and u_z of every face.
-    """
+    """Forces on hats, contact radii, and faces' u_r and u_z, by depth."""
 
     grid: ContactGrid
     force: FloatArray
@@ -132,10 +128,7 @@ class _Solution:
 
 
 def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactMesh) -> tuple[FloatArray, float]:
-    """Force on every hat and contact radius at a depth.
-
-    The radius is the end of the search if the contact extends that far.
-    """
+    """Force on every hat and contact radius, within the search."""
     force, grid = _hat_forces(system, depth), system.grid
     if force[-1] > 0:
         return force, zone.search
@@ -220,10 +213,7 @@ def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, 
 
 
 def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: FloatArray) -> None:
-    """Refuse a contact that reaches the edge of the sample.
-
-    Such a contact ends neither by itself nor with the indenter, and the sample is too small.
-    """
+    """Refuse a contact that reaches the sample's edge."""
     unit = case.stack.length
     beyond = (solution.force[:, -1] > 0) & (depths > 0)
     if beyond.any() and zone.search < case.indenter.largest_radius / unit:

@@ -191,10 +191,7 @@ class Stack:
 
 
 def stack_of(sheets: Sequence[Sheet]) -> Stack:
-    """Return the stack of some sheets.
-
-    Raises ElastomerError for no sheets, or for a sheet whose Young's modulus is unknown.
-    """
+    """Return the stack of sheets with known Young's moduli."""
     if not sheets:
         raise ElastomerError("an indentation needs at least 1 sheet; got 0.")
     unknown = [sheet.name for sheet in sheets if sheet.youngs_modulus is None]
@@ -247,10 +244,9 @@ def displacement_basis(mesh: MeshQuad) -> Any:
 def contact_grid(
     stack: Stack, symmetry: Symmetry, zone: ContactZone, base: Base, radius: float | None, mesh: ContactMesh
 ) -> ContactGrid:
-    """Mesh a stack for contacts in a zone.
+    """Mesh a stack for contacts in an expected zone.
 
-    `zone` is the expected zone of contact and `radius` the radius of the sample (half its width in
-    plane strain, None for a wide sample). Both are in thicknesses of the stack.
+    The sample's `radius` is in thicknesses, None if wide, half the width in plane strain.
     """
     end = zone.search + max(mesh.extent, _bending(stack, base)) if radius is None else radius
     levels = stack.levels
@@ -295,10 +291,7 @@ def contact_grid(
 
 
 def _bending(stack: Stack, base: Base) -> float:
-    """Distance in thicknesses from a force within which sheets bend.
-
-    On a soft seat (Winkler foundation) it is (D/k)^¼ of a plate times `_BENT`.
-    """
+    """Distance in thicknesses of bending: `_BENT` (D/k)^¼ on a soft seat."""
     if not isinstance(base, Seat):
         return 0.0
     return _BENT * float((9 * base.stiffness * stack.length / stack.stress) ** -0.25)  # D = Eh³/9 for ν = 0.5
@@ -323,10 +316,7 @@ def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
 
 
 def far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:
-    """Outer edge of a wide body: ∫2μ u_r/r v_r w.
-
-    This is the traction under which u_r = B/r (in plane strain a constant) continues.
-    """
+    """Traction ∫2μ u_r/r v_r w under which u_r = B/r (plane: constant) continues outside."""
     edge = basis.boundary("outer")
 
     def form(u: Any, v: Any, w: Any) -> Any:

@@ -23,8 +23,7 @@ _ZONE = 4.0  # extent of the moved air below and above, in depths of the dent
 class Motion:
     """Small rigid motion of all sheets together with their indentation.
 
-    The sheets are lifted by `lift` in m. They are turned about a point of the indenter's axis at
-    the height `pivot` in m above z = 0, so that they rise along x and y by `slope`.
+    They are lifted by `lift` in m, and rise along x and y by `slope` about the height `pivot`.
     """
 
     lift: float = 0.0

@@ -44,18 +44,14 @@ Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
 
 _STEPS_PER_CLEARANCE = 3  # of a table, for which the splines err by 1e-5 of the peak
 _DEGREE = 5  # of the splines
-# pairs of positions and coils and dents, and offsets between them, at a time, which bounds the
-# memory
+# pairs of positions, coils and dents, and their offsets, at a time, to bound the memory
 _PAIRS, _OFFSETS = 1 << 15, 512
 _DISTANCES = 5  # numbers for every position and coil, to find the largest distance
 
 
 @dataclass(frozen=True, eq=False)
 class DentAmplitudes:
-    """Strengths of a dent in H, (n,), and amplitudes by shape.
-
-    The amplitudes a (offsets, n) are for every shape of coil.
-    """
+    """Strengths (n,) of a dent in H, and amplitudes (offsets, n) by shape."""
 
     strengths: FloatArray
     amplitudes: tuple[FloatArray, ...]
@@ -104,10 +100,7 @@ def dent_amplitudes(
 
 
 def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray]:
-    """Grid of offsets in m up to `extent`, fine enough for a dent's `clearance`.
-
-    Returns the offsets along one axis (n,) and all pairs of them (n², 2), x first.
-    """
+    """Offsets in m along an axis and in pairs (n², 2), fine enough for `clearance`."""
     half = max(int(np.ceil(_STEPS_PER_CLEARANCE * extent / clearance)), _DEGREE)
     axis = np.linspace(-extent, extent, 2 * half + 1)
     return axis, np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -205,10 +198,7 @@ def dent_energies(
 
 
 class _Waves:
-    """Incident waves of coils and images about moved dents.
-
-    Coils that have the same shape in all images have the same number in `shape_of_coil`.
-    """
+    """Incident waves of coils and images about dents, equal coils by `shape_of_coil`."""
 
     def __init__(self, images: Sequence[CoilSpectra], dents: Sequence[Dent], harmonics: int) -> None:
         self._motions = [dent.motion for dent in dents]
@@ -246,8 +236,8 @@ def _alike(offsets: FloatArray, shape_of: IntArray) -> list[IntArray]:
 def _distinct(offsets: FloatArray, shape_of: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
     """Find the distinct offsets in m for every shape of coil.
 
-    `offsets` has the shape (positions, coils, 2), and `shape_of` (coils,). Returns the distinct
-    offsets (n, 2), their shapes (n,), and the index of each pair's offset (positions, coils).
+    Returns offsets (n, 2), their shapes (n,), and the index of each pair's offset (positions,
+    coils).
     """
     (x, of_x), (y, of_y) = (
         np.unique(np.round(values, 12), return_inverse=True) for values in np.moveaxis(offsets, -1, 0)

@@ -1,7 +1,6 @@
 """Linear elasticity of a layered body, also incompressible.
 
-Displacement u and pressure p in the half plane (r, z), with ε the strain and K = E/(3(1 − 2ν)) the
-bulk modulus:
+Displacement u and pressure p in the half plane (r, z), strain ε and bulk modulus K = E/(3(1 − 2ν)):
 
     ∫ (2μ dev ε(u) : dev ε(v) − p div v) w = load(v)         for every v,
     ∫ (−q div u − p q/K) w = 0                               for every q.
@@ -64,10 +63,9 @@ class ElasticBody:
 def elastic_body(
     basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray, springs: Any, held: IndexArray
 ) -> ElasticBody:
-    """Assemble and factorise the mixed system on a basis of n functions.
+    """Assemble and factorise the mixed system on n functions.
 
-    `shear` and `squash` (elements,) are μ and 1/K. `springs` (n, n) is a stiffness to add, and
-    `held` are the displacement's degrees of freedom that are zero.
+    `shear` and `squash` are μ and 1/K, `springs` (n, n) is added, `held` displacements are zero.
     """
     stiffness, divergence = _blocks(basis, symmetry, shear)
     blocks = [[stiffness + springs, divergence.T], [divergence, _bulk(basis, symmetry, squash)]]

@@ -47,11 +47,7 @@ def shift_inductance(
     mesh: LayerMesh,
     backing: Backing | None = None,
 ) -> ComplexArray:
-    """Change of the inductances by a finite sample, in H.
-
-    It is by the shifts of the sample's faces, of shape (depths, places, coils, coils): ΔL − jΔR/ω,
-    where the loss is in a backing. The arguments are as for `shift_energy`.
-    """
+    """Change ΔL − jΔR/ω by a sample's shifts in H, (depths, places, coils, coils)."""
     count = len(as_conductors(source))
     pairs = np.triu_indices(count)
     own, other = (np.eye(count)[numbers] for numbers in pairs)
@@ -75,8 +71,8 @@ def shift_energy(
     """Change iᵀ ΔL j by a sample's shifts, (depths, places, n).
 
     It is in H per A² of the currents i and j (n, coils). The `places` (places, 2) in m count from
-    the map's `origin` on the board. Outside the sample the shift removes the displacement of the
-    wide sample.
+    the map's `origin` on the board. Outside the sample the shift removes the wide sample's
+    displacement.
     """
     depths, count, levels = correction.moved.shape[:3]
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)

@@ -68,10 +68,7 @@ class BoxMesh:
     rows: int = 1
 
     def along(self, low: float, high: float, places: FloatArray, across: float) -> Axis:
-        """Elements between two sides, for contacts at places (n,).
-
-        The places are at the distance `across` from the sides across them.
-        """
+        """Elements between two sides, for contacts `across` from the other sides."""
         middle = (low + high) / 2
         reach, beside = float(np.abs(places - middle).max()), self.beside + self.spread * across
 
@@ -89,10 +86,7 @@ DEFAULT_BOX_MESH = BoxMesh()
 
 @dataclass(frozen=True)
 class Sample:
-    """A rectangular sample with free sides, and its seat.
-
-    `bounds` are its edges (x_min, y_min, x_max, y_max) in m from the origin of the map.
-    """
+    """Rectangular sample with free sides, `bounds` in m from the map's origin."""
 
     bounds: tuple[float, float, float, float]
     unevenness: Unevenness = EVEN
@@ -118,10 +112,7 @@ class SampleCorrection:
     length: float
 
     def at_indenter(self, places: FloatArray, levels: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Mean w_z in m of levels under the indenter, and slopes.
-
-        Shapes (depths, places) and (depths, places, 2), for places (places, 2) in m.
-        """
+        """Mean w_z (depths, places) in m of levels under the indenter, and slopes (…, 2)."""
         mean = self.moved[:, :, list(levels)].mean(axis=2) if len(levels) else 0 * self.moved[:, :, 0]
         (x, dx), (y, dy) = (
             (axis.basis(at), axis.basis(at, 1)) for axis, at in zip((self.x, self.y), places.T, strict=True)
@@ -267,8 +258,7 @@ class _Problem:
     def moved(self, places: FloatArray, case: int) -> FloatArray:
         """Vertical w_z at levels under a pressure, (levels, nx, ny, places).
 
-        Places are in thicknesses. The loads of many places are sums of few patterns, and only the
-        patterns are solved.
+        The loads of many places are sums of few patterns, which are solved.
         """
         loads = self.loads(places, case).reshape(-1, len(places))
         loaded = np.flatnonzero(loads.any(axis=1))
@@ -281,8 +271,7 @@ class _Problem:
     def ring(self, places: FloatArray, case: int) -> tuple[FloatArray, FloatArray]:
         """Weights along x and y of a smooth function's mean over the contact.
 
-        The mean of a quadratic function over the pressure equals the mean over four points at its
-        root mean square radius.
+        For a quadratic function it is the mean over four points at the root mean square radius.
         """
         x, y, _ = self.box.axes
         weights = []
@@ -439,10 +428,7 @@ class _Lift:
         return shifts, np.moveaxis(moved, -1, 0), lifts
 
     def _expected(self, places: FloatArray, heights: list[FloatArray]) -> FloatArray:
-        """Guess of u_z plus gap at the last place.
-
-        It is the value at the nearest earlier place, or on the line through two.
-        """
+        """Guess of u_z plus gap from one or two earlier places."""
         if not heights:
             return self._height
         *before, here = places

@@ -226,8 +226,7 @@ class SoftBody:
     def _number_band(self, free: IndexArray) -> None:
         """Order the free displacements for a narrow band.
 
-        They go from the outer edge to the axis. The contact comes last, so that the end of a band's
-        factor gives the response to forces on the hats.
+        The contact comes last, so that the band's end gives the response to forces on hats.
         """
         r, z = self.grid.basis.doflocs.round(12)
         self._order = free[np.lexsort((free, z[free], -r[free]))]
@@ -278,10 +277,7 @@ class SoftBody:
             yield state
 
     def _solved(self, state: Pressed, depth: float, tangents: Iterator[int]) -> Pressed | None:
-        """State at a depth by Newton's method, or None.
-
-        A step is halved until the next step, predicted by the same tangent, is shorter.
-        """
+        """State at a depth by Newton's method with halved steps, or None."""
         state = replace(state, depth=depth)
         strained, gaps, exact = self._strained(state), self._gaps(state), False
         for _ in islice(tangents, _MOST_AT_ONCE):
@@ -442,10 +438,7 @@ class SoftBody:
         return step
 
     def _forces(self, compliance: FloatArray, gaps: FloatArray, closed: BoolArray) -> FloatArray | None:
-        """Find the forces that close gaps without pulling, or None.
-
-        `gaps` are the gaps without forces and `closed` is the initial set.
-        """
+        """Find forces that close gaps (first `closed`) without pulling, or None."""
         for _ in range(_MOST_SETS):
             f = np.zeros(len(gaps))
             try:

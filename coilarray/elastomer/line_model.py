@@ -26,10 +26,9 @@ _FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet), 
 
 @dataclass(frozen=True, eq=False)
 class Wires:
-    """Infinite wires along y that carry a current both ways.
+    """Infinite wires along y that carry a current both ways, in m.
 
-    Positions `x`, `z` and cross-sections `widths`, `thicknesses` (wires,) are in m. `senses` are +1
-    if the current flows along y, −1 against it, and add up to zero.
+    `senses` are +1 along y, −1 against it, and add up to zero.
     """
 
     x: FloatArray
@@ -86,8 +85,7 @@ def line_dent_inductance(
 ) -> FloatArray:
     """Change of inductance per length, (dents, positions) in H/m.
 
-    The dents are in plane strain in the same sheets, the indenter's middle at the positions
-    (positions,) along x in m. The change is relative to the flat sheets.
+    The dents are in plane strain in the same sheets, the change relative to flat sheets.
     """
     x = np.asarray(positions, dtype=np.float64)
     if x.ndim != 1 or not np.isfinite(x).all():

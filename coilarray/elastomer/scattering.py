@@ -105,8 +105,7 @@ class TensorGrid:
 def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
     """Return fᵀA⁻¹f (forces, forces) of a positive definite matrix A.
 
-    Matrix and forces are in the parts of a `TensorGrid`. Nodes of columns that are left out at the
-    end are held. Raises ElastomerError if the matrix is not positive definite.
+    Matrix and forces are in the parts of a `TensorGrid`, columns left out at the end held.
     """
     columns, count, rows = forces.shape
     near, far = rows + rows, rows + rows + count
@@ -186,10 +185,9 @@ class Scattering:
     energies: tuple[FloatArray | ComplexArray, ...]
 
     def over(self, backing: Backing, dent: Dent) -> Scattering:
-        """Add layers below the coils to the scattering.
+        """Add layers below the coils, which make the patterns complex.
 
-        The patterns become complex, for the waves of each of `Backing.seen`. Without layers nothing
-        of the dent's own field is reflected.
+        The patterns are for the waves of each of `Backing.seen`.
         """
         if not backing.layers:
             return self
@@ -288,8 +286,7 @@ class Waves:
     """Incident waves of one harmonic on a `DentedSpace`, (points, n).
 
     `reaction` is χ at the moved nodes. On the faces `reflected`, `flat` and `dented` are χ, U and
-    Ũ, `normal` and `dented_normal` ∂_n U and ∂_n Ũ in 1/m, times the area over the area of the flat
-    face.
+    Ũ, `normal` and `dented_normal` ∂_n U and ∂_n Ũ in 1/m, times the area over the flat area.
     """
 
     reaction: FloatArray

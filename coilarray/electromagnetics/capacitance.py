@@ -419,10 +419,7 @@ def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
 def closed_band(
     coil: Coil, traces: Sequence[tuple[FloatArray, FloatArray]], mitre_limit: float = 2.0
 ) -> shapely.Geometry:
-    """Area of a coil's traces and half of the gaps.
-
-    Slits between turns, from the slight tilt of their sides, are closed.
-    """
+    """Area of a coil's traces and half of the gaps, slits closed."""
     slit = 0.05 * (coil.trace_width + coil.gap) / 2
     corners: dict[str, Any] = {"join_style": "mitre", "mitre_limit": mitre_limit}
     ribbons = [

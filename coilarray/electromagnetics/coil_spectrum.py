@@ -12,8 +12,7 @@ e^{−k|z|}/(2k). About a point p the plane waves become harmonics of the angle 
     c_m(k) = i^m/(2π) ∫ dα S(k, α) e^{ik·p} e^{−imα}.
 
 By Green's theorem 2 S is also the Fourier transform of a function that is 1 inside the path and 0
-outside (path at z = 0, anticlockwise). So weighted paths make the spectrum of any piecewise
-constant potential.
+outside (path at z = 0, anticlockwise). So weighted paths make any piecewise constant potential.
 """
 
 from __future__ import annotations
@@ -119,8 +118,7 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
 
     The derivative by k needs the wavenumbers of `coilarray.electromagnetics.plane_waves.wave_rule`.
     Let n be the direction α, n' the direction across it, f = slope·n and f' = slope·n'. To first
-    order a wave of the turned coil is a wave of the flat coil with k (1 − i f) and α − i f', and k
-    S becomes
+    order its waves are the flat coil's with k (1 − i f) and α − i f', and k S becomes
 
         S + δS,   δS = −i (f ∂(k S)/∂k + f' ∂S/∂α).
     """
@@ -145,10 +143,7 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
 
 
 def _derivative(nodes: FloatArray) -> FloatArray:
-    """Differentiation matrix (n, n) at Gauss–Legendre nodes of an interval from 0.
-
-    From the barycentric formula: J.-P. Berrut and L. N. Trefethen, SIAM Review 46, 501 (2004).
-    """
+    """Differentiation matrix at Gauss–Legendre nodes (Berrut & Trefethen, SIAM Rev. 46, 2004)."""
     x, weights = leggauss(len(nodes))
     weights = np.sqrt((1 - x**2) * weights) * (-1.0) ** np.arange(len(x))
     distance = nodes[:, None] - nodes

@@ -26,8 +26,7 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
 
-# medium below z = 0: air, from which the field comes, or electrodes that hold the potential at z =
-# 0
+# medium below z = 0: air with the incident field, or electrodes that hold the potential
 Base: TypeAlias = Literal["open", "grounded"]
 
 
@@ -44,11 +43,7 @@ _AIR = Layer(math.inf)
 
 
 def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Layer, ...]:
-    """Return layers with the air between, outwards from `start` in m.
-
-    `bodies` are layers with the heights in m of their inner faces, rising, the first at `start` or
-    beyond it.
-    """
+    """Return layers at rising heights in m with the air between."""
     layers: list[Layer] = []
     for height, layer in bodies:
         layers += [Layer(height - start)] if height > start else []
@@ -63,8 +58,7 @@ class LayerWaves:
 
     `growths` (layers, …, k) are γ in 1/m, inf in a perfect conductor. `beyond` is the reflection r
     at each outer face, and `passed` is 1 − r, which cancellation would lose. `reflection` (…, k) is
-    ρ of b at the first face and `potential` 1 − ρ, the potential there over the potential of the
-    wave alone.
+    ρ of b at the first face and `potential` 1 − ρ, the potential there over the wave's alone.
     """
 
     layers: tuple[Layer, ...]
@@ -85,10 +79,7 @@ class LayerWaves:
         return found
 
     def at(self, height: float) -> tuple[ComplexArray, ComplexArray]:
-        """Return b and its outward derivative in 1/m at a height in m.
-
-        The height is beyond the first face, and both are over b at the first face.
-        """
+        """Return b and its slope in 1/m at a height in m, over b at the first face."""
         edges = np.concatenate(([0.0], np.cumsum([layer.thickness for layer in self.layers])))
         number = int(np.searchsorted(edges, height, side="right")) - 1
         if number >= len(self.layers):
@@ -115,10 +106,7 @@ class LayerWaves:
         return np.asarray(self.faces[number] * (1 - fall) * (1 + r * fall) / growth / (1 + r * fall**2))
 
     def through(self, number: int, height: FloatArray) -> FloatArray:
-        """Scalar potential in a layer over its inner face's potential.
-
-        The layer does not conduct. The heights (…, 1) are in m.
-        """
+        """Potential in an insulating layer over its inner face's, heights (…, 1) in m."""
         k, d = self.wavenumbers, self.layers[number].thickness
         return np.asarray(np.exp(-k * height) * self._left(number, d - height) / self._left(number, d))
 
@@ -167,10 +155,9 @@ def _growth(layer: Layer, k: FloatArray, omega: FloatArray | float) -> ComplexAr
 def _joined(
     a: Layer, b: Layer, k: FloatArray, omega: FloatArray | float, r: ComplexArray, passed: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Reflection ρ of waves from medium a to b, and 1 − ρ.
+    """Reflection ρ from medium a to b and 1 − ρ, neither cancelled.
 
-    There is a reflection r just behind the face, and `passed` is 1 − r. Nothing cancels if both
-    media are nearly equal, or if one passes nearly nothing.
+    Behind the face the reflection is r, and `passed` is 1 − r.
     """
     if math.isinf(b.conductivity) or math.isinf(a.conductivity):
         return np.full_like(r, -1.0), np.full_like(r, 2.0)
@@ -184,10 +171,7 @@ def _joined(
 
 @dataclass(frozen=True)
 class PassedWaves:
-    """Currents behind layers that let a `share` of their waves pass upwards.
-
-    The share (k,) of the waves e^{k(z' − z)} passes at k in 1/m.
-    """
+    """Currents behind layers that pass a `share` (k,) of waves e^{k(z' − z)} upwards."""
 
     eddies: Segments
     share: Callable[[FloatArray], ComplexArray]
@@ -199,8 +183,7 @@ class Backing:
 
     `layers` go downwards from a `face` in m below all coils. `eddies` are currents above the face
     for 1 A in each of n coils, with 2n weights each: the real parts, then the imaginary parts.
-    `passed` are currents between or below the layers, seen from above, with the same pieces and
-    weights.
+    `passed` are currents between or below the layers, from above, with the same pieces and weights.
     """
 
     face: float
@@ -214,7 +197,7 @@ class Backing:
         return [*coils, *([] if self.eddies is None else [self.eddies])]
 
     def seen(self, coils: Sequence[Segments]) -> list[list[Segments]]:
-        """Return the `sources`, their images in the layers, and those of `passed`."""
+        """Return the `sources`, their images in the layers, and the `passed`."""
         sources = self.sources(coils)
         if not self.layers:
             return [sources]

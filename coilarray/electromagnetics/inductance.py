@@ -307,10 +307,9 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
 
 
 def representative_segments(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
-    """Numbers and weights (n,) of representative segments of a path.
+    """Numbers and weights (n,) of segments that represent a path.
 
-    Their weighted sum stands for the sum over the whole path. ``full`` takes every segment once.
-    ``screen`` takes a few turns, for quantities that change smoothly from turn to turn.
+    ``full`` takes every segment once, ``screen`` a few turns, between which quantities are smooth.
     """
     if accuracy == "full":
         return np.arange(len(path.lengths)), np.ones(len(path.lengths))

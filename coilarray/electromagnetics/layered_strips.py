@@ -116,8 +116,7 @@ class LayeredMedium:
     def mean_green(self) -> FloatArray:
         """`green` at k = 0, (planes, planes) in V m²/C, from ε0 ε/d of the slabs.
 
-        Without a grounded plane the potential of a net charge is infinite. The result is then
-        relative to the bottom plane, for no net charge.
+        Without ground it is relative to the bottom plane, for no net charge.
         """
         Y = np.zeros((self.planes, self.planes))
         for i, (d, epsilon) in enumerate(zip(self.thicknesses, self.epsilon_r[1:-1], strict=True)):

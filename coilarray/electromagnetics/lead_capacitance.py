@@ -66,10 +66,9 @@ def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: Float
 
 
 def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float) -> Iterator[_Wire]:
-    """Pieces of both leads from the winding on.
+    """Pieces of both leads from the winding on, more for longer leads.
 
-    A longer lead has the same pieces and more. A lead wider than the distance in m of the nearest
-    planes, `near`, is several wires side by side.
+    A lead wider than the distance `near` of planes in m is several wires side by side.
     """
     path = turns.path
     along, grain = path.along, _GRAIN * turns.pitch

@@ -59,16 +59,14 @@ def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
 def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
     """Numbers of nodes along x and y, and along z, of box pairs, (n, 2).
 
-    The second of the `bounding_boxes` is moved by `shifts` (n, 3) in m. A value above `MOST_NODES`
-    means that they are too near each other.
+    The second box is moved by `shifts` in m. Values above `MOST_NODES` mean boxes too near.
     """
     between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)
     half = np.maximum(first[:, 1], second[:, 1])
     sizes = np.column_stack((half[:, :2].max(axis=1), half[:, 2]))
     none = _NONE * half.max(axis=1)[:, None]
-    # Singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along
-    # it.
+    # Singularities beside the interval [−1, 1] lie beyond its ends, those above anywhere.
     lengths = np.maximum(sizes, none)
     beside = np.arccosh(1.0 + np.hypot(gap[:, 0], gap[:, 1])[:, None] / lengths)
     above = np.arcsinh(gap[:, 2][:, None] / lengths)
@@ -83,8 +81,7 @@ def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> I
 def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
     """Currents of segments (m, 2, 3) in m at Chebyshev nodes of their box.
 
-    There are `count` nodes along x and y, and `count_z` along z. `current` is the current of every
-    segment in A. Polynomials along a segment are integrated exactly.
+    There are `count` nodes along x and y. Polynomials along a segment are integrated exactly.
     """
     ((centre, extent),) = bounding_boxes([segments.reshape(-1, 3)])
     gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
@@ -122,8 +119,7 @@ def path_sums(
 ) -> FloatArray:
     """Compute Neumann's integral ∬ dl·dl'/R of pairs in m.
 
-    It is averaged over the cross-sections of the paths `first[k]` and `second[k]`. Thin filaments
-    that overlap on one line give inf.
+    It is averaged over cross-sections, and inf for thin filaments that overlap on one line.
     """
     if not len(first):
         return np.zeros(0)

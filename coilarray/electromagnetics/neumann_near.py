@@ -30,8 +30,8 @@ up to 1 % of k for windings that lie on each other.
 """
 OWN_NEAR_WIDTHS = 160.7  # distance in widths up to which the cross-section counts within a path
 MUTUAL_NEAR_WIDTHS = 1003.0  # the same between two paths: (1/1000)² is 1e-6 of a weak coupling
-# Of two paths, and of one path. Screening leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of coils
-# that overlap.
+# Of two paths, and of one path. Screening leaves out 1/(12·15²) = 4e-5 of a pair, 5e-3 of
+# overlapping coils.
 _NEAR_WIDTHS = {"full": (MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS), "screen": (4.0, 15.0)}
 _SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
 _FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
@@ -60,10 +60,9 @@ class PathParts:
 
 
 def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
-    """Cut paths into parts in their order.
+    """Cut paths (rows of `kernels.paths`) into parts in their order.
 
-    Each path is rows of `kernels.paths`. `quanta` (paths,) are differences in m that do not make
-    another part. Parts of different quanta are never equal.
+    Differences below the `quanta` (paths,) in m make no other part.
     """
     cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
     first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))
@@ -145,10 +144,9 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Pairs of distinct parts, one per row.
+    """Pairs of distinct parts, the second mirrored and moved by `shift` in m.
 
-    The second part is mirrored by signs, and moved by `shift` in m from the first. `of` is the pair
-    of paths that they belong to, where they count `weight` times.
+    `of` is their pair of paths, where they count `weight` times.
     """
 
     of: IntArray
@@ -173,7 +171,7 @@ def part_blocks(
 
     The results of the returned pieces, which threads may call at once, add up. `quanta` are the
     largest differences in m between equal paths, `quantum` between equal shifts. Pair k is the
-    paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero for a path with
+    paths `first[k]` and `second[k]`, the second moved by `shift[k]` in m (0 for a path with
     itself).
     """
     if not len(first):
@@ -228,10 +226,9 @@ def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArra
 
 
 def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, IntArray, IntArray]:
-    """Write equal pairs in the same form and group them.
+    """Pairs in common form, an example of each class, pairs' classes.
 
-    The result is the pairs, an example of each class and the class of each pair. M(a, gb, d) = M(b,
-    ga, −gd) for a mirror g, and of two flat parts either may be the upper.
+    M(a, gb, d) = M(b, ga, −gd) for a mirror g, and of two flat parts either may be the upper.
     """
     turned = -pairs.mirror * pairs.shift
     steps, mirror = np.round(pairs.shift / quantum).astype(np.int64), pairs.mirror.astype(np.int64)

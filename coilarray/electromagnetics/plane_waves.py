@@ -152,8 +152,7 @@ def wavenumbers(board: Board, lowest: float, highest: float, distance: float) ->
     """Nodes and weights in 1/m of an integral up to `highest`.
 
     Panels double from `lowest`, so that they keep their distance from poles at wavenumbers of that
-    size, up to the width that the `distance` in m between a path and an image, and the board,
-    allow.
+    size, up to the width that the `distance` in m between a path and an image, and the board allow.
     """
     edges = [0.0, max(lowest, _LOWEST * highest)]
     while edges[-1] < highest:
@@ -168,10 +167,9 @@ def wavenumbers(board: Board, lowest: float, highest: float, distance: float) ->
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Distinct offsets in m between paths, in rows and columns.
+    """Distinct offsets in m between paths, whose pairs share integrals.
 
-    Pairs with equal offsets share their integrals. `column` and `row` (paths, paths) are the offset
-    numbers of each pair.
+    `column` and `row` (paths, paths) are the offset numbers of each pair.
     """
 
     x: FloatArray
@@ -242,10 +240,9 @@ def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
 def _products(
     boards: Sequence[Board], pairs: Sequence[tuple[int, int]], grid: _Grid | None, k: float
 ) -> list[FloatArray]:
-    """Mean of J_i·J'_j over directions for pairs of boards, in m².
+    """Mean of J_i·J'_j over directions at k in 1/m, in m².
 
-    It holds for one wavenumber in 1/m. The shape is (paths, paths) without a grid of offsets, else
-    (kinds, kinds, x, y).
+    The shape is (paths, paths) without a grid of offsets, else (kinds, kinds, x, y).
     """
     n = _nodes(k * boards[0].extent, boards[0].digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
@@ -291,10 +288,7 @@ def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
 
 
 def _along(waves: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Compute k·v of the horizontal parts, shape (waves, vectors).
-
-    Threads within `@` would compete with the package's own.
-    """
+    """Compute k·v of horizontal parts, (waves, vectors), without `@`, whose threads compete."""
     return np.asarray(waves[:, :1] * vectors[:, 0] + waves[:, 1:] * vectors[:, 1])
 
 

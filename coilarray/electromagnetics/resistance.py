@@ -43,11 +43,9 @@ MOST_SKIN_DEPTHS = 300.0  # longest trace side in skin depths, beyond which the 
 SINGLE_MESH = (48, 16)  # cells along the longer side of an isolated trace, and along the shorter side of a thin trace
 SECTION_MESH = (30, 8)  # cells along the sides of each trace of a bundle
 BASIS_TOLERANCE = 3e-2  # of a trace's basis of currents; the loss errs by about its square
-# Gauss points along a segment from a length in widths on; the lengths are no ratios of round
-# lengths
+# Gauss points along a segment from a length in widths on, no ratio of round lengths
 POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
-# least and most cuts about a pole, and turns cut in all, which are no multiple of round numbers of
-# turns
+# least and most cuts about a pole, and turns cut in all, no multiple of round numbers
 RAYS = 5, 16, 97.3
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
@@ -98,8 +96,7 @@ class CrossSection:
     """Losses of one straight isolated trace over frequency.
 
     `resistance_ratio` is R_ac/R_dc. `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a
-    uniform field of peak value H along thickness or width adds ½ g |H|² in W/m, without cross
-    terms.
+    uniform field of peak value H along thickness or width adds ½ g |H|² in W/m.
     """
 
     resistance_ratio: FloatArray
@@ -176,10 +173,7 @@ def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
         )
 
     def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
-        """Interpolate a pair's interaction on a grid that all sections share.
-
-        The interpolation is cubic in x. Rounding x to the grid would make equal coils differ.
-        """
+        """Interpolate a pair's interaction, cubic in x so that equal coils stay equal."""
         place = math.asinh(x / _GRID[1]) / _GRID[0]
         node = math.floor(place)
         u = place - node
@@ -292,10 +286,7 @@ class _Points:
     weight: FloatArray
 
     def field(self, vertices: FloatArray, *, own: bool) -> FloatArray:
-        """Field H (n, 2) in 1/m of a unit current along width and thickness.
-
-        The field of the path's `own` current leaves out the segment of the point.
-        """
+        """Field H (n, 2) in 1/m along width and thickness, without the `own` segment."""
         found = np.empty((len(self.places), 2))
         left_out = self.segment if own else np.full(len(self.segment), -1)
 

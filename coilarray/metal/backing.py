@@ -83,8 +83,7 @@ def outlined_below(
 class _Share:
     """Share of the waves that reaches the highest gap.
 
-    It is the share through layers at one frequency, by one of the four ways. It is a value instead
-    of a function because it is part of the key of a map.
+    It goes through layers by one of four ways. As a part of a map's key it is no function.
     """
 
     air: LayeredAir

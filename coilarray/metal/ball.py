@@ -74,8 +74,7 @@ def ball_inductance(
     The ball conducts or is magnetic. Its centres (positions, 3) are in m on the board. The flat
     `sheets` lie between coils and ball, laterally large against both, the `plates` below the coils.
     The result (positions, f, coils, coils) is ΔZ/(jω) = ΔL − jΔR/ω in H relative to sheets and
-    plates alone. Without plates ΔR is positive semidefinite. For `fineness` see
-    `coilarray.metal.finite_plates.moving_plate`.
+    plates alone. Without plates ΔR is positive semidefinite. `fineness` is as in `moving_plate`.
 
     The result is exact for filaments: every multipole at any skin depth, and all reflections
     between ball, sheets and infinite plates. Multipoles are counted until they add less than 1e-7
@@ -83,8 +82,8 @@ def ball_inductance(
     field of the ball's dipole. Compared with an infinite plate, 1 mm of aluminium 3 mm below the
     board, this was 0.16 % off for a ball of 5 mm at 1 mm over a bare board (0.5 % for ferrite), and
     0.1 % on the sheets of gast2020, meshes and rims included. If a ball of 5 mm touches the
-    magnetic sheet of gast2020, the reflections alter the change by −6 % for aluminium and by 19 %
-    for ferrite.
+    magnetic sheet of gast2020, reflections alter the change by −6 % for aluminium, by 19 % for
+    ferrite.
 
     A ball of 5 mm, perfectly conducting, 20 mm over a loop, in pH, and −2π a³ B²/μ0:
 
@@ -135,8 +134,7 @@ def ball_over(
 ) -> ComplexArray:
     """Compute `ball_inductance` over a backing at its frequency.
 
-    The backing's currents are those without the ball. `returned` is the field that they reflect to
-    the ball's dipole, as `returned_dipoles` gives it.
+    `returned` is the field of `returned_dipoles`. The backing's currents are without the ball.
     """
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
@@ -217,10 +215,7 @@ class Multipoles:
     answers: Sequence[ComplexArray]
 
     def product(self, incident: ComplexArray) -> ComplexArray:
-        """Fields times answers times fields, (positions, f, coils, coils).
-
-        `incident` (k, positions, coils, orders) are the harmonics of the coils.
-        """
+        """Fields times answers times fields, (positions, f, coils, coils)."""
         wavenumbers, positions, coils, _ = incident.shape
 
         def of(m: int) -> ComplexArray:
@@ -247,10 +242,9 @@ class Multipoles:
 
 
 def returned_dipoles(outlined: OutlinedPlates, ball: Ball, at: FloatArray, sheets: Sequence[Sheet]) -> ComplexArray:
-    """Field in T that finite plates reflect to unit dipoles, (positions, f, 3, 3).
+    """Field in T that finite plates reflect to dipoles of 1 A·m².
 
-    The dipoles of 1 A·m² are at the centres `at` of a ball. Centres deeper than the upper face of
-    the flat sheets are moved up to it.
+    The shape is (positions, f, 3, 3). Centres within flat sheets are moved up to their face.
     """
     size = _LOOP * ball.radius
     z = np.maximum(at[:, 2], math.fsum(sheet.thickness for sheet in sheets) + size)
@@ -301,7 +295,7 @@ def with_images(
     thicknesses: Sequence[float],
     permeabilities: Sequence[float],
 ) -> FloatArray | ComplexArray:
-    """Multipoles (orders, k) of the coils' waves beside those of each `Backing.seen`."""
+    """Multipoles (orders, k) of the coils' waves beside each `Backing.seen`."""
     if backing is None or not backing.layers:
         return field
     arriving = backing.arriving(wavenumbers, thicknesses, permeabilities)

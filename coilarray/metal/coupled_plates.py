@@ -41,8 +41,7 @@ _POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
 class FieldOfImages:
     """Field B of 1 A in each path's images, summed with `weights` (sums, images).
 
-    At heights of many places the field comes from `splines`, by their height in units of `unit` in
-    m.
+    At heights of many places it comes from `splines`, by height in units of `unit` in m.
     """
 
     paths: Sequence[Conductor]
@@ -281,8 +280,7 @@ class PlatesInAir:
 def distinct_sums(images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
     """Distinct real weights of images, (sums, images), and their numbers.
 
-    The numbers are of the real parts, then of the imaginary parts, of the shares. The reflection by
-    sheets alone is the same at all frequencies, and real.
+    The numbers are of the real, then the imaginary parts. Sheets alone reflect alike at all f.
     """
     shares = np.array([image.shares for image in images]).T
     parts = np.concatenate((shares.real, shares.imag))
@@ -298,10 +296,9 @@ def linked_fluxes(
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ONE_IMAGE,
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Fluxes b (sums, u, positions, paths) of the even and odd unknowns, in Wb/A.
+    """Fluxes b (sums, u, positions, paths) of even and odd unknowns, in Wb/A.
 
-    They are given for several meshes with the same points, by sums of images of paths with
-    `weights` (sums, images).
+    They are for several meshes with the same points.
     """
     count = sum(parity.unknowns.shape[1] for body in bodies for parity in body.parities)
     values = 2.0 * count * len(where) * len(paths) * len(weights)

@@ -352,8 +352,7 @@ class OutlinedPlates:
     def returned(self, places: FloatArray, size: float) -> ComplexArray:
         """Return the field in T reflected to dipoles of 1 A·m², (n, f, 3, 3).
 
-        The dipoles at places (n, 3) in m, all at one height, are along the axes of the board. They
-        are square loops of a `size` in m.
+        The dipoles are square loops of a `size` in m at one height, along the board's axes.
         """
         found = []
         for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
@@ -484,8 +483,7 @@ def _field_scale(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArr
 def _model_error(plate: FinitePlate, frequencies: FloatArray, scale: float, shortest: float) -> ModelError:
     """Largest errors of the model over `scale` in m.
 
-    Errors beyond the limit are refused. Near a single turn the field also varies over a `shortest`
-    length in m. This adds to the errors of ΔL and ΔR, but no plate is refused for it.
+    Variation over a `shortest` length in m near a turn adds to the errors without refusal.
     """
     inscribed = inscribed_radius(plate.outline)
     largest = ModelError()

@@ -114,8 +114,7 @@ def plate_inductances(
 ) -> ComplexArray:
     """Compute `plate_inductance` for cases of plates, (cases, f, paths, paths).
 
-    The cases may be distances of a plate. The spectra of the paths, which cost most, are computed
-    once.
+    The spectra of the paths, which cost most, are computed once.
     """
     paths = as_conductors(source)
     omega = 2 * np.pi * checked_frequencies(frequencies)
@@ -213,8 +212,7 @@ class _Around:
     def lowest(self, highest: float, extent: float) -> float:
         """Smallest wavenumber in 1/m at which the reflection changes.
 
-        The reflection of a thin plate has its pole at −jωμ0σd/2, the reflection of an iron plate at
-        −ln((μ + 1)/(μ − 1))/d.
+        Poles: −jωμ0σd/2 of a thin plate, −ln((μ + 1)/(μ − 1))/d of an iron plate.
         """
         slowest = float(self.omega[self.omega > 0].min(initial=math.inf))
         scales = [highest / 8]

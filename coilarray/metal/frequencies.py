@@ -75,10 +75,7 @@ class FrequencyBand:
 
 @dataclass(frozen=True, eq=False)
 class ChangeOverFrequency:
-    """Changes ΔL − jΔR/ω in H of many cases over frequency.
-
-    `values` (cases…, nodes, n, n) are at the nodes of a band, and constant beyond it.
-    """
+    """Changes ΔL − jΔR/ω in H at a band's nodes (cases…, nodes, n, n), constant beyond."""
 
     band: FrequencyBand
     values: FloatArray | ComplexArray

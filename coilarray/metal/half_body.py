@@ -63,8 +63,7 @@ class Parity:
 class EddyBody:
     """Matrices of a body for all fields, places, frequencies.
 
-    If there is a `finer` body, fields are integrated over its triangles. Its nodes lie between the
-    nodes of this body.
+    Fields are integrated over the triangles of a `finer` body with nodes between these.
     """
 
     mesh: HalfBody
@@ -159,8 +158,7 @@ class EddyBody:
     def linked_to(self, B: FloatArray, sign: int) -> tuple[FloatArray, FloatArray]:
         """∫ ψ B·n in Wb and ∫ ∇ψ·B in T·m over the whole body, (nodes, fields).
 
-        They are for potentials that are even (sign 1) or odd about the mid-plane, and fields B
-        (fields, points, 3) in T at `points`.
+        Potentials are even (sign 1) or odd about the mid-plane, B (fields, points, 3) is in T.
         """
         if self.finer is not None:
             down = self.onto_finest.T.tocsr()
@@ -237,8 +235,7 @@ class EddyBody:
     def all_currents(self, axes: FloatArray) -> list[sp.csr_array]:
         """K on all triangles of both halves for unit unknowns, each (2k, u).
 
-        The even unknowns come first. K is along the board's axes. `axes` (3, 3) has the body's own
-        axes on the board in its rows.
+        The even unknowns come first. `axes` (3, 3) has the body's axes on the board in its rows.
         """
         even, odd = self.parities
         parts = []
@@ -251,8 +248,7 @@ class EddyBody:
 def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirrored: bool = False) -> FloatArray:
     """∫∫ 1/r in m³ of all pairs of triangles, (k, k) or (k, l).
 
-    The triangles (k, 3, 3) are in m. With `other` triangles (l, 3, 3) the pairs are of each with
-    each of these. With `mirrored` the others are mirror images of the same triangles.
+    The pairs are with `other` triangles, or with `mirrored` images of the same.
     """
     second = corners if other is None else other
     integrals = np.zeros((len(corners), len(second)))

@@ -47,11 +47,7 @@ def layer_of(plate: Plate) -> Layer:
 
 
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
-    """Order plates and magnetic sheets upwards from z = 0 by height.
-
-    Returns the lower and upper face in m, and the layer, of each. Raises GeometryError if they
-    overlap.
-    """
+    """Order plates and magnetic sheets by height, with faces in m."""
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
     bodies += [
@@ -71,10 +67,7 @@ def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Image of a source, at `sign` times its height plus `offset` in m.
-
-    It has complex `shares` (f,) of the source's current. A `sign` of −1 is a mirror image.
-    """
+    """Image at `sign` times the height plus `offset` in m, shares (f,)."""
 
     sign: int
     offset: float
@@ -128,8 +121,7 @@ class LayeredAir:
     def images(self, source: tuple[int, float, float], place: tuple[int, float, float], extent: float) -> list[Image]:
         """Find the images of a source without the source itself.
 
-        `source` and `place` of the field are the index of the gap, and least and greatest height in
-        m. `extent` is the greatest horizontal distance in m between them.
+        `source` and `place` are gap, least and greatest height in m, `extent` is horizontal, in m.
         """
         if not self.layers:
             return []

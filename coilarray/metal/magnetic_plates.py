@@ -24,8 +24,7 @@ Between sheets and infinite plates, G = 1/4πr also has the images of `coilarray
 shares of charges and double layers, of the other sign in mirror images. H_c is then the coils'
 field between the layers.
 
-The skin depth is at most a third of the thickness, and small against the width. A hole would need a
-cut.
+The skin depth is at most a third of the thickness, small against the width. Holes would need cuts.
 
 Near an edge the field enters from both sides, which the condition does not include. With the same H
 along the edge on both faces the strip of `coilarray.metal.surface_impedance` has, for t ≫ δ, F = (1
@@ -83,10 +82,7 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[F
 
 
 def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArray, FloatArray]:
-    """ΔZ/jω in H by a magnetic plate at its places, (places, f, paths, paths).
-
-    Also returns the error by its edges for each path in H, (places, f, paths).
-    """
+    """ΔZ/jω (places, f, paths, paths) in H by a magnetic plate, and edge errors."""
     problems, lengths = _problems(around, plate), _lengths(plate.plate, around.air.frequencies).tolist()
     places, paths, count = len(plate.where), len(around.paths), len(lengths)
     change = np.zeros((places, count, paths, paths), dtype=np.complex128)
@@ -105,8 +101,7 @@ def magnetic_currents(around: PlatesInAir, plate: PosedPlate, *, alone: bool = F
     """Compute n × H in A/m for 1 A in each path, by frequency.
 
     The arrays (paths, 2k, 3) are along the board's axes, on the triangles of the upper half and of
-    its mirror image. With `alone` the currents produce the plate's field outside without magnetic
-    charges.
+    its mirror image. With `alone` they produce the plate's field without magnetic charges.
     """
     lengths = _lengths(plate.plate, around.air.frequencies).tolist()
     currents, n = _currents(plate), len(plate.body.mesh.nodes)
@@ -156,10 +151,9 @@ class Potentials:
         return np.asarray(x.reshape(c.shape))
 
     def double_layer(self, outside: ComplexArray) -> ComplexArray:
-        """Density ν in A of a double layer that has the potential φ outside.
+        """Density ν in A of a double layer with the outer potential φ.
 
-        (½ + K) ν = φ for potentials φ (unknowns, paths), tested by the means of the linear
-        functions over the triangles.
+        (½ + K) ν = φ for potentials (unknowns, paths), tested by the linear functions' means.
         """
         known, weighed = self.known, self.means.T @ sp.diags_array(1 / np.asarray(self.means.sum(axis=1)))
         matrix = np.asarray(weighed @ np.asarray(self.means - self.rest))[known, known]
@@ -220,8 +214,7 @@ def stiffness(body: EddyBody, shares: FloatArray | float = 1.0) -> sp.csr_array:
 def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Exterior operators V in m³, ½ − K in m² and W in m of a parity.
 
-    They are for both halves, for even (sign 1) or odd values about the mid-plane. Shapes (k, k),
-    (k, n) and (n, n), by the triangles and the nodes of the upper half.
+    Shapes (k, k), (k, n) and (n, n), by the triangles and the nodes of the upper half.
     """
     (own, image), (M, M_image), mesh = body.integrals, body.inductances, body.mesh
     corners, n = mesh.corners, len(mesh.nodes)
@@ -306,10 +299,7 @@ def _currents(plate: PosedPlate) -> list[sp.csr_array]:
 def _between_layers(
     around: PlatesInAir, plate: PosedPlate
 ) -> list[tuple[FloatArray | ComplexArray, FloatArray | ComplexArray]]:
-    """Operators ½ − K (2k, u) in m² and Λ (u, u) in m between layers.
-
-    They are given by frequency for even and odd potentials, with the reflections at the layers.
-    """
+    """Operators ½ − K (2k, u) in m² and Λ (u, u) in m with reflections, by frequency."""
     body, images = plate.body, around.images_of(plate, plate)
     k, n = len(body.mesh.triangles), len(body.mesh.nodes)
     shares = np.array([image.shares for image in images]).T.reshape(len(around.air.frequencies), -1)

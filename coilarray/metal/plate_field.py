@@ -67,10 +67,7 @@ class _Waves:
     between: FloatArray  # e^{−kD} between both reference planes
 
     def amplitudes(self, above: bool) -> tuple[ComplexArray, ComplexArray]:
-        """Return b at a side's first face per sent wave.
-
-        The first is for waves to this side, the second for waves to the other side.
-        """
+        """Return b at a side's first face per wave to each side."""
         own, other = (self.up, self.down) if above else (self.down, self.up)
         total = (1 + own.reflection) / (1 - own.reflection * other.reflection * self.between**2)
         return total, total * other.reflection * self.between

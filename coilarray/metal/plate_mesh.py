@@ -80,8 +80,7 @@ class Footprint:
     """Area of the copper as seen from a moving plate.
 
     `area` has its outlines in the plate's plane in m. `height` in m is the least distance from it
-    across the plane. `spread` in m is the least width of any winding, from its innermost to its
-    outermost turn.
+    across the plane. `spread` in m is the least width of any winding from turn to turn.
     """
 
     area: BaseGeometry
@@ -504,10 +503,9 @@ def _section(
 
 
 def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apart: FloatArray) -> FloatArray:
-    """Radii in m of the largest circles left of a rim.
+    """Radii in m of the largest circles left of a rim, by samples.
 
-    They touch at points (n, 2), by samples of all rims. Samples nearer than `apart` (n,) in m do
-    not count.
+    Samples nearer than `apart` (n,) in m do not count.
     """
     away = samples[None] - points[:, None]
     squares, height = (away**2).sum(axis=2), np.einsum("nsi,ni->ns", away, normals)
@@ -516,10 +514,7 @@ def _touching(points: FloatArray, normals: FloatArray, samples: FloatArray, apar
 
 
 def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> FloatArray:
-    """Distances in m from points (n, 2) to the next rim.
-
-    The points are of all rims, `counts` on each.
-    """
+    """Distances in m from the rims' points (n, 2) to the next rim."""
     after, first = [], 0
     for count in counts:
         after.append(first + np.roll(np.arange(count), -1))
@@ -562,8 +557,7 @@ def _has_room(loops: Sequence[FloatArray], ways: Sequence[FloatArray], depth: fl
 def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes) -> tuple[FloatArray, IntArray]:
     """Points and triangles of a triangular lattice inside loops.
 
-    The triangles are of the loops' points followed by the lattice's points. Each step divided by
-    two keeps the points of the coarser lattice.
+    The loops' points come first. Each halved step keeps the coarser lattice's points.
     """
     plane = shapely.Polygon(loops[0], loops[1:])
     shapely.prepare(plane)

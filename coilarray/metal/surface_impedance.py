@@ -79,8 +79,7 @@ def surface_impedance(material: Material, thickness: float, frequency: float, ka
 class ModelError:
     """Estimated relative errors of a plate's ΔL and ΔR.
 
-    `whole` is the error of ΔL − jΔR/ω as a complex number. `depths` is the plate's thickness in
-    skin depths, 0 for a perfect conductor, which has no errors.
+    `whole` is the error of ΔL − jΔR/ω, `depths` the thickness in skin depths, 0 if perfect.
     """
 
     whole: float = 0.0
@@ -109,8 +108,8 @@ def model_error(material: Material, thickness: float, frequency: float, taken: f
 
     They are due to λ at the κ `taken`, both in 1/m. With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 +
     2κλ/(µ0 (1 ± e))), as each face lies in the field of both. A magnetic plate has R = (κℓ − 1)/(κℓ
-    + 1) by `coilarray.metal.magnetic_plates`, and errors of |R|. The error by its edges comes with
-    its solution.
+    + 1) by `coilarray.metal.magnetic_plates`, and errors of |R|. The edges' error comes with its
+    solution.
     """
     if math.isinf(material.conductivity):
         return ModelError()

@@ -198,8 +198,7 @@ class _Maps:
     def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
         """Compute the map of the first depth.
 
-        The window is wider by `widen` in m on each side, at most up to the edges of the sample, and
-        the step is divided.
+        The window is wider by `widen` in m on each side, up to the sample's edges.
         """
         setup = indentation_of(self._design).in_ellipse_window()
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
@@ -230,7 +229,7 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
-        """Compute maps with metal and ferrite indenters, if it is a ball."""
+        """Compute maps with metal and ferrite balls as indenter, if any."""
         setup = indentation_of(self._design)
         if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
             return {}
@@ -312,10 +311,9 @@ def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) ->
 
 
 def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Scatter of x0 under reading noise, in m.
+    """Scatter of x0 in m over seeded maps with noise.
 
-    It is the standard deviation of x0 over a few seeded maps. Noise that is common to the coils is
-    drawn once per map, as L_0 is read once. It shifts the level of a whole map.
+    Common noise is drawn once per map, as L_0 is read once. It shifts the level of a whole map.
     """
     runs = []
     for seed in range(_SEEDS):

@@ -84,11 +84,7 @@ _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic 
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Ellipse with its centre on y = 0, in m.
-
-    (x − x0)²/A² + y²/B² = 1. Raises LocalizeError for a centre that is not finite, or a semi-axis
-    that is not positive and finite.
-    """
+    """Ellipse (x − x0)²/A² + y²/B² = 1, in m."""
 
     x0: float
     A: float
@@ -148,8 +144,7 @@ def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent:
     mean = float(x.mean())
     centre, A, B = (ellipse.x0 - mean) / length, ellipse.A / length, ellipse.B / length
     u, v = (x - mean) / length - centre, y / length
-    # a u² + c y² + d u − 1 of fit_ellipse is E/K with E = (u − u0)²/A² + y²/B² − 1 and K = 1 −
-    # u0²/A²
+    # a u² + c y² + d u − 1 of the fit is E/K, E = (u − u0)²/A² + y²/B² − 1 and K = 1 − u0²/A²
     K = 1 - (centre / A) ** 2
     residual = ((u / A) ** 2 + (v / B) ** 2 - 1) / K
     slopes = np.stack([-2 * u / A**2, -2 * u**2 / A**3, -2 * v**2 / B**3], axis=-1)
@@ -198,9 +193,9 @@ def fit_ellipses(
 ) -> xr.Dataset:
     """Fit an ellipse to each level of a response.
 
-    Raises LocalizeError A response without δ or the wanted state or depth, a map that `refined_map`
-    refuses, coils that are not on y = 0, a state without closed curves or without any ellipse,
-    settings that are not positive, more than 3000 levels or 10⁹ points in all of them.
+    Raises LocalizeError for a response without δ or the wanted state or depth, a map that
+    `refined_map` refuses, coils that are not on y = 0, a state without closed curves or any
+    ellipse, settings that are not positive, more than 3000 levels or 10⁹ points in all of them.
 
     Parameters
     ----------

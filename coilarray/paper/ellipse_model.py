@@ -74,9 +74,9 @@ _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest se
 class CoilEllipses:
     """Ellipses of one coil as polynomials of δ.
 
-    They are named after the state in which the coil is measured. `x0`, `A` and `B` are coefficients p4 … p0
-    in m, for δ from `lowest` to `highest`. From `centre` on the indentation counts as near the
-    coil's centre.
+    They are named after the state in which the coil is measured. `x0`, `A` and `B` are coefficients
+    p4 … p0 in m, for δ from `lowest` to `highest`. From `centre` on the indentation counts as near
+    the coil's centre.
     """
 
     name: str
@@ -133,11 +133,7 @@ class CoilEllipses:
 
 @dataclass(frozen=True)
 class EllipseModel:
-    """Coils of a row and their ellipses.
-
-    They are in the order of the row, in which neighbours overlap. Raises LocalizeError for no
-    coils, or two of one name.
-    """
+    """Coils in the order of their row, and their ellipses."""
 
     coils: tuple[CoilEllipses, ...]
 
@@ -168,8 +164,7 @@ class EllipseModel:
 class EllipsePosition:
     """Intersection of two coils' ellipses, by the paper's case.
 
-    x is along the row and y is the distance from it, in m. y is not negative: the indentation is at
-    y or at −y.
+    x in m is along the row. The indentation is at y or at −y.
     """
 
     x: float
@@ -204,10 +199,7 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
 
 
 def model_to_json(model: EllipseModel, source: str = "") -> str:
-    """Write a model as JSON with a checksum.
-
-    A free text on its origin is added. Numbers are in SI units and full precision.
-    """
+    """Write a model as JSON in SI units with checksum."""
     coils = [
         {
             "name": coil.name,
@@ -221,10 +213,7 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
 
 
 def model_from_json(text: str) -> EllipseModel:
-    """Read a model that `model_to_json` or a person wrote.
-
-    A person need not write a checksum. A wrong checksum raises a LocalizeError.
-    """
+    """Read a model of `model_to_json`, whose checksum may be missing."""
     try:
         data = json.loads(text)
     except (ValueError, RecursionError):

@@ -40,10 +40,7 @@ def published_rows(name: str) -> list[dict[str, str]]:
 
 
 def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, ...]]:
-    """Return the coefficients of Table A1 in mm.
-
-    They are p4 … p0. The keys are "A", "B" or "x0" and the name of the coil.
-    """
+    """Return Table A1 in mm: p4 … p0 by "A", "B" or "x0" and coil."""
     table: dict[tuple[str, str], list[float]] = {}
     for row in published_rows("table_a1"):
         key = (row["semiaxis_or_centre"], row["coil"])
@@ -52,10 +49,9 @@ def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, 
 
 
 def published_model() -> EllipseModel:
-    """Return the model of Table A1.
+    """Return the model of Table A1, without misprint and added 0.2 mm.
 
-    It is for coils 1 to 3, without the misprint and without the added 0.2 mm. The range of δ is not
-    printed. It is taken from 0 to the zero of A or B, 1.23e-3, 1.87e-3 and 1.24e-3.
+    The unprinted range of δ is from 0 to the zero of A or B, 1.23e-3, 1.87e-3 and 1.24e-3.
     """
     table = {key: tuple(p * 1e-3 for p in values) for key, values in table_a1().items()}
     coils = []
@@ -68,8 +64,7 @@ def published_model() -> EllipseModel:
 def difference_from_published(design: Design) -> str:
     """Say how a design's coils differ from Table A1, or empty.
 
-    The coils are compared by their names and by their places in the map, which must be within 1 mm
-    of the published centre of their ellipses near the peak.
+    They are compared by name and, to 1 mm, by the published centre of their ellipses near the peak.
     """
     names, setup = design.array.names, design.indentation
     if missing := [name for name in _COILS if name not in names]:

@@ -28,8 +28,8 @@ def line_response(
     """Compute δ of one coil in a two-dimensional model.
 
     The cross-section of the coil consists of infinite wires, and the indenter is an infinite
-    cylinder. Raises ElastomerError A design without an indentation, an unknown coil, an indenter
-    that is not round, or a rectangular sample. Raises MetalError A design with plates.
+    cylinder. Raises ElastomerError for a design without indentation, an unknown coil, an indenter
+    that is not round, or a rectangular sample. Raises MetalError for a design with plates.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def line_response(
         left out.
     depths, x : array_like, shape (n,), optional
         Depths and positions along x of the indenter in m, positions from the map's origin. By
-        default those in the design.
+        default as in the design.
     accuracy : LayerMesh, optional
         Accuracy of the magnetic problem.
 

@@ -41,10 +41,9 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Outline of an indenter from its tip, in m.
+    """Radius (or half the width) and height above the tip in m.
 
-    It has the radius (or half the width) and the height above the tip, shapes (n,). Above its own
-    shape an indenter continues as a rod.
+    Above its own shape an indenter continues as a rod.
     """
     # Heights that grow as squares give even steps of the radius at a round tip.
     z = height * np.linspace(0.0, 1.0, _RADII) ** 2
@@ -81,8 +80,7 @@ def indenter_mesh(
 ) -> pyvista.PolyData:
     """Surface of an indenter in mm, cut open as in `dented_sheet_meshes`.
 
-    `tip` is the height in m of its tip above the board, and `height` its height above the tip. A
-    cylinder goes from end to end of the extent.
+    `tip` is the height in m of its tip. A cylinder goes from end to end of the extent.
     """
     plane, end = indenter.symmetry == "plane", indenter.radius_at(height)
     angles, lengths = _rays(centre, extent, end, plane=plane)
@@ -97,10 +95,7 @@ def indenter_mesh(
 def _rays(
     centre: tuple[float, float], extent: tuple[float, float, float, float], end: float, *, plane: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Directions over three quarters, and ray lengths in m.
-
-    The edge of the body is at the radius `end` or, for a plane body, at |x| equal to `end`.
-    """
+    """Directions over three quarters, and lengths in m to `end`."""
     (x, y), (x_min, y_min, x_max, y_max) = centre, extent
     if not (x_min < x < x_max and y_min < y < y_max):
         raise ValueError(f"centre must be inside the extent {extent}; got {centre}.")

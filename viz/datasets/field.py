@@ -33,10 +33,7 @@ _BACK = 0.6  # distance of a closed line from its seed, over the largest distanc
 
 
 def require_memory(points: int, what: str) -> None:
-    """Refuse a field of more than `MOST_MEMORY`.
-
-    The number of points follows from `what`, a name with its value.
-    """
+    """Refuse a field with more points than `MOST_MEMORY` holds."""
     needed = points * _BYTES_A_POINT
     if needed > MOST_MEMORY:
         raise GeometryError(
@@ -126,10 +123,9 @@ class Eddies:
 
 
 def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyData:
-    """Arrows along eddy currents in mm.
+    """Arrows along eddy currents in mm, one per cube.
 
-    There is an arrow in each cube with sides of the spacing in m. An arrow as strong as `largest`
-    in A/m is as long as the spacing.
+    An arrow as strong as `largest` in A/m is as long as the spacing.
     """
     away = (eddies.points - eddies.points.min(axis=0)) / spacing
     cubes = np.floor(away + 0.5)

@@ -75,8 +75,7 @@ def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.Poly
 def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
     """Surface of the copper of one layer in mm.
 
-    The `parts` are solids in m from `coilarray.geometry.solids.solids`. The cell array ``"coil"``
-    is the index in `names` of the coil of each triangle.
+    The cell array ``"coil"`` is the index in `names` of each triangle's coil.
     """
     return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
 
@@ -125,10 +124,7 @@ def plate_mesh(plate: Plate | FinitePlate, within: tuple[float, float, float, fl
 def body_mesh(
     body: Body, place: tuple[float, float, float], within: tuple[float, float, float, float]
 ) -> pyvista.PolyData:
-    """Surface of a body in mm at its place.
-
-    The place in m belongs to its centre, or to the lower face of an infinite plate.
-    """
+    """Surface of a body in mm about its centre or lower face."""
     from coilarray.viz.extra_3d import pyvista
 
     if isinstance(body, Ball):

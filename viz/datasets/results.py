@@ -69,10 +69,7 @@ def coupling_arcs(
 
 
 def arc_tubes(arcs: pyvista.PolyData, widest: float) -> pyvista.PolyData:
-    """Give the arcs of `coupling_arcs` a thickness in proportion to |k|.
-
-    `widest` is the largest radius in mm. The tubes are closed and have the point array ``"k"``.
-    """
+    """Give `coupling_arcs` radii in proportion to |k|, `widest` in mm."""
     from coilarray.viz.extra_3d import pyvista
 
     if not arcs.n_lines:

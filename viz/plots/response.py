@@ -147,8 +147,7 @@ def plot_bell_curve(
 
     Each depth has a curve with its peak and its width at half the peak. Dots are the positions of
     the response, and curves are cubic splines through the positions with a value. A bar marks the
-    width at half the peak. The legend gives both, without the width if δ does not fall to half on
-    both sides.
+    width at half the peak. The legend gives both, without a width if δ does not fall to half.
 
     A dotted line marks the centre of the coil. Raises ValueError if the map has no such state, or
     fewer than two positions have a value.
@@ -232,10 +231,9 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
 
 @dataclass(frozen=True)
 class _Look:
-    """Common look of maps.
+    """Common look of maps: sides in mm, unit of δ, edges of bands.
 
-    It has the sides in mm and the unit of δ. In this unit it has the edges of the bands and the |δ|
-    below which a map is white.
+    Maps are white below a |δ| in this unit.
     """
 
     outlines: Sequence[npt.ArrayLike]  # m

@@ -1,7 +1,6 @@
 """Common parts of all flat figures.
 
-The label of an axis reads ``inductance (µH)``. Its ticks are plain numbers, on logarithmic axes
-too.
+The label of an axis reads ``inductance (µH)``. Its ticks are plain numbers, also if logarithmic.
 """
 
 from __future__ import annotations
@@ -111,10 +110,9 @@ def new_axes(width: float, height: float) -> Axes:
 
 
 def save(figure: Figure, file: Any, **look: Any) -> None:
-    """Save a figure and close it.
+    """Save a figure and close it, with `look` for Matplotlib.
 
-    `look` goes to Matplotlib. The figure is drawn first, because Matplotlib's layout cuts labels of
-    axes with equal scales the first time.
+    It is drawn first, because Matplotlib's layout cuts labels of equal scales the first time.
     """
     figure.draw_without_rendering()
     figure.savefig(file, **look)
@@ -184,10 +182,7 @@ def draw_curve(
     undetermined: npt.ArrayLike | None = None,
     **look: Any,
 ) -> None:
-    """Draw a curve with a band of half a width on both sides.
-
-    Points that are `undetermined`, whose values are only a guess, are crossed out.
-    """
+    """Draw a curve with a band, `undetermined` points crossed out."""
     ax.plot(x, y, line, color=colour, **look)
     if half is not None:
         ax.fill_between(x, y - np.asarray(half), y + np.asarray(half), color=colour, alpha=0.2, linewidth=0)

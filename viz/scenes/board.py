@@ -187,8 +187,7 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
     texts = [Text(true_minus(f"{t:g}"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
-    # Beyond the end of the edge it is clear of the numbers unless the board is small in the
-    # picture.
+    # Beyond the end of the edge it is clear of the numbers unless the board is small.
     title = Text(f"{axis} (mm)", place(high + 4 * length, 2.2 * length), hidden_from=(edge_on,), always=True)
     return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]
 
@@ -248,10 +247,9 @@ def scene_of_dent(
     *,
     opacity: float = 1.0,
 ) -> Scene:
-    """Scene of the deformed sheets and the indenter.
+    """Scene of the deformed sheets and the indenter, as in `dent_scene`.
 
-    The arguments are the same as for `dent_scene`. A `box` x_min, y_min, x_max, y_max in m shows
-    this part of the sheets, by default all over the board. A centre outside it raises a ValueError.
+    A `box` x_min, y_min, x_max, y_max in m limits the sheets, by default to the board.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])

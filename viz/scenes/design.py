@@ -125,10 +125,7 @@ class View:
 
 
 def board_and_metal(design: Design) -> tuple[Item, ...]:
-    """Default items to show of a design.
-
-    With metal the sheets are shown too, because the distances of a target begin on them.
-    """
+    """Default items of a design, with metal also the sheets."""
     plates: tuple[Item, ...] = ("plates",) if design.plates else ()
     target: tuple[Item, ...] = ("target",) if design.target is not None else ()
     sheets: tuple[Item, ...] = ("elastomer",) if design.sheets and (plates or target) else ()

@@ -28,8 +28,7 @@ BAR_WIDTH = 0.085
 """Width of one colour bar with its numbers, over the width of the picture."""
 
 _HEIGHT, _WIDTH = 900, 1400  # pixels of the reference picture, with letters and lines in their nominal sizes
-# The legend in pixels of the reference picture: letters, their mean width, a line, a sign with
-# room, the rim.
+# The legend in pixels of the reference picture: letters, mean width, line, sign with room, rim.
 _LEGEND, _LETTER, _LINE, _SIGN, _RIM = 17, 10.2, 29, 24, 40
 _TICKS = 5  # numbers on a colour bar
 _TITLE = 13  # letters in a line of its title
@@ -75,10 +74,7 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
 
 
 def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = None) -> None:
-    """Draw only the parts, texts and notes of a scene.
-
-    `pixel` has the meaning of `pixel_of`. By default it depends on the height alone.
-    """
+    """Draw only a scene's parts, texts and notes, by `pixel_of` the height."""
     view: Any = plotter
     if pixel is None:
         pixel = view.window_size[1] / _HEIGHT

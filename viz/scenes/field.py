@@ -87,10 +87,7 @@ def points_of_box(design: Design, box: Spans) -> Axes:
 
 
 def beside_faces(design: Design, heights: FloatArray, frequency: float) -> FloatArray:
-    """Heights in m with added points at infinite plates.
-
-    Below its face the field of a plate changes over a skin depth, at a frequency in Hz.
-    """
+    """Heights in m with more below plates' faces, by skin depth."""
     found = [heights]
     for plate in design.plates:
         skin = plate.material.skin_depth(frequency)

@@ -44,9 +44,8 @@ CURRENT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Position:
-    """One position of a target.
+    """Position of a target in m, with eddy currents and lines.
 
-    It has its distance and place in m, its eddy currents if they are shown, and lines about it.
     `place` is the place of its centre, or of the lower face of an infinite plate.
     """
 
@@ -74,10 +73,9 @@ def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene
 
 
 def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scale: Scale | None, first: int) -> Scene:
-    """Scene of a target with a slider of its distance.
+    """Scene of a target with a slider of its distance from `first`.
 
-    Infinite plates are cut to `within` in m. `scale` belongs to the eddy currents if they are
-    shown. `first` is the first position of the slider.
+    Infinite plates are cut to `within` in m. `scale` belongs to the eddy currents if shown.
     """
     group = f"target: {_body_words(body)}"
     parts: list[Part] = []
@@ -93,10 +91,7 @@ def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scal
 
 
 def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Part, ...]:
-    """Eddy currents of a body as coloured arrows.
-
-    `within` is the rectangle in m that is shown, and its size limits how small an arrow may be.
-    """
+    """Eddy currents of a body as coloured arrows within a rectangle."""
     x_min, y_min, x_max, y_max = within
     least = max(x_max - x_min, y_max - y_min) / _MOST_ARROWS
     spacing = max(float(np.ptp(eddies.points, axis=0).max()) / _ARROWS, least)
@@ -164,10 +159,7 @@ def eddies_of_plates(
 def eddies_of_target(
     design: Design, place: tuple[float, float], distances: Sequence[float], operation: WorkingPoint, within: Box
 ) -> list[Phasors | None]:
-    """Eddy currents of the target at several distances.
-
-    All lengths are in m. The result is None for a ball.
-    """
+    """Eddy currents of a target (not a ball) at distances in m."""
     found: list[Phasors | None] = []
     for distance in distances:
         target = target_of(design)
@@ -309,10 +301,7 @@ def scene_of_eddies(
     operation: WorkingPoint,
     within: Box,
 ) -> EddyScene:
-    """Eddy currents of plates and target at distances in m.
-
-    They are shown at the instant at which they are strongest.
-    """
+    """Strongest eddy currents of plates and target at distances in m."""
     of_plates = eddies_of_plates(design, plates, operation, within)
     of_target = eddies_of_target(design, place, distances, operation, within)
     phasors = [*of_plates, *(one for one in of_target if one is not None)]

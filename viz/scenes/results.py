@@ -36,11 +36,7 @@ _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of 
 
 
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
-    """Scene of arcs between all pairs of coils.
-
-    `coupling` is a result of `coilarray.circuit.coupling.couple_design` with the centres ``x``,
-    ``y`` in m.
-    """
+    """Scene of arcs between all pairs of coils of `couple_design`."""
     centres = np.column_stack((coupling.x.values, coupling.y.values))
     k = coupling.coupling.values
     apart = ~np.eye(len(k), dtype=bool)
@@ -73,10 +69,9 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
 
 
 def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
-    """Colour the coils by δ, shape (coils,).
+    """Colour the coils by δ (coils,), NaN without a value.
 
-    NaN stands for a coil without a value. The colours reach to `least` at least, so that noise does
-    not look like a touch.
+    The colours reach to `least` at least, so that noise does not look like a touch.
     """
     numbers = np.asarray(values, dtype=np.float64)
     small = not np.nanmax(np.abs(numbers), initial=0.0) >= least

@@ -79,11 +79,7 @@ def aim(
 
 
 def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> npt.NDArray[np.float64]:
-    """Places of points in a picture of a given size.
-
-    The points have shape (n, 3) in mm. The places have shape (n, 2), and go from 0 to 1 across and
-    up.
-    """
+    """Places (n, 2) of points (n, 3) in mm, from 0 to 1 in a picture."""
     focus, up = np.array(camera.focus), np.array(camera.up)
     out = np.array(camera.position) - focus
     along = np.cross(up, out / np.linalg.norm(out))
@@ -217,10 +213,7 @@ class Scene:
     slider: Slider | None = None
 
     def __add__(self, other: Scene) -> Scene:
-        """Join two scenes.
-
-        If both have a part of the same name, or a slider, it raises a ValueError.
-        """
+        """Join two scenes without common part names or sliders."""
         both = {part.name for part in self.parts} & {part.name for part in other.parts}
         if both:
             raise ValueError(f"parts of a scene must have different names; both have {', '.join(sorted(both))}.")

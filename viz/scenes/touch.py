@@ -104,8 +104,7 @@ def first_states(design: Design) -> dict[str, str]:
 def off_middle(setup: Indentation) -> tuple[float, float]:
     """Place on the board off the map's centre in m.
 
-    On the middle line of a symmetric board δ does not depend on the position to first order, so
-    that it has no ellipse.
+    On a symmetric board's middle line δ has no first-order dependence and so no ellipse.
     """
     x, y = (np.add(axis, origin) for axis, origin in zip((setup.x, setup.y), setup.origin_point, strict=True))
     return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)

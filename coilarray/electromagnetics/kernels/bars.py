@@ -104,10 +104,9 @@ def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) 
 def _graded(
     p0: Point, u: Point, length_1: float, q0: Point, v: Point, start: float, end: float, finest: float
 ) -> float:
-    """Integrate a filament's potential along another on graded panels.
+    """Integrate a filament's potential along q0 + t v from `start` to `end`.
 
-    The potential is of the filament p0 + s u, over q0 + t v with t from `start` to `end`. The
-    panels halve towards `start`. The panel there is not longer than `finest`.
+    The panels halve towards `start`, the last at most `finest` long.
     """
     total = 0.0
     far = end
@@ -173,11 +172,7 @@ def filament_pair(
     p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
 ) -> float:  # fmt: skip
-    """Neumann's integral ∬ dl·dl'/R of two filaments.
-
-    They are p0 + s u, 0 ≤ s ≤ length_1, and q0 + t v, 0 ≤ t ≤ length_2 (u, v unit vectors). The
-    integral is infinite if they overlap on one line.
-    """
+    """Neumann's integral of p0 + s u and q0 + t v, inf if they overlap."""
     cosine = ux * vx + uy * vy + uz * vz
     wx = uy * vz - uz * vy
     wy = uz * vx - ux * vz
@@ -381,10 +376,7 @@ def parallel_bars(
     length_2: float, width_2: float, thickness_2: float,
     dx: float, dy: float, dz: float,
 ) -> float:  # fmt: skip
-    """Mean of ∬ dz dz'/R over the cross-sections of two bars along z.
-
-    Bar 1 is [0, width_1] × [0, thickness_1] × [0, length_1]. Bar 2 starts at (dx, dy, dz).
-    """
+    """Mean of ∬ dz dz'/R over two bars, the second at (dx, dy, dz)."""
     x_edges, x_lines = np.empty(4), np.empty((3, 2))
     y_edges, y_lines = np.empty(4), np.empty((3, 2))
     _offset_density(0.0, width_1, dx, width_2, x_edges, x_lines)

@@ -1,8 +1,8 @@
 """Flux density B of polylines on an NVIDIA GPU.
 
 The sum of `kernels.segments` with a thread per point, by `numba.cuda` of numba-cuda (extra
-``cuda``) or else numba's own, deprecated target. It was never run on a GPU, only in numba's
-simulator.
+``cuda``) or else numba's own, deprecated target. It has run in numba's simulator only, never on a
+GPU.
 """
 
 from __future__ import annotations
@@ -63,11 +63,7 @@ def _sum_segments(
 def magnetic_field_on_gpu(
     points: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray
 ) -> FloatArray:
-    """Compute the flux density B of polylines at points (n, 3), in T.
-
-    The arguments are as in `kernels.segments.add_magnetic_field`. If numba finds no usable GPU, a
-    MissingDependencyError is raised.
-    """
+    """Compute B in T as `kernels.segments.add_magnetic_field`, or raise MissingDependencyError."""
     if not cuda.is_available():  # type: ignore[no-untyped-call]
         raise MissingDependencyError(
             "backend='cuda' needs an NVIDIA GPU, its driver, the CUDA toolkit and the extra cuda; numba finds no GPU. "

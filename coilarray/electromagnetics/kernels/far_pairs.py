@@ -28,10 +28,9 @@ def add_node_sums(
     nodes: FloatArray, currents: FloatArray, other_nodes: FloatArray, other_currents: FloatArray, shifts: FloatArray,
     sums: FloatArray,
 ) -> None:  # fmt: skip
-    """Add the sum of two sets of nodes to `sums` (m,).
+    """Add the sum of two sets of nodes to `sums`, by `shifts` (m, 3).
 
-    The second set is moved by each of `shifts` (m, 3). `nodes` and `currents` have the shape (n,
-    3), the others (3, k), so that the processor takes several at once.
+    The others' shape (3, k) lets the processor take several at once.
     """
     x, y, z = other_nodes[0], other_nodes[1], other_nodes[2]
     wx, wy, wz = other_currents[0], other_currents[1], other_currents[2]
@@ -85,11 +84,7 @@ def node_count(distance: float, length: float, least: FloatArray) -> int:
 def add_nodes(
     count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes along row `b` of a table and count them.
-
-    The segment starts at (dx, dy, dz) from the source's start. `batch` (4, CAPACITY) holds x, y, z
-    and weight.
-    """
+    """Collect a segment's nodes from (dx, dy, dz) in `batch` (x, y, z, weight)."""
     half = 0.5 * b[6]
     for k in range(n):
         t = half * (1.0 + _NODES[n, k])

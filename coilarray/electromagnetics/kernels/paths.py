@@ -1,8 +1,7 @@
 """Neumann sums over the bars of two current paths.
 
 A row of a segment table holds, in m: start (0:3), unit direction (3:6), length (6), unit lateral
-direction (7:10), width (10), thickness (11). Each pair of bars is the mean of filament pairs over
-both cross-sections:
+direction (7:10), width (10), thickness (11). A pair of bars is the mean of pairs of filaments:
 
 - far apart against the cross-section: the centre lines.
 - parallel: the lateral offset of the two filaments has a triangular density (equal widths),
@@ -11,8 +10,7 @@ both cross-sections:
 - at an angle, or parallel and of different size: Gauss rules across both widths, and more where
   they meet in a corner.
 
-Near filament pairs are in closed form, those farther apart than twice their length by a Gauss rule
-along both.
+Near filament pairs are in closed form, pairs beyond twice their length by Gauss rules.
 """
 
 from __future__ import annotations
@@ -45,8 +43,7 @@ RULE_SIZE = 4 * MAX_NODES**2 * MAX_NODES
 NODE_PAIR = 12.3  # widths of distance from which two nodes, of the cross-section's variance, suffice for parallel bars
 THICK = 6.2  # widths of distance beyond which thickness does not count for bars at an angle
 TOUCHING = 0.47  # widths of distance within which bars at an angle meet
-# sin² of the angle of bars that share their lateral direction (turns of a spiral are tilted by
-# 3e-3)
+# sin² of the angle of bars that share their lateral direction (a spiral's turns tilt by 3e-3)
 PARALLEL_SIN2 = 4e-4
 _SHORT = 30.7  # widths; the corners of longer sides change a single turn by less than 1e-5
 _WIDE_ANGLE = 0.97  # cosine of 14°; below it both kinks of a corner are nearly one
@@ -179,8 +176,7 @@ def _parallel_rule(
 def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     """Offset to both sides that represents distant parallel bars.
 
-    In the plane across the bars the kernel is harmonic, so only the difference of the two variances
-    counts.
+    Across the bars the kernel is harmonic, so only the difference of both variances counts.
     """
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
     step = math.sqrt(abs(variance))
@@ -203,8 +199,7 @@ def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of bars at an angle, or parallel and of different size.
 
-    Across the thickness there are two nodes with the variance of the offset. One node suffices if
-    the bars are too far apart or `level` with each other, so that up and down are equal.
+    The two nodes across the thickness have its variance. Distant or `level` bars need one node.
     """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
@@ -341,10 +336,7 @@ def _offsets(
     a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float, centre_distance: float,
     near_widths: float, extra: int, rule: FloatArray,
 ) -> int:  # fmt: skip
-    """Write the offsets of two bars, none for touching parallel bars.
-
-    (dx, dy, dz) leads from start to start. The centre lines alone are one offset of zero.
-    """
+    """Write two bars' offsets, zero for centre lines, none for touching parallel bars."""
     rule[0, 0], rule[0, 1], rule[0, 2], rule[0, 3] = 1.0, 0.0, 0.0, 0.0
     size = max(a[10], b[10], a[11], b[11])
     if size == 0.0 or centre_distance - 0.5 * (a[6] + b[6]) >= near_widths * size:
@@ -375,8 +367,7 @@ def bar_pair(
     """Averaged integral ∬ dl·dl'/R of two bars.
 
     Bars farther apart than `near_widths` widths are taken as their centre lines, which leaves out
-    about (1/near_widths)²/12 of the pair. `extra` adds nodes to every rule. `rule` is scratch
-    (RULE_SIZE, 4).
+    about (1/near_widths)²/12 of the pair. `extra` adds nodes to every rule, `rule` is scratch.
     """
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     if abs(cosine) < 1e-15:
@@ -413,8 +404,7 @@ def _collect(
 ) -> int:
     """Collect the nodes of distant bars, or return −1 for near bars.
 
-    The mean over the cross-sections is the mean over two lateral offsets of each bar. Parallel bars
-    need two offsets in all, as in `bar_pair` at this distance.
+    Two lateral offsets of each bar stand for the cross-sections, of parallel bars two in all.
     """
     dx, dy, dz, centre_distance = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])

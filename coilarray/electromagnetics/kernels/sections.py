@@ -177,10 +177,7 @@ def cosine_edges(size: float, count: int) -> FloatArray:
 
 
 def cell_counts(width: float, thickness: float, longer: int, shorter: int) -> tuple[int, int]:
-    """Even numbers of cells across width and thickness.
-
-    A square has `longer` cells per side. The number falls towards `shorter` for the thin side.
-    """
+    """Even numbers of cells per side, `longer` for squares, fewer across thin sides."""
     aspect = min(width, thickness) / max(width, thickness)
     few = 2 * round((shorter + (longer - shorter) * aspect) / 2)
     return (longer, few) if width >= thickness else (few, longer)
@@ -317,8 +314,7 @@ def section(
 ) -> Section:
     """Reduce parallel traces to their eddy modes.
 
-    `basis` returns the basis of a width and thickness (`response_basis`). `between` returns the
-    `interaction` of the bases of two such sizes at a distance (x, z).
+    `basis` takes a width and thickness, `between` two such sizes at a distance (x, z).
     """
     unit = max(max(w, t) for _, _, w, t in traces)
     scaled = [tuple(round(value / unit, 9) for value in trace) for trace in traces]

@@ -9,8 +9,7 @@ weights that are exact for polynomials of the index (`series_rules`):
   indices have equal positions, and their sum is taken by the rule, halved wherever a rule with
   fewer members disagrees.
 
-Errors are about 1e-5 of the own inductance of a winding of 30 turns, less between windings that lie
-apart.
+Errors are about 1e-5 of the own inductance of a winding of 30 turns, less between distant windings.
 """
 
 from __future__ import annotations
@@ -59,8 +58,7 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
 def find_series(path: FloatArray) -> IntArray:
     """Cut a path (rows of `kernels.paths`) into series of evenly stepping segments.
 
-    Rows of the result are first row, stride and number of rows of a series, whose starts and ends
-    step evenly. Every segment is in one series, and a single segment is a series by itself.
+    Rows of the result are first row, stride and number of rows. A single segment is a series too.
     """
     ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
     places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
@@ -122,10 +120,9 @@ def _sum_two_series(
     first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
-    """Sum of two series, or of pairs i < j of one (`own`).
+    """Sum of two series, or of pairs i < j of the `own` series.
 
-    The sum is cut into lines of pairs (i + t·di, j + t·dj), 0 ≤ t < n, and a line is halved if its
-    two rules disagree.
+    It is cut into lines of pairs (i + t·di, j + t·dj), halved where their two rules disagree.
     """
     m, n = a[2], b[2]
     a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
