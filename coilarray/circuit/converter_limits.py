@@ -18,8 +18,7 @@ from coilarray.compute.display_units import DisplayUnit, display_unit
 from coilarray.design.readout import INTERNAL_CLOCK
 
 REFERENCE = INTERNAL_CLOCK / 2
-"""Reference frequency in Hz, the internal oscillator's typical 43.4 MHz by the divider 2 that one
-channel needs."""
+"""Reference frequency in Hz: the typical 43.4 MHz by the divider 2 that one channel needs."""
 AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
 """Allowed peak voltage in V: the sensor measures poorly below it, the input clamps act above it."""
 _KILOHM, _KILOHERTZ = DisplayUnit("kΩ", 1e-3), DisplayUnit("kHz", 1e-3)
@@ -188,7 +187,7 @@ def broken_limit(
     """Return the place in `BROKEN` of the first broken limit.
 
     Frequencies in Hz, R_p at resonance in Ω and quality factors have shape (…). The IDRIVE `code`
-    of each sensor is by default the one of `drive_for`, so that a limit is broken by any drive.
+    of each sensor comes from `drive_for` by default, so that a limit is broken by any drive.
 
     >>> [BROKEN[k] for k in broken_limit([2e6, 11.3e6, 2e6, 2e6], [8e3, 8e3, 512.0, 95e3], 30)]
     ['none', 'frequency', 'R_p', 'amplitude']
@@ -234,7 +233,7 @@ def check_channel(
 ) -> tuple[Limit, ...]:
     """Return every limit of one channel, kept or not.
 
-    Frequencies are in Hz, R_p at resonance is in Ω. FIN_DIVIDER is the least allowed by default,
+    FIN_DIVIDER is the least allowed by default,
     and the IDRIVE `code` is from `drive_for`. An R_p that is allowed but too large for every row of
     table 42 breaks the limit of the amplitude with the smallest drive current. Only channel 0 can
     be driven harder than `DRIVE_WINDOW` allows, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated

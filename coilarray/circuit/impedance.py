@@ -37,8 +37,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 
 CLOSE_CHANNELS = 0.03
 """Relative frequency distance below which channels that are active together pull each other."""
-# Resonances without the tank beside plates are sought among samples this far around the last guess,
-# this many times.
+# Search of resonances without the tank beside plates: samples around the last guess, and rounds.
 _AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
 _SWEPT, _SHOWN_BELOW, _BEYOND = (0.1, 4.0), 10.0, 1.25  # frequencies of a sweep, see `sweep_range`
 _TOWARDS = np.geomspace(0.02, 0.3, 14)  # relative distances from a self-resonance at which a curve gets more points
@@ -213,9 +212,8 @@ def _self_resonances(circuit: BoardCircuit, results: Sequence[StateResult]) -> l
 def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
     """Return quantities of readability of the flat board over ``state``.
 
-    They have the same meaning as in `scan_design`, which takes longer. ``state_self_resonance`` is
-    infinite if it is too far above the frequency to count, and leaves out the effect of plates
-    there.
+    `scan_design` takes longer. ``state_self_resonance`` is infinite if it is too far above the
+    frequency to count, and leaves out the effect of plates there.
     """
     network = board_circuit(design, accuracy=accuracy).network
     results = [resonate(network, state) for state in design.plan]

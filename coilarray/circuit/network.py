@@ -42,24 +42,22 @@ from coilarray.compute.threads import ranges
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.errors import NetworkError
 
-# Range around the frequency of the bare coil in which a resonance is sought, and the steps of the
-# search.
+# Search of a resonance: range around the frequency of the bare coil, and steps.
 _SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: the matrix, its copy without the references, and its factors
 _ROUNDING = 1e-17  # error of the interpolated values
-_MATRIX_VALUES = 1_000_000  # of all circuit matrices solved at once; more do not fit into the caches of a processor
-_AT_ONCE = 16  # frequencies; many at once save time, but a search seldom needs all
+_MATRIX_VALUES = 1_000_000  # of all circuit matrices solved at once. More do not fit into the caches of a processor
+_AT_ONCE = 16  # frequencies. Many at once save time, but a search seldom needs all
 SLOPE_STEP = 1e-4
 """Relative frequency step of the differences for a slope, whose error is 1e-8."""
 NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
 """Most Newton steps, and the relative step of convergence."""
-# Secant method: the least slope to follow, relative to the first slope, and the longest step,
-# relative to the frequency.
+# Secant method: least slope over the first slope, and longest step over the frequency.
 _LEAST_SLOPE, _LONGEST_STEP = 0.1, 0.3
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
-_ASYMMETRY = 1e-9  # of k; a matrix exchanged by hand may have lost digits
-_LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; entries are rounded to 1e-16, their rules err by 1e-6
+_ASYMMETRY = 1e-9  # of k. A matrix exchanged by hand may have lost digits
+_LEAST_EIGENVALUE = 1e-12  # of the coupling matrix. Entries are rounded to 1e-16, their rules err by 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +192,7 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
             f"an inductance matrix must be symmetric; between coils {i + 1} and {j + 1} it has {L[i, j]} H "
             f"and {L[j, i]} H."
         )
-    # k and L have the same signs of eigenvalues (Sylvester). The eigenvalues of k do not depend on
-    # the size of the coils.
+    # k has the signs of the eigenvalues of L (Sylvester), whatever the size of the coils.
     values, vectors = np.linalg.eigh((k + k.T) / 2)
     if values[0] <= _LEAST_EIGENVALUE:
         raise NetworkError(
@@ -292,9 +289,8 @@ def _solve_with_tank(
 def resonate(network: Network, state: ScanState) -> Resonance:
     """Solve one state at its resonance, Im Y = 0.
 
-    The resonance continues the one of the coils alone. It is sought from a thirtieth of the
-    frequency of the measured coils alone with one tank capacitor to thirty times the frequency with
-    all other coils ideally shorted.
+    It is sought from a thirtieth of the frequency of the measured coils alone with one tank
+    capacitor to thirty times the frequency with all other coils ideally shorted.
     """
     check_state(state, network.names)
     alone, least = _bare_inductances(network, state)
@@ -305,8 +301,7 @@ def resonate(network: Network, state: ScanState) -> Resonance:
     def susceptance(frequencies: FloatArray) -> FloatArray:
         return _solve_with_tank(network, wiring, frequencies, network.inductance)[2].imag
 
-    # Im Y grows with frequency through a parallel resonance. It mostly lies near the start. If
-    # strays or several tanks move it far away, the lowest crossing counts.
+    # Im Y grows through a parallel resonance. If it is not near the start, the lowest counts.
     crossing = _upward_crossing(susceptance, start / 1.3 * np.array([1.0, 1.3**2]))
     if crossing is None:
         points = math.ceil(math.log(high / low) / _SEARCH_STEP) + 1
@@ -359,9 +354,9 @@ def changed_resonances(
 ) -> tuple[FloatArray, ComplexArray, ComplexArray]:
     """Follow a resonance while inductances change.
 
-    `inductances` (cases, n, n) in H, or a function of frequencies (cases,) in Hz, replace the
-    network's own, with losses −ΔR/ω as imaginary parts. Returns frequencies in Hz, and impedances
-    in Ω and admittances with the tank in S. The secant method solves all cases at once.
+    `inductances` (cases, n, n) in H, or a function of frequencies (cases,) in Hz, have losses −ΔR/ω
+    as imaginary parts. Returns frequencies in Hz, impedances in Ω and admittances with the tank in
+    S.
     """
     wiring, f0 = _wire(network, result.state), result.frequency
     if not callable(inductances):
@@ -381,8 +376,7 @@ def changed_resonances(
         slope[~(slope > _LEAST_SLOPE * first)] = first  # also replaces NaN
         step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
         frequencies, before = frequencies - step, B
-        # Steps shrink faster and faster. The next step is less than this step times its ratio to
-        # the last.
+        # Steps shrink: the next is less than this step times its ratio to the last.
         share = np.divide(step, last, out=np.ones_like(step), where=moved)
         settled = np.minimum(np.abs(share), 1.0) * np.abs(step) <= NEWTON_TOLERANCE * f0
         if settled.all():
@@ -428,9 +422,9 @@ class _Wiring:
 
     A switch or load joins each of the terminals `closed` (k,) to the node of `nets` (k,) with a
     `resistance` (k,) in Ω. `capacitance` (nodes, nodes) in F is the Maxwell matrix of all
-    capacitors, with the tank's across every coil in place of the winding's own. `port` contains the
-    nodes of the converter. `kept` are the nodes without a reference in every part of the circuit
-    that nothing joins to the others, as no current can leave such a part.
+    capacitors, with the tank's across every coil in place of the winding's own. `kept` leaves out a
+    reference node of every part of the circuit that nothing joins to the others, as no current can
+    leave such a part.
     """
 
     state: ScanState

@@ -33,11 +33,11 @@ from coilarray.geometry import Conductor
 _POINTS = 201  # frequencies of a Touchstone file
 _MM = 1e-3
 _STEEP = 1e-9  # horizontal part of a direction below which a segment is vertical, as in electromagnetics.inductance
-_STEP_TOLERANCE = 1e-6  # relative; FastHenry prints frequencies with six digits
+_STEP_TOLERANCE = 1e-6  # relative. FastHenry prints frequencies with six digits
 _SMALLEST_STEP = 1.001  # FastHenry sweeps up to 1.001 fmax
 _NAME_LENGTH = 60  # FastHenry reads names into buffers of 80 bytes
 _CORNERS_A_DECADE = 4
-_ABOVE = 30.0  # reach of the corners over the highest frequency; eddy currents begin with the frequency squared
+_ABOVE = 30.0  # reach of the corners over the highest frequency. Eddy currents begin with the frequency squared
 
 
 def export_network(
@@ -47,7 +47,7 @@ def export_network(
 
     The suffix names the format: ``.cir`` or ``.sub`` for a SPICE subcircuit whose first comment is
     the `title`, ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port per coil.
-    `frequencies` (f,) in Hz of a Touchstone file are those of `exchange_frequencies` by default.
+    `frequencies` (f,) in Hz of a Touchstone file come from `exchange_frequencies` by default.
     Another suffix, or a file that cannot be written, raises an OutputError, a coil without a
     resonance a NetworkError.
 
@@ -201,11 +201,11 @@ def spice_subcircuit(
     of a resistor in Ω and an inductor in H in parallel, in series with the coil (`Ladder`).
 
     From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into
-    NAME_1 is positive. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number
-    with 17 digits. A set without the small couplings need not be positive definite, and the
-    simulation would diverge. A resistance or capacitance of zero is not an element, since SPICE
-    replaces R = 0 by a default. Between two coils there are four capacitors C_ij/4, from each pin
-    of the first to each pin of the second, and C_ij/6 less across each coil.
+    NAME_1 is positive. All couplings k_ij = M_ij/√(L_i L_j) are written with 17 digits, as a set
+    without the small couplings need not be positive definite. A resistance or capacitance of zero
+    is not an element, since SPICE replaces R = 0 by a default. Between two coils there are four
+    capacitors C_ij/4, from each pin of the first to each pin of the second, and C_ij/6 less across
+    each coil.
 
     A coil with both pins free has no path for direct current: ground one pin, through 1 GΩ if it
     floats. A coil of no resistance has no operating point across a voltage source or an ideal
@@ -236,7 +236,7 @@ def spice_subcircuit(
         " ".join([".subckt", subcircuit, *(f"{coil}_{pin}" for coil in coils for pin in (1, 2))]),
     ]
     ladders = sections or [()] * len(L)
-    stem = "s"  # of the sections' names; no coil's name begins with it
+    stem = "s"  # of the sections' names. No coil's name begins with it
     while any(coil.lower().startswith(stem) for coil in coils):
         stem += "s"
     own = zip(coils, np.diag(L).tolist(), R.tolist(), C.tolist(), ladders, strict=True)
@@ -318,9 +318,9 @@ def touchstone(
 ) -> None:
     """Write an impedance matrix as a Touchstone file, version 1.
 
-    The impedance (f, n, n) in Ω holds with all ports open but the driven port. S = (Z − R₀)(Z +
-    R₀)⁻¹ (Kurokawa, IEEE Trans. MTT 13, 194, 1965, for one real R₀). A port far from R₀ has |S|
-    near 1 and loses about max(|Z|/R₀, R₀/|Z|) in relative precision.
+    The impedance (f, n, n) is in Ω. S = (Z − R₀)(Z + R₀)⁻¹ (Kurokawa, IEEE Trans. MTT 13, 194,
+    1965, for one real R₀). A port far from R₀ loses about max(|Z|/R₀, R₀/|Z|) in relative
+    precision.
     """
     Z = np.asarray(impedance, dtype=np.complex128)
     f = np.asarray(frequencies, dtype=np.float64)

@@ -34,10 +34,9 @@ class Cause:
     """Cause of errors of δ, with arrays (states,).
 
     `noise` is the relative standard deviation of L, independent from scan to scan. `drift` is the
-    relative change of L with the board's temperature in 1/K. `change` is the standard deviation of
-    the change of δ from L_0 to the reading, with the sign of the coefficient. A `common` cause is
-    the same at all coils, so that a reference coil removes the equal part. `source` is the source
-    of its size, `assumed` unless a public source or device has confirmed it.
+    relative change of L in 1/K. `change` is the standard deviation of the change of δ since L_0,
+    with the sign of the coefficient. A `common` cause is the same at all coils. `source` is the
+    source of its size, `assumed` unless a public source or device has confirmed it.
     """
 
     name: str
@@ -163,9 +162,8 @@ class NoiseBudget:
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
         """Return the budget less the mean of reference coils.
 
-        Common changes cancel as far as they are equal at both, as in
-        `coilarray.hardware.record.recorded_response`. The remaining errors of the references are
-        added in quadrature.
+        Common changes cancel as far as they are equal at both. The remaining errors of the
+        references are added in quadrature.
         """
         others = referenced_names(self.states, reference)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -302,7 +300,7 @@ def budget_of(
     )
     measured = [(state.connection == "series", len(state.measured)) for state in design.plan]
     closed = np.array([2.0 * coils if series else 2.0 / coils for series, coils in measured])  # between the two sides
-    resistance = 1 / (susceptance * Q)  # in series; the switches are a share of it
+    resistance = 1 / (susceptance * Q)  # in series. The switches are a share of it
     of_switches = np.zeros_like(f)
     np.divide(closed * switches.on_resistance, resistance, out=of_switches, where=resistance > 0)
     of_switches = np.minimum(of_switches, 1.0)

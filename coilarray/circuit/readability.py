@@ -41,12 +41,10 @@ def readability(
     """Return the variables for the readability by a converter.
 
     `values` and `base` hold the `RESONATOR` quantities at every position (…, states) and of the
-    coils alone (states,). `over` are the dimensions of the values, the states last.
-
-    ``amplitude`` in V is with the drive current of the coil alone, or NaN if no current fits it.
+    coils alone (states,). ``amplitude`` in V is with the drive current of the coil alone.
     ``drive_code`` is the IDRIVE of the coil alone. ``path_drive_code`` reads the most positions and
     the coil alone, ``path_readable`` is with it, and ``alone_readable`` tells whether it reads the
-    coil alone. A code of −1 stands for none.
+    coil alone.
     """
     if not design.readout.converter:
         return {}
@@ -103,9 +101,8 @@ class PathDrive:
 
     `code` is the IDRIVE of the coil alone, and `path_code` reads the most positions and the coil
     alone, −1 for none. `least` and `most` are the ends of the amplitude in V with `code`, and
-    `place` is where it is farthest from the allowed range. `path_code` reads `read` of `positions`,
-    and the coil `alone` if true. `heights` are the distances or depths that it reads at the place
-    of the least R_p.
+    `place` is where it is farthest from the allowed range. `path_code` reads `read` of `positions`.
+    `heights` are the distances or depths that it reads at the place of the least R_p.
     """
 
     state: str

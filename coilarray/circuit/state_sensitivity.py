@@ -57,9 +57,8 @@ _FEW = 12  # coils up to which a state by itself costs less than the samples
 class StateSensitivity:
     """Scan states at resonance and their response to inductance changes.
 
-    `measured` (states,) is the number of the measured coil. `base_inductance` (states,) is L =
-    1/(ω²C) in H. `currents` (coils, states) are in A per A of the measured coil. `weights`
-    (states,) are the factors w in 1/H.
+    `base_inductance` (states,) is L = 1/(ω²C) in H. `currents` (coils, states) are in A per A of
+    the measured coil. `weights` (states,) are the factors w in 1/H.
     """
 
     measured: IntArray
@@ -329,8 +328,7 @@ def _driven_together(
     D = (D + sign[:, None] * ends[coil, coil][:, None, :])[measured]
     sums = 1j * omega * (K @ H.sum(axis=1) - r * KHA @ total) + np.kron(total, sign)
     all_sums, sums = sums.sum(), sums.reshape(n, 2)[measured]
-    # Currents that leave the sides A and B for a voltage of one side: H − r HA P = 1 − r D, with
-    # sums g.
+    # Currents that leave A and B for a voltage of one side: H − r HA P = 1 − r D, with sums g.
     g, bus = 1 - r * sums, 1j * omega * switches.bus_capacitance
     rest = kappa * (2 * n - r * all_sums)
     sides = (

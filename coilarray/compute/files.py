@@ -21,7 +21,7 @@ MOST_BYTES = 1_000_000_000
 """Largest size in bytes of a file that is read into memory."""
 _LEFT = re.compile(r"\..*-coilarray-(\d+)-[a-z0-9_]{8}(\..*)?", re.DOTALL)
 
-# the mask cannot be read without setting it; once, before any thread runs
+# the mask cannot be read without setting it, once before any thread runs
 _UMASK = os.umask(0o022)
 os.umask(_UMASK)
 

@@ -9,13 +9,12 @@ from pathlib import Path
 from coilarray.errors import MemoryLimitError
 
 LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
-"""Environment variable that sets the allowed memory in GB, instead of a share of the free
-memory."""
+"""Environment variable that sets the allowed memory in GB."""
 SHARE = 0.75
 """Share of the free memory that one array and its computation may use."""
 _GB = 1e9
 _OBJECTS_A_COLLECTION = 100_000
-_SMALL = 50e6  # bytes; less is never refused, so that small arrays cost no look at the system
+_SMALL = 50e6  # bytes. Less is never refused, so that small arrays cost no look at the system
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 

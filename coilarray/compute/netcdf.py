@@ -57,8 +57,7 @@ class Entry:
 
     `unit` is "" for any unit, and None for texts. A file may have the `dims` in any order, and with
     `fewer_dims` not all of them. `gaps` allows NaN. `rising` numbers rise by a nanometre or more,
-    and begin with 0 or at least a nanometre if `low` is 0. `longest` is the number of characters of
-    a text, `names` are texts that must be there.
+    and begin with 0 or at least a nanometre if `low` is 0. `longest` is the length of a text.
     """
 
     unit: str | None
@@ -178,7 +177,7 @@ class Schema:
             raise self.error(f"{what} must rise; got {values[first + 1]:g} after {values[first]:g}.")
 
 
-_LEAST_STEP = 1e-9  # m; closer positions have another unit or do not belong to a map
+_LEAST_STEP = 1e-9  # m. Closer positions have another unit or do not belong to a map
 
 
 def variables(

@@ -1,10 +1,9 @@
 """Store of computed results on disk, and the file lock.
 
-The name of an entry, a JSON or netCDF file, is the SHA-256 of everything that decides the result:
-the inputs, the source code of the package and the versions of numpy, scipy and numba. The processor
-is not part of it, although it changes last digits. Entries are written completely or not at all. An
-entry that cannot be read counts as missing. The folder may be deleted at any time, and several runs
-may use it at once.
+The name of an entry is the SHA-256 of everything that decides the result: the inputs, the source
+code of the package and the versions of numpy, scipy and numba. The processor is not part of it,
+although it changes last digits. Entries are written completely or not at all. The folder may be
+deleted at any time, and several runs may use it at once.
 """
 
 from __future__ import annotations

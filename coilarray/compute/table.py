@@ -315,7 +315,7 @@ class Section:
     files: tuple[Table, ...] = ()
 
     def tables(self) -> dict[str, Table]:
-        """Return all tables with a name, those for files last."""
+        """Return all tables with a name, tables for files last."""
         return {table.name: table for table in (*_tables(self.blocks), *self.files) if table.name}
 
 

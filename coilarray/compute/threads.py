@@ -101,8 +101,7 @@ def serial_algebra() -> Iterator[None]:
     """Limit the linear algebra to one thread in the block.
 
     The last bits of results depend on the number of threads. In most builds the limit belongs to
-    the whole process. If blocks run in several threads at once, the first that ends may lift it for
-    all.
+    the whole process, and the first of several blocks that ends may lift it for all.
     """
     with _controller("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
         yield

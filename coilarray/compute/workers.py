@@ -55,7 +55,7 @@ ANSWER_WITHIN = 10.0
 _IN_FLIGHT = 2  # tasks for each worker: the task that it computes and a task that waits
 _MANY_IN_FLIGHT = 1000  # the same for all workers, if their number is unknown
 _LOOK = 1.0  # s between looks at a cluster
-_ALONE = 60.0  # s without any worker after which a run ends; a nanny restarts a worker within a few seconds
+_ALONE = 60.0  # s without any worker after which a run ends. A nanny restarts a worker within a few seconds
 # read by the linear algebra when it is loaded, and by coilarray.compute.threads
 _THREAD_VARIABLES = ("COILARRAY_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
@@ -66,10 +66,9 @@ _HERE = uuid.uuid4().hex  # differs on every machine
 def open_executor(workers: int | Executor = 1) -> Iterator[Executor]:
     """Open an executor for a ``with`` block.
 
-    Local processes end with the block however it is left. A given executor stays open. With 1 the
-    tasks are computed in this process when they are submitted. Every worker computes with one
-    thread. Local processes load the calling script, which must open the executor under ``if
-    __name__ == "__main__":``.
+    Local processes end with the block, and a given executor stays open. With 1 the tasks are
+    computed here when they are submitted. Local processes load the calling script, which must open
+    the executor under ``if __name__ == "__main__":``.
     """
     if isinstance(workers, Executor):
         with one_thread() if isinstance(workers, ThreadPoolExecutor) else nullcontext():
@@ -120,9 +119,8 @@ def dask_executor(address: str) -> Iterator[Executor]:
 def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[tuple[int, Any]]:
     """Yield every item's number and outcome when it is done.
 
-    An outcome is the result of the function, or the line of the CoilarrayError that it raised. The
-    function is defined in a module and returns no text. Items are read as workers become free.
-    Tasks that have not begun when the iterator is closed are cancelled.
+    An outcome is the result of the function, which is no text, or the line of its CoilarrayError.
+    Items are read as workers become free. Tasks that have not begun are cancelled on closing.
     """
     todo = enumerate(items)
     pending: dict[Future[Any], int] = {}
@@ -154,7 +152,7 @@ def _submitted(executor: Executor, function: Callable[[Any], Any], item: Any) ->
 
 
 def _this_process() -> str:
-    """Identify this process on all machines, also among forked ones."""
+    """Identify this process on all machines, forked or not."""
     return f"{_HERE} {os.getpid()}"
 
 
@@ -281,9 +279,9 @@ def _begin() -> None:
 def starting() -> Iterator[None]:
     """Start processes safely within a ``with`` block.
 
-    They never get Ctrl-C, and never import a file of the working folder, in which Python searches
-    the modules of multiprocessing before it takes over this process's path. Python's tracker
-    silently clears the semaphores of a program that is interrupted while processes start.
+    They never get Ctrl-C, during which Python's tracker silently clears semaphores, and never
+    import a file of the working folder, in which Python searches the modules of multiprocessing
+    first.
     """
     ignored = [os.environ["PYTHONWARNINGS"]] if os.environ.get("PYTHONWARNINGS") else []
     wanted = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": ",".join([*ignored, "ignore:resource_tracker"])}
@@ -299,8 +297,7 @@ def _no_interrupt() -> Iterator[None]:
         return
     resource_tracker.ensure_running()  # otherwise it starts with the first process, and unblocks the signal for it
     came: list[int] = []
-    # another thread may take the signal in spite of the mask, but only the main thread runs
-    # Python's handler
+    # Another thread may take the signal, but only the main thread runs Python's handler.
     handler = signal.getsignal(signal.SIGINT)
     here = current_thread() is main_thread() and callable(handler)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

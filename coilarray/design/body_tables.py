@@ -320,8 +320,7 @@ def _share_ground(one: Plate | FinitePlate, other: Plate | FinitePlate) -> bool:
 class RoundTable(MaterialTable):
     """``[indenter]`` of every shape without an edge; without a material it is nothing to the field.
 
-    The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder
-    that lies along y.
+    A paraboloid has the radius of curvature at its tip. A cylinder edge is a long cylinder along y.
     """
 
     shape: Literal["hemisphere", "paraboloid", "cylinder_edge"]
@@ -487,8 +486,7 @@ def _check_range(key: str, low: float, high: float, step: float) -> None:
         raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
 
-# Positions are labels, and -26 mm must be -0.026 m: they are divided by whole millimetres, not
-# multiplied by 1e-3.
+# Positions are labels, and -26 mm must be -0.026 m: divided by 1e3, not multiplied by 1e-3.
 def _even_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
     """Return positions in m of a range and a step."""
     low, high = bounds

@@ -14,9 +14,8 @@ from coilarray.geometry import Array, Coil, FinitePlate, Material, Plate, Rounde
 from coilarray.geometry.arcs import Arc
 from coilarray.geometry.spiral import Winding
 
-# Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such
-# noise must not make another design. Therefore numbers count to 14 digits. Places and angles, for
-# which zero is not a special value, count to 1 pm and 1 prad.
+# 13.28 · 1e-3 m and 0.01328 m differ in the last bit, which must not make another design.
+# Places and angles, for which zero is not a special value, count to 1 pm and 1 prad.
 _DIGITS = 14
 _PLACES = 12
 
@@ -32,7 +31,7 @@ def _plain(value: Any) -> Any:
         case bool() | str() | None:
             return value
         case int() | float() | np.number():
-            return f"{float(value) + 0.0:.{_DIGITS - 1}e}"  # no minus zero; 1 and 1.0 are equal
+            return f"{float(value) + 0.0:.{_DIGITS - 1}e}"  # no minus zero. 1 and 1.0 are equal
         case Mapping():
             return {key: _plain(item) for key, item in value.items()}
         case tuple() | list():

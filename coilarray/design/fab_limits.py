@@ -20,9 +20,8 @@ from coilarray.geometry import FabRules
 class FabProfile:
     """Limits of a board house with their sources.
 
-    `name` is the name in ``[fab]``. The `sources`, titles and addresses of pages, were read on the
-    date `read`. `limits` are keys and values of ``[fab]``, and `assumed` their keys that no source
-    gives, with the reason.
+    `sources` are titles and addresses of pages, `read` on a date. `limits` are keys and values of
+    ``[fab]``, and `assumed` their keys that no source gives, with the reason.
     """
 
     name: str

@@ -74,8 +74,7 @@ def key_in_si(key: str) -> tuple[str, float]:
     return name, _UNITS[unit][1] if unit else 1.0
 
 
-# Bounds far beyond any board: a typo is refused at once instead of overflowing or running for
-# hours.
+# Bounds far beyond any board, which refuse a typo at once instead of running for hours.
 Millimetres = Annotated[float, Field(gt=0, le=10_000)]
 Micrometres = Annotated[float, Field(gt=0, le=100_000)]
 LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]

@@ -17,8 +17,7 @@ INTERNAL_CLOCK = 43.4e6
 DRIVE_DELAY = 5e-9
 """Delay of the converter's drive in s (SNOSCY9A, equation 1)."""
 INTERNAL_CLOCK_PER_KELVIN = -13e-6
-"""Relative change of the converter's own oscillator with temperature in 1/K (SNOSCY9A, section 6.5,
-mean of units)."""
+"""Change of the internal oscillator in 1/K (SNOSCY9A, section 6.5, mean of units)."""
 RESOLUTION_RCOUNT = 0x800
 """RCOUNT for which `Readout.resolution` is given."""
 USUAL: Mapping[str, float] = MappingProxyType(

@@ -10,8 +10,8 @@ from typing import Literal, get_args
 from coilarray.errors import CoilarrayError, NetworkError, require_positive
 
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
-"""Termination of a coil that is not measured: both ends, its first or second end to ground, open,
-or a load."""
+"""Termination of a coil that is not measured, both ends or one end to ground for a grounded
+coil."""
 
 
 @dataclass(frozen=True)

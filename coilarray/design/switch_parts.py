@@ -29,10 +29,9 @@ class SwitchPart:
     """Package of eight switches, each closed by one bit.
 
     `bits` are the names of the switches from bit 0 to bit 7, and `drains` the common pins, each
-    with its switches. Values are typical. The resistance of a closed switch is in Ω, and the
-    attenuation by an open switch in dB, at 10 MHz into 50 Ω. Capacitances to ground are in F: of
-    the own pin and of the common pin of an open switch, and of both pins of a closed switch
-    together. `unverified` has the fields that no public source confirmed, with the reason.
+    with its switches. Values are typical. The attenuation by an open switch is in dB, at 10 MHz
+    into 50 Ω. Capacitances to ground are in F, of both pins together for a closed switch.
+    `unverified` has the fields that no public source confirmed, with the reason.
     """
 
     name: PartName

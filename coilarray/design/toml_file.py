@@ -22,7 +22,7 @@ _LONGEST_NAME = 200  # characters shown of a file name
 _LONGEST_KEY = 120
 _MOST_BYTES = 10_000_000
 _DEEPEST = 100  # tables and lists in each other
-_MOST_BITS = 1024  # of an integer; a larger integer is too large for a float as well
+_MOST_BITS = 1024  # of an integer. A larger integer is too large for a float as well
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -136,8 +136,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any], model: type[Ba
     for part in details["loc"]:
         if part == "[key]":  # the key itself is wrong, not its value
             continue
-        # pydantic adds the tag of a union's member once, before its key, which may have the same
-        # name (array.rings).
+        # pydantic adds the tag of a union's member before its key of perhaps the same name.
         if isinstance(table, Mapping) and table is not tagged and part in (table.get("shape"), table.get("lattice")):
             tagged = table
             continue

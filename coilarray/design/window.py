@@ -12,12 +12,11 @@ from coilarray.geometry import Array
 
 MOST_POSITIONS = 100_000
 """Most positions of a map."""
-# The finest and the coarsest step are the narrowest coil divided by these numbers. Both resolve its
-# response, which is wide for a target.
+# Parts of the narrowest coil for the finest and the coarsest step, which resolve its response.
 _PARTS = {"indentation": (12.0, 6.0), "target": (12.0, 4.0)}
 _PARTS_OF_ONE = (32.0, 12.0)  # of a single coil, whose map is small
-_POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step allows; targets are wide
-_ROUND = 0.1e-3  # m; a step is a multiple of it, and a multiple of five times it from there on
+_POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step allows. Targets are wide
+_ROUND = 0.1e-3  # m. A step is a multiple of it, and a multiple of five times it from there on
 
 Positions = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -34,9 +33,8 @@ def array_window(
     Positions are multiples of the step in m. By default it is a twelfth of the narrowest coil, and
     a thirty-second of a single coil. To avoid more than 2000 positions it is up to a sixth, and to
     avoid more than 500 positions of a target up to a quarter. For a single coil it is up to a
-    twelfth. On a board of thousands of coils it is wider, until 100000 positions suffice. No
-    position leaves the edges `within` (x_min, y_min, x_max, y_max), also from the origin. If no
-    other is left, their middle is the only position.
+    twelfth. On a board of thousands of coils it is wider, until 100000 positions suffice. If no
+    position lies in `within` (x_min, y_min, x_max, y_max), its middle is the only one.
     """
     bounds = np.reshape(array.outline_bounds, (2, 2)) - origin
     chosen = _default_step(array, np.ptp(bounds, axis=0), table) if step is None else step
@@ -49,8 +47,7 @@ def array_window(
         chosen = _round(1.1 * chosen + 5 * _ROUND)  # rounding cannot take this back
         first, last = _multiples(bounds, chosen, within)
     x, y = (
-        # Divided by whole millimetres, not multiplied: positions are labels, and -26 mm must be
-        # -0.026 m.
+        # Divided by 1e3, not multiplied: positions are labels, and -26 mm must be -0.026 m.
         tuple(round((a + k) * chosen * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
         for a, b in zip(first.tolist(), last.tolist(), strict=True)
     )

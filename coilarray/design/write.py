@@ -121,9 +121,9 @@ def as_file(design: Design | DesignFile) -> DesignFile:
 def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
     """Return the TOML text of a design.
 
-    Places are rounded to 1 nm, and other numbers to 12 digits. Placements that share a `Coil` share
-    its table. `assumed` has dotted keys of assumed values, with the reason. ``coils.*.KEY`` stands
-    for every shape, and ``coils.NAME.KEY`` for the shape of the coil NAME.
+    Places are rounded to 1 nm, and other numbers to 12 digits. `assumed` has dotted keys with
+    reasons. ``coils.*.KEY`` stands for every shape, and ``coils.NAME.KEY`` for the shape of one
+    coil.
     """
     document = _rounded(design_document(design))
     shapes = shape_names(design.array)

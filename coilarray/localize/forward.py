@@ -105,12 +105,11 @@ def whitening(deviations: FloatArray, common: FloatArray) -> Whitening:
 class ForwardModel(ResponseSpline):
     """δ of every state over position and depth, with derivatives.
 
-    `x`, `y`, `depth`, `spline` and `in_root` are the table, see
-    `coilarray.response.interpolation.ResponseSpline`. The last of `parameters` is the distance of a
-    target. `noise` is the standard deviation of δ of a reading by the noise budget of the design,
-    else `NOISE`. `common` (states,) are changes of δ of one standard deviation by causes that are
-    one random number for all states. `errors` are the relative errors of δ by the table. `unread`
-    (x, y, depth, states) is True where the converter cannot read a state.
+    The last of `parameters` is the distance of a target. `noise` is the standard deviation of δ of
+    a reading by the noise budget of the design, else `NOISE`. `common` (states,) are changes of δ
+    of one standard deviation by causes that are one random number for all states. `errors` are the
+    relative errors of δ by the table. `unread` (x, y, depth, states) is True where the converter
+    cannot read.
     """
 
     states: tuple[str, ...]
@@ -165,10 +164,8 @@ class ForwardModel(ResponseSpline):
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
         """Return the model of δ relative to reference coils.
 
-        It is the δ of the other states minus the mean δ of the reference coils, as in
-        `coilarray.hardware.record.recorded_response.less_reference`, also if the indenter reaches a
-        reference. Common noise cancels as far as it is equal. The references' own noise becomes
-        common to all others.
+        It is δ minus the mean δ of the references, also if the indenter reaches them. Common noise
+        cancels as far as it is equal. The references' own noise becomes common to all others.
         """
         others = referenced_names(self.states, reference, LocalizeError)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
@@ -238,9 +235,8 @@ def whitening_of(
 ) -> Whitening:
     """Return the whitening of differences from the model.
 
-    A given noise is independent from state to state. The model's own noise also has a common part.
-    The error of the table is added for δ (…, states). States that the converter cannot read at
-    points (…, 3) in m do not count.
+    A given noise is independent from state to state. The error of the table is added for δ (…,
+    states). States that the converter cannot read at points (…, 3) in m do not count.
     """
     deviations = checked_noise(model.states, model.noise if noise is None else noise)
     if delta is not None and any(model.errors):
@@ -295,7 +291,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
 
     Notes
     -----
-    The splines are those of `coilarray.response.interpolation.response_spline`.
+    `coilarray.response.interpolation.response_spline` makes the splines.
 
     Examples
     --------
@@ -351,8 +347,7 @@ def table_grid(
 
     By default `spacing` is a fifth of the thickness of all sheets, which leaves errors of less than
     1e-6 in δ between the positions (gast2020). `deepest` is 1.7 times the greatest depth of the
-    design, since noise must not push a reading out of the table. Positions count from the map's
-    origin and cover all coils, as far as the contact at the greatest depth stays on the sample.
+    design, since noise must not push a reading out of the table.
     """
     setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing

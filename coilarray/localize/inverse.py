@@ -29,9 +29,8 @@ from coilarray.localize.search import refine, starts
 from coilarray.response.interpolation import PARAMETERS
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
-"""Result of a reading: a position in the table, on its border (the indenter may be outside), or
-outside or deeper, no position that explains the reading, no indentation beyond the noise, or an
-invalid reading."""
+"""Result of a reading: a position in the table, on its border or outside, no position that fits, no
+indentation beyond the noise, or an invalid reading."""
 
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
 """δ by the names of the states, or in the order of the model's states."""
@@ -55,11 +54,10 @@ _BLOCK = 1000  # readings solved together, some 10 MB
 class Mode:
     """Position in m that explains a reading, with its uncertainty.
 
-    `information` (unknowns, unknowns) is the Fisher information in 1/m². `chi_square` is χ² of the
-    residuals. If `gaussian`, χ² rises at the ends of the axes of the information's ellipsoid by the
-    expected amount within a factor of 2, with all ends in the table. Otherwise the region follows
-    from `deviance`. `border` are coordinates on the border of the table, `free` the unknowns, and
-    `unread` the states that the converter cannot read there.
+    `information` is the Fisher information in 1/m². If `gaussian`, χ² rises at the ends of the axes
+    of its ellipsoid by the expected amount within a factor of 2, with all ends in the table.
+    Otherwise the region follows from `deviance`. `border` are coordinates on the border of the
+    table.
     """
 
     x: float

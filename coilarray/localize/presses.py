@@ -25,8 +25,7 @@ FALSE_ALARM = 1e-9
 """Probability that noise alone begins a press in a scan, once in four months at 100 scans/s."""
 
 REMAINS = 0.25
-"""Part of the largest deviation of a press below which it has ended, so that an unsteady finger
-does not end it."""
+"""Part of the largest deviation below which a press has ended, as a finger is unsteady."""
 
 _MEMORY = 5.0  # s over which the line at rest is fitted, or the number of scans in the baseline if they take longer
 _AVERAGED = 200  # scans over which the noise is averaged
@@ -59,18 +58,15 @@ def baseline_text(scans: int) -> str:
 class PressDetector:
     """Detector of presses in the δ of successive scans.
 
-    `baseline` has times in s and δ of at least two scans at rest. `number` is the last press
-    before.
-
-    With n values in a scan, the mean of the n squared deviations from the line over their variance
-    has Fisher's F distribution of n and ν degrees of freedom at rest, if σ² is estimated with ν.
-    The threshold is its quantile at `FALSE_ALARM`. The variance is σ² (1 + h), where h is the
-    variance of the line itself, which grows while the line is continued through a press. σ² is
-    estimated from differences of successive scans at rest, in which a drift cancels (J. von
-    Neumann, Ann. Math. Statist. 12, 1941, 367). The line is fitted by least squares with weights
-    exp(−age/5 s) (R. G. Brown, Smoothing, Forecasting and Prediction, 1963). If a press ends off
-    the line, the line restarts from as many successive scans on a common line as the baseline has.
-    Until then the next press must be four times as large as the remaining deviation.
+    `baseline` has times in s and δ of at least two scans at rest. With n values in a scan, the mean
+    of the n squared deviations from the line over their variance has Fisher's F distribution of n
+    and ν degrees of freedom at rest, if σ² is estimated with ν. The variance is σ² (1 + h), where h
+    is the variance of the line itself, which grows during a press. σ² is estimated from differences
+    of successive scans at rest, in which a drift cancels (J. von Neumann, Ann. Math. Statist. 12,
+    1941, 367). The line is fitted by least squares with weights exp(−age/5 s) (R. G. Brown,
+    Smoothing, Forecasting and Prediction, 1963). If a press ends off the line, the line restarts
+    from as many successive scans on a common line as the baseline has. Until then the next press
+    must be four times as large as the remaining deviation.
     """
 
     def __init__(self, baseline: Sequence[tuple[float, Mapping[str, float]]], number: int = 0) -> None:

@@ -42,10 +42,9 @@ _LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state witho
 class Scan:
     """Cells of the table, with a linear model around each.
 
-    `shape` has the numbers of cells along x, y and depth. `size` (unknowns,) of a cell and
-    `centres` (cells, 3) are in m. `scaled` (cells, states) is W times the model at the centre, and
-    `slopes` (cells, states, unknowns) W times its change over a cell, J. `forms` (1 + unknowns,
-    states, cells) has `scaled` and the columns of Q.
+    `size` (unknowns,) of a cell and `centres` (cells, 3) are in m. `scaled` (cells, states) is W
+    times the model at the centre, and `slopes` (cells, states, unknowns) W times its change over a
+    cell, J. `forms` (1 + unknowns, states, cells) has `scaled` and the columns of Q.
     """
 
     shape: tuple[int, int, int]

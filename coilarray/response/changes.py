@@ -250,13 +250,11 @@ def target_changes(
 ) -> ComplexArray:
     """Compute ΔL − jΔR/ω in H of a target.
 
-    The shape is (3, distances, places, frequencies, coils, coils). Along the first axis are the
-    change, its error, and the part of the mesh in this error. The errors are 0 for bodies other
-    than plates.
+    The shape is (3, distances, places, frequencies, coils, coils): the change, its error, and the
+    part of the mesh in this error. The errors are 0 for bodies other than plates.
     """
     places = axes.places + target.origin_point
-    # A plate with an outline between layers is solved again at every distance. Otherwise the most
-    # costly part serves all distances.
+    # Only a plate with an outline between layers is solved again at every distance.
     apart = isinstance(target.body, FinitePlate) and (bool(plates) or any(sheet.magnetic for sheet in sheets))
     distances = axes.depth.tolist()
     blocks = [[one] for one in distances] if apart else [distances]

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from coilarray.geometry import Target
 
 ELLIPSE_WINDOW = "ellipse_window"
-"""Attribute of a map for the window (x_min, y_min, x_max, y_max) in m to which ellipses are
-fitted."""
+"""Attribute of a map for the window (x_min, y_min, x_max, y_max) in m of the ellipses."""
 
 _BOARD = "board"
 _NEAR = 1e-9  # m
@@ -160,7 +159,7 @@ def axis_label(response: xr.Dataset, axis: str) -> str:
 
 
 _OVER = ("depth", "y", "x", "state")
-_FARTHEST = 10.0  # m; larger values are a map in mm
+_FARTHEST = 10.0  # m. Larger values are a map in mm
 _LARGEST = 100.0  # of δ, which is −1 for zero inductance
 _PLACE = Entry("m", ("coil",), low=-_FARTHEST, high=_FARTHEST)
 
@@ -223,7 +222,7 @@ def checked_response(response: xr.Dataset) -> xr.Dataset:
 NO_ANSWER = 1e-8
 """Largest |δ| that counts as zero, the converter's last digits."""
 _ROUNDING = 1e-9  # m
-_ANSWERS = 0.25  # of the largest |δ| of all states; weaker states come last
+_ANSWERS = 0.25  # of the largest |δ| of all states. Weaker states come last
 
 
 def middle_state(response: xr.Dataset) -> str:
@@ -248,8 +247,7 @@ def _middle_first(response: xr.Dataset) -> list[int]:
     peak, at = size.max(axis=0), size.argmax(axis=0)
     middle = [(axis.min() + axis.max()) / 2 for axis in (x, y)]
     distance = np.hypot(x.ravel()[at] - middle[0], y.ravel()[at] - middle[1])
-    # Of equally near states, the state with the larger peak or the first is taken. A symmetric
-    # board is symmetric only to the mesh's error.
+    # Of equally near states, the larger peak counts, or the first: symmetric to the mesh's error.
     order = np.lexsort((-(peak / (peak.max() or 1.0)).round(2), distance.round(9), peak < _ANSWERS * peak.max()))
     return [int(k) for k in order]
 

@@ -1,12 +1,8 @@
 """Interpolation of responses over position and depth.
 
-The interpolant is a tensor product of cubic splines, whose derivatives are exact:
-
-    v(x, y, h) = Σ_ijk c_ijk B_i(x) B_j(y) B_k(h).
-
-The depth may enter by its root, with zero slope at 0. Every blunt or sharp body presses with a
-power of the depth of at least 1, so that a change begins with the second power of the root or a
-higher power.
+The interpolant is a tensor product of cubic splines, with exact derivatives. The depth may enter by
+its root, with zero slope at 0. Every blunt or sharp body presses with a power of the depth of at
+least 1, so that a change begins with the second power of the root or a higher power.
 """
 
 from __future__ import annotations
@@ -96,9 +92,8 @@ def response_spline(
 
     In x and y, with one or at least 4 positions each, the spline has C. de Boor's not-a-knot ends
     (A Practical Guide to Splines, ch. IV). In depth it is cubic from four planes on, else the
-    polynomial through them. `zero_plane` adds values of 0 at the depth 0 to a table of more than
-    one depth that has none. `in_root` interpolates over the root of the depth, whose first value
-    must be 0.
+    polynomial through them. `zero_plane` adds 0 at the depth 0. `in_root` interpolates over the
+    root of the depth.
     """
     if zero_plane and len(depth) > 1 and depth[0] > 0:
         depth = np.concatenate(([0.0], depth))
@@ -110,7 +105,7 @@ def response_spline(
     for k, axis in enumerate(axes):
         along = np.moveaxis(values, k, 0)
         if in_root and k == len(axes) - 1:
-            ends: Any = ([(1, np.zeros(along.shape[1:]))], None)  # zero slope; not-a-knot at the other end
+            ends: Any = ([(1, np.zeros(along.shape[1:]))], None)  # zero slope. Not-a-knot at the other end
             t = np.concatenate((np.repeat(axis[0], _DEGREE), axis[:-2], np.repeat(axis[-1], _DEGREE + 1)))
             spline = make_interp_spline(axis, along, k=_DEGREE, t=t, bc_type=ends)
         else:

@@ -81,8 +81,8 @@ _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances for the circuit, and a copy on the way
 _BYTES_OF_METAL = 80.0  # more with a metal indenter: complex changes, their copies, and two variables
 _BYTES_OF_PLATES = 200.0  # more with plates: the same at some four frequencies
-_ERRORS = (1e-4, 0.1)  # of the peak; the linear model leaves out up to 4e-5 (tests/response/test_near_response.py)
-_AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
+_ERRORS = (1e-4, 0.1)  # of the peak. The linear model leaves out up to 4e-5 (tests/response/test_near_response.py)
+_AUTO_VALUES = 5_000_000  # of the inductance changes. Above, "auto" leaves far coils out
 _AUTO_ERROR = 1e-3
 _OVER_FREQUENCY = 1e-4  # error of the change by dents beside plates between the computed frequencies
 
@@ -108,8 +108,8 @@ def response_map(
         Design with an indentation. The material of its indenter and its plates count, see the
         notes.
     depths, x, y : array_like, shape (n,), optional
-        Depths and positions of the indenter in m, positions from the map's origin. By default those
-        in the design. A depth below 0 is a height above the sheets, where only the material of an
+        Depths and positions of the indenter in m, positions from the map's origin. By default they are
+        given in the design. A depth below 0 is a height above the sheets, where only the material of an
         indenter counts.
     imperfections : Imperfections, optional
         Deviations of the experiment from the design, its circuit included. None by default.
@@ -253,8 +253,7 @@ def response_map(
 
 
 _Solved = tuple[FloatArray, FloatArray, NoiseBudget, dict[str, Variable], dict[str, object]]
-"""δ of all depths, places and states, L_0 (states,) in H, the noise budget, and more variables and
-attributes."""
+"""δ of all states, L_0 (states,) in H, the noise budget, and more variables and attributes."""
 
 
 def _near_coils(
@@ -395,11 +394,10 @@ def inductance_changes(
     frequency: float | None = None,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Compute the inductance changes of a map in H.
+    """Compute the changes (depth, y, x, paths, paths) in H.
 
-    They are dented minus flat, (depth, y, x, paths, paths), for the design's coils by default. With
-    a `frequency` in Hz the material of the indenter counts, against the indenter just touching the
-    sheets. Plates count at the mean frequency of the states.
+    They are dented minus flat, for the design's coils by default. With a `frequency` in Hz the
+    material of the indenter counts, against the indenter just touching the sheets.
     """
     ball = None if frequency is None else indentation_of(design).ball
     check_metal(axes, ball)

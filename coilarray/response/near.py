@@ -3,11 +3,8 @@
 ΔL_aa falls as the sixth power of the distance from the dent, so that the response of far states is
 negligible. In a state a with a response, the current of a far coil b meets the dent too, in 2 i_b
 ΔL_ab, which falls as the third power. So the coils whose field counts reach further than the states
-that respond. The cost of a position depends on the number of near coils, not on the size of the
-array.
-
-The cutoff distances are measured on the design itself, from the fall of ΔL_aa and ΔL_ab with the
-distance. The currents in all other coils of every state decide how much ΔL_ab counts.
+that respond. The cost of a position depends on the number of near coils. The cutoff distances are
+measured on the design itself, from the fall of ΔL_aa and ΔL_ab and the currents in all other coils.
 """
 
 from __future__ import annotations
@@ -36,7 +33,7 @@ from coilarray.electromagnetics.coil_spectrum import (
 from coilarray.geometry import Conductor
 from coilarray.response.setup import Experiment, Level
 
-_TOLERANCE = 0.3  # of the amplitudes, relative to the error; δ errs by about a tenth of it
+_TOLERANCE = 0.3  # of the amplitudes, relative to the error. δ errs by about a tenth of it
 _FIRST_EXTENT, _WIDER = 6.0, 1.5  # of the profile in coil radii, and its growth if it ends too early
 _POSITIONS = 32  # at a time, which limits the memory
 _DIRECTIONS, _STEPS_PER_RADIUS = 8, 8  # of a profile
@@ -68,9 +65,9 @@ def near_response(
 ) -> tuple[FloatArray, Cutoff]:
     """Compute δ (depths, positions, states) of near states.
 
-    δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
-    `coilarray.circuit.state_sensitivity`. It leaves out 4.5e-5 of the peak for 1 mm in gast2020.
-    The cutoff distances follow from the `error` of δ relative to its peak.
+    δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, which
+    leaves out 4.5e-5 of the peak for 1 mm in gast2020. The cutoff follows from the relative `error`
+    of δ.
     """
     delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
     cutoff = Cutoff(0.0, 0.0)
@@ -197,7 +194,7 @@ def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, er
     A state that is left out would have responded by ΔL_aa + 2 i_b ΔL_ab or less, with the dent
     under a coil b. The coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a state with the
     dent under its own coil. They may be nearer to a dent beside it, so half of the error is
-    reserved for them. The cutoff is infinite if the profile ends before.
+    reserved for them.
     """
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
     end = profile.radius[-1]

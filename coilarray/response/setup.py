@@ -30,15 +30,13 @@ from coilarray.metal.finite_plates import outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
 
 _FARTHEST = 1.0  # m
-_STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
+_STEEPEST = 0.1  # slope of a sample. Beyond it the wedge's own slope would count
 _LEVEL = 1e-9  # relative difference of heights that counts as zero
-# A finite sample's dent equals the dent of a wide sample at another depth, lifted and turned. These
-# are the parts of the depth solved for that (at 0 there is no dent), and the lift in m and the
-# slope for the derivatives.
+# A finite sample's dent is a wide sample's at another depth, lifted and turned: parts of the depth
+# that are solved (at 0 there is no dent), and the lift in m and the slope of the derivatives.
 _DEPTH_PARTS = (1.0, 0.85)
 _LIFT, _SLOPE = 1e-5, 1e-3
-# Thicknesses at which a tilted sample is solved, with a cubic between them
-# (tests/response/test_response.py).
+# Thicknesses at which a tilted sample is solved, with a cubic between them.
 _WEDGE_NODES = 4
 
 
@@ -73,7 +71,7 @@ class Imperfections:
         Height in m of an indenter with a material over the sheets while L_0 is read at the same
         position. At 0 it just touches them, as in a campaign. At inf it is far away.
     network : Network or "ideal", optional
-        Coils, switches and strays under the flat sheets, in place of those of the design with the
+        Coils, switches and strays under the flat sheets, in place of the design's own with the
         true thicknesses. "ideal" leaves AC resistance and all strays out.
 
     Raises
@@ -160,9 +158,8 @@ class Experiment:
     """Everything that is pressed in a map.
 
     The `design` has the true thicknesses. `axes` are assumed, and `points` (n, 2) the true
-    positions on the board in m, x fastest. `contact` is at the map's origin. `levels` are several
-    for a tilted or finite sample, and `correction` is the contribution of a finite sample. `above`
-    (depths,) is the height in m over the sheets at depths below 0.
+    positions on the board in m, x fastest. `contact` is at the map's origin. `above` (depths,) is
+    the height in m over the sheets at depths below 0.
     """
 
     sheets: tuple[Sheet, ...]
@@ -260,13 +257,12 @@ def _finite(
 ) -> Experiment:
     """Turn a wide sample's experiment into a finite sample's.
 
-    `pressed` has all parts of the depths. A finite sample's dent is the dent of the wide sample at
-    a depth that follows the rise of the top under the indenter. A rise and a slope of everything
-    there move the dent with them, which changes its effect on the field. Both are weighted sums of
-    dents, whose weights add up to zero beside the weights of the wide sample. A round tip presses
-    equally on a slope, so that the dent turns about the tip's centre. Other tips are taken for
-    pivots themselves. The rest, `SampleCorrection.moved`, is to first order in
-    `coilarray.elastomer.face_shift`. A tilted sample has the correction of the level sample.
+    A finite sample's dent is the dent of the wide sample at a depth that follows the rise of the
+    top under the indenter. A rise and a slope of everything there move the dent with them, which
+    changes its effect on the field. Both are weighted sums of dents, whose weights add up to zero
+    beside the weights of the wide sample. A round tip presses equally on a slope, so that the dent
+    turns about the tip's centre. Other tips are taken for pivots themselves. The rest,
+    `SampleCorrection.moved`, is to first order in `coilarray.elastomer.face_shift`.
     """
     assert setup.sample_bounds is not None
     sample, sheets, contact = Sample(setup.sample_bounds, setup.unevenness), wide.sheets, wide.contact

@@ -85,7 +85,7 @@ def target_map(
         Design with a target.
     distances, x, y : array_like, shape (n,), optional
         Distances of the target's nearest point from the upper face of the sheets or the board, and
-        places of its centre, in m, places from the map's origin. By default those in the design.
+        places of its centre, in m, places from the map's origin. By default given in the design.
     noise : float, optional
         Standard deviation of δ in a reading, for range and resolution. By default from the noise
         budget of the design, `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute
@@ -308,12 +308,11 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     of δ in a reading. ``distance_deviation`` (distance, state) is σ/|δ'| in m. ``range`` (state) is
     the distance in m at which |δ| has fallen to `FACTOR` σ, and ``resolved_distance`` (step, state)
     the distance up to which a ``step`` in m is no less than the standard deviation. Both are NaN if
-    this holds nowhere, and the last distance if it holds everywhere, with ``range_is_least`` and
-    ``resolved_is_least`` set. ``nearest_readable`` (state) is in m, or NaN.
+    this holds nowhere, and the last distance if it holds everywhere.
 
-    Places, and distances at the place, that the converter cannot read do not count. Between the
-    distances ln |δ| is a cubic spline, as δ falls about exponentially. If δ changes its sign, δ
-    itself is the spline.
+    Distances that the converter cannot read at the place do not count. Between the distances ln |δ|
+    is a cubic spline, as δ falls about exponentially. If δ changes its sign, δ itself is the
+    spline.
     """
     require_noise(noise)
     distance = response.distance.values

@@ -45,7 +45,7 @@ _DRIVE_MASK = register("DRIVE_CURRENT0").field("IDRIVE0").mask  # the chip write
 _DATA_READY, _ERRORS, _ERROR_FLAGS = 0x0040, 0xFF00, 0x3F00  # bits of STATUS
 _FIXED_DRIVE = register("CONFIG").field("RP_OVERRIDE_EN").mask
 _RESET = 0x8000
-_RESET_TIME = 2e-3  # s; the data sheet gives it for the pin SD and no time for the register
+_RESET_TIME = 2e-3  # s. The data sheet gives it for the pin SD and no time for the register
 _LOOK_AGAIN = 1e-3  # s between two looks at STATUS
 _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same state, before the stream ends
 
@@ -55,7 +55,7 @@ class ChipSettings:
     """Settings of a scan as register values and times."""
 
     scan: ScanSettings
-    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; empty if coils are wired to channels
+    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state, empty if coils are wired to channels
     asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
     active: int  # register CONFIG while the converter is awake
     wait: float  # until the first look at STATUS
@@ -86,7 +86,7 @@ class ChipDriver:
     def __init__(self, bus: RegisterBus, switches: SwitchChain | None, clock: Clock) -> None:
         self.bus, self.clock = bus, clock
         self._switches = switches
-        self._held: bytes | None = None  # words of the switches; None if they are not known
+        self._held: bytes | None = None  # words of the switches, None if they are not known
         self._sleep_word = register("CONFIG").reset
         self.asleep = False
         """Whether the converter was put to sleep and not woken since."""
@@ -123,8 +123,8 @@ class ChipDriver:
         """Wait for the next results of all channels.
 
         The first look at STATUS comes after `wait` in s, or after the discarded conversions of a
-        converter that was just woken. Results that were not read have a fault. A drive current that
-        the converter chose is read before sleep can clear it.
+        converter that just woke. A drive current that the converter chose is read before sleep
+        clears it.
         """
         channels = tuple(dict.fromkeys(state.channel for state in settings.scan.states))
         looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
@@ -169,8 +169,7 @@ class ChipDriver:
             for look in looks:
                 errors |= look & _ERRORS
             return RawSample(msb, lsb, looks[-1] | errors, drive=drive)
-        # The bits of unread results freeze with an error of any channel. DRDY shows that all
-        # channels have a new result.
+        # Bits of unread results freeze with an error of any channel, but DRDY is set for all.
         status = ready_status(channel)
         for look in looks:
             if look & _ERROR_FLAGS and look >> 14 == channel:
@@ -243,9 +242,8 @@ class ChipDriver:
 class DirectReader:
     """A `Reader` that drives the chips itself, for one thread.
 
-    `safe_words` ground both ends of every coil. Coils of a board without switches are wired to the
-    channels of the converter, which converts all the time in a stream. A result that a slow
-    computer does not fetch is replaced by the next. Only the times of the scans show this.
+    Without switches the converter converts all the time in a stream. The next result replaces a
+    result that a slow computer does not fetch, which only the times of the scans show.
     """
 
     def __init__(
@@ -404,8 +402,7 @@ class DirectReader:
         chips, start = self._chips, self._clock.now()
         try:
             if running and not chips.asleep:
-                # A fast oscillator is early by less than a slow one is late. Looks are a
-                # millisecond apart.
+                # A fast oscillator is early by less than a slow oscillator is late.
                 look = chips.ready_at + 2 * chip_settings.turn - chip_settings.again - 2 * _LOOK_AGAIN
                 samples = list(chips.results(chip_settings, max(look - start, 0.0)))
                 start = chips.ready_at - chip_settings.turn

@@ -19,18 +19,16 @@ class FoundDrive:
     """Drive current of a coil."""
 
     code: int  # IDRIVE, 0 to 31
-    proposed: int  # INIT_IDRIVE, found by the converter itself; 0 if it gave no result
+    proposed: int  # INIT_IDRIVE, found by the converter itself, 0 if it gave no result
     reasons: tuple[Reason, ...]  # warnings about the amplitude that remain with this code
 
 
 def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDrive]:
     """Find the drive current of every state.
 
-    No object may be near the sensor that is absent during the measurement. Afterwards the board is
-    not configured. The procedure of the data sheet starts at INIT_IDRIVE of the automatic
-    amplitude. Fixed currents are tried from there, one code up or down, until neither a low nor a
-    high amplitude is reported. If every code gives a warning, the largest code that is not too high
-    is taken.
+    No object may be near the sensor that is absent during the measurement. The procedure of the
+    data sheet starts at INIT_IDRIVE of the automatic amplitude. The code is changed by one until
+    neither a low nor a high amplitude is reported, or is the largest that is not too high.
     """
     found = {state.name: _find(reader, settings, state) for state in settings.states}
     reader.rest()

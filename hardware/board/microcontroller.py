@@ -72,8 +72,7 @@ class MicrocontrollerReader:
     """Reader of a serial board for one session.
 
     A board that restarts, or a port that comes back, needs a new session by `reconnect`, so scans
-    are never mixed. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds. All
-    deadlines use the clock.
+    are never mixed. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
     """
 
     def __init__(
@@ -87,7 +86,7 @@ class MicrocontrollerReader:
         self._session = Session(port, times=times or LinkTimes(), clock=clock)
         self._reopen = reopen
         self._settings: ScanSettings | None = None
-        self._stream = 0  # number of the running stream; 0 without a stream
+        self._stream = 0  # number of the running stream, 0 without a stream
         self._streams = 0
         self._silent = False  # whether it did not answer STOP
         self._unsure = False  # whether the board may still be measuring: it must be stopped first

@@ -27,8 +27,7 @@ from coilarray.hardware.scan.wiring import Wiring
 from coilarray.hardware.wire.buses import BusFault, SwitchFault
 
 Delivery = Literal["as sent", "reversed", "a bit late", "not at all"]
-"""Arrival of words: right, from the chain's other end, one clock late (wrong SPI mode), or
-never."""
+"""Arrival of words: right, from the chain's other end, a clock late (wrong SPI mode), or never."""
 ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "ground other end"}
 """Ends of a coil that a trial grounds, and the name of that state in a scan plan."""
 
@@ -38,7 +37,7 @@ class Trial:
     """One state to measure."""
 
     words: bytes  # of the switches
-    coil: str | None = None  # at the converter; None for no coil
+    coil: str | None = None  # at the converter, None for no coil
     turned: bool = False  # whether its ends are exchanged
     other: str | None = None  # a second coil that is grounded
     grounded: str | None = None  # ends of the second coil: "both", "a" or "b"
@@ -48,9 +47,9 @@ class Trial:
 def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
     """Return all trials of a board in groups.
 
-    Each group is best measured without a pause. The first has no coil at the converter, and then
-    every coil both ways round. Each coil then has a group: alone, and with every other coil
-    grounded at both ends, at a and at b.
+    Each is best measured without a pause. The first has no coil at the converter, and then every
+    coil both ways round. Each coil then has a group: alone, and with every other coil grounded at
+    both ends, at a and at b.
     """
     first = [Trial(wiring.safe_words, rest="ground"), Trial(bytes(len(wiring.devices)))]
     for coil, sense in itertools.product(wiring.coils, (1, -1)):
@@ -72,7 +71,7 @@ def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
 class Prediction:
     """Predicted result of a trial."""
 
-    oscillates: bool | None  # whether the converter has a sensor; None if that is uncertain
+    oscillates: bool | None  # whether the converter has a sensor, None if that is uncertain
     shorted: frozenset[str]  # coils with their ends joined, which lower the inductance of their neighbours
 
 
@@ -80,11 +79,10 @@ class Prediction:
 class Fault:
     """A possible fault of a board."""
 
-    text: str  # description of the fault; empty for a good board
+    text: str  # description of the fault, empty for a good board
     wiring: Wiring  # true wiring of the board
     delivery: Delivery = "as sent"
-    # Broken switches by the numbers of their device and bit in the words. True is closed and False
-    # is open.
+    # Broken switches by the numbers of their device and bit, True for closed.
     stuck: Mapping[tuple[int, int], bool] = field(default_factory=dict)
     missing: str | None = None  # coil that is not connected
     shorted: str | None = None  # coil whose ends are joined
@@ -172,12 +170,11 @@ def _with_order(wiring: Wiring, order: Sequence[int]) -> Wiring:
 RCOUNT = 0x4000
 """RCOUNT of conversions of 12 ms, with an error of a frequency of less than a millionth."""
 NOTICEABLE = 2e-5
-"""Least relative rise of a frequency that counts as a shorted neighbour. On the reference board the
-nearest neighbours give 1.5e-3, the second neighbours 1.2e-4, and a single grounded end, by its
-capacitance, less than 1e-6."""
-_MOST_STATES = 16  # at a time; every board takes this number
+"""Least relative rise of a frequency by a shorted neighbour. On the reference board the nearest
+give 1.5e-3, the second 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""
+_MOST_STATES = 16  # at a time. Every board takes this number
 _ATTEMPTS = 3
-_ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
+_ANY_CAPACITANCE = 120e-12  # F. Only frequencies are used
 
 
 @dataclass(frozen=True)
@@ -185,9 +182,9 @@ class CoilCheck:
     """Measurements of one coil."""
 
     coil: str
-    frequency: float | None  # Hz, with all other coils grounded; None if nothing oscillates
-    turned: float | None  # the same with its ends exchanged; None as well if the wiring cannot exchange them
-    felt_by: str | None  # coil whose frequency changes most when this coil is grounded; None if no other oscillates
+    frequency: float | None  # Hz, with all other coils grounded, None if nothing oscillates
+    turned: float | None  # the same with its ends exchanged, None as well if the wiring cannot exchange them
+    felt_by: str | None  # coil whose frequency changes most when this coil is grounded, None if no other oscillates
     rises: Mapping[str, float]  # of that frequency, relative, with "both" ends of this coil grounded, only "a" or "b"
 
 

@@ -34,16 +34,14 @@ data sheet's curves of one unit between −40 and 125 °C and over the supply, 4
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Smallest and largest frequency at the pin CLKIN in Hz."""
 SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
-"""Slowest and fastest clock of the I²C bus in Hz. `coilarray.hardware.wire.ports.bus_rate` returns
-a board's clock."""
+"""Slowest and fastest clock of the I²C bus in Hz."""
 CHANNELS = 4
 """Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
 SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5
 """Time from channel to channel in s, and additional cycles of the reference. The same is assumed
-for the slot before every conversion of a single channel, whose length the data sheet does not
-give."""
+before every conversion of a single channel, for which the data sheet has no value."""
 MOST_DISCARDED = 15
 """Largest number of conversions that a state may discard after waking."""
 READ_BITS, WRITE_BITS = 48, 38
@@ -162,8 +160,7 @@ def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> floa
 
 
 DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
-"""Cut-off frequencies of the input filter in Hz by code. The application table prints 0b011 for 33
-MHz."""
+"""Cut-off frequencies of the input filter in Hz. The application table prints 0b011 for 33 MHz."""
 
 
 def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:

@@ -23,8 +23,7 @@ DEVICE = 0x3055
 ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
 
-# Values of a field that the data sheet allows, by the name of the field without the number of the
-# channel.
+# Values that the data sheet allows, by the name of the field without the channel's number.
 _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = {
     "RCOUNT": (range(SMALLEST_RCOUNT, LARGEST_RCOUNT + 1), f"{SMALLEST_RCOUNT} to {LARGEST_RCOUNT}"),
     "FIN_DIVIDER": (range(1, 0x10), "1 to 15"),

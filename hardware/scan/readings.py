@@ -51,8 +51,8 @@ class RawScan:
     """One pass over all states.
 
     `sequence` is counted by the board since the stream began. `time` is the start in s by the
-    board's unwrapped clock, and `received` the arrival in s since the epoch. `configuration` is
-    `ScanSettings.hash`. `boot` changes when the board restarts.
+    board's clock, and `received` the arrival in s since the epoch. `boot` changes when the board
+    restarts.
     """
 
     sequence: int
@@ -105,8 +105,7 @@ class Reader(Protocol):
 
 
 Verdict = Literal["good", "doubtful", "bad"]
-"""Quality of a result: good, doubtful (outside the data sheet's specification), or no
-measurement."""
+"""Quality of a result: good, outside the data sheet's specification, or no measurement."""
 
 LARGEST_CODE = (1 << CODE_BITS) - 1
 QUARTER = 1 << (CODE_BITS - 2)

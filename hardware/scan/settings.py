@@ -55,7 +55,7 @@ _PREFIX, _CHANNELS_PREFIX = b"coilarray1", b"coilarray-channels1"
 ERROR_CONFIG = 0xF8FD
 """Register ERROR_CONFIG: every flag is shown in the result and in STATUS."""
 _MARGIN = 1.1  # of the time-out on the slowest clock
-_RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
+_RESTART = 6e-3  # s. The watchdog's restart of a sensor takes 5.2 ms
 
 
 def _from_hex(text: object) -> bytes:
@@ -75,12 +75,10 @@ _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 class StateTime:
     """Times of the steps of one state, in s.
 
-    `discarded` are the discarded conversions with their transfers, and `result` is the reading of
-    the two data registers. `control` are all other transfers.
-
-    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading
-    take 293.6 ms. Gast & Zimmermann (2020) print 293.5 ms, which supports these settings but does
-    not prove them.
+    `discarded` are conversions with their transfers, and `control` are all transfers except
+    `result`. With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and
+    reading take 293.6 ms. Gast & Zimmermann (2020) print 293.5 ms, which supports these settings
+    but does not prove them.
     """
 
     wake: float
@@ -105,9 +103,8 @@ class StateTime:
 class StateSettings:
     """One state of the scan, named after its coil.
 
-    The first byte of `words` goes to the far end of the chain. Without switches `words` is empty,
-    and the coil is at a `channel` of the converter, 0 to 3, which may have its own settling time
-    and input divider.
+    The first byte of `words` goes to the far end of the chain. Without switches the coil is at a
+    `channel`, 0 to 3, which may have its own settling time and input divider.
     """
 
     name: str
@@ -530,8 +527,7 @@ def scan_settings(
                 wiring.words(state),
                 tank.drive,
                 channel,
-                # Only for a channel of its own: with switches all states share the registers of
-                # channel 0.
+                # Only for a channel of its own: with switches all states share channel 0.
                 settle if wiring.channels and settle != max(settle_counts) else None,
                 divider if wiring.channels and divider != max(dividers) else None,
             )
@@ -568,8 +564,7 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
             f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
             f"got {rate:g}."
         )
-    # At full resolution no transfers between two scans take longer than the conversions. A stream
-    # without switches discards conversions only at its start.
+    # A stream without switches discards conversions only at its start.
     conversions, reference = 1 if settings.wired else 1 + settings.discard, settings.slowest_reference
     overhead = settings.period_on(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
     # A duration that is a multiple of a clock must not lose a count by rounding.

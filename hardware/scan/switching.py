@@ -42,8 +42,7 @@ class WiredSwitch(NamedTuple):
 
 
 SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
-"""Switches of every device in the order of the words, by bit, None for a switch that is not
-wired."""
+"""Switches of every device in the order of the words, by bit, None if not wired."""
 
 
 def switch_table(wiring: bytes) -> SwitchTable:
@@ -219,9 +218,9 @@ def _passive(branch: Branch, ground: Node) -> Passive:
 def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str, bytes]]) -> None:
     """Refuse words that make a forbidden connection.
 
-    The safe words must ground every end of every coil and close nothing else. A state must not
-    close a switch that is not wired, and not connect an end to two nets, or a pin of the converter
-    to two ends, to a single end alone, or to another coil than the other pin.
+    The safe words must ground every end and close nothing else. A state must not connect an end to
+    two nets, or a pin of the converter to two ends, to an end alone, or to another coil than the
+    other pin.
     """
     if not states:
         raise HardwareError("a scan must have at least one state; got none.")

@@ -48,7 +48,7 @@ class Terminal(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """Switch, such as ``"S1A"``, between a coil's end and a net."""
+    """Switch, such as ``"S1A"``, between an end and a net."""
 
     name: str
     terminal: Terminal

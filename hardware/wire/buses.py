@@ -91,8 +91,7 @@ def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
         if threading.current_thread() is threading.main_thread():
             for number in _ENDING:
                 present = signal.getsignal(number)
-                # None is a handler that Python cannot put back. Ignored signals stay ignored, as
-                # nohup requires.
+                # Python cannot put back None. Ignored signals stay ignored, as nohup requires.
                 if present == signal.SIG_DFL or (instead_of_any and present not in (None, signal.SIG_IGN)):
                     before[number] = present
                     signal.signal(number, handler)

@@ -26,7 +26,7 @@ SYSTEM = Path("/sys/class/i2c-adapter")
 """Folder with the system's data about its I²C buses."""
 SPI_MODE = 1
 """Mode of SPI, 0 to 3, that suits the switches, as far as is known."""
-_SPI_SPEED = 1_000_000  # Hz; the ADG739 takes 30 MHz (not verified)
+_SPI_SPEED = 1_000_000  # Hz. The ADG739 takes 30 MHz (not verified)
 _LINUX_PURPOSE = "boards on this computer's own buses"
 _GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
 _HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}

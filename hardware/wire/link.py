@@ -56,7 +56,7 @@ _MEANINGS: dict[int, tuple[type[HardwareError], str]] = {
     8: (BusFault, "the converter is another chip"),
     9: (CommandRefused, "busy with a stream"),
 }
-_MOST_EARLY = 1024  # messages before the reply to START; older messages are lost and show as a gap
+_MOST_EARLY = 1024  # messages before the reply to START. Older messages are lost and show as a gap
 _QUIET = 0.05  # s without a line after which all old lines have come
 
 T = TypeVar("T")
@@ -85,7 +85,7 @@ class Session:
     def __init__(self, port: OpenSerialPort, *, times: LinkTimes, clock: Clock | None = None) -> None:
         self._port, self.times, self.clock = port, times, clock or ComputerClock()
         self._parser = LineParser()
-        self._number = random.randrange(IDS)  # of the last command; the board does not repeat one of the same number
+        self._number = random.randrange(IDS)  # of the last command. The board does not repeat one of the same number
         self._kept: deque[Message] = deque()
         self._early: deque[Message] = deque(maxlen=_MOST_EARLY)
         self._foreign = 0  # bytes since the last intact line
@@ -228,7 +228,7 @@ class Session:
         self.wake()
         try:
             self.ask(read_nothing, "STOP")
-        except BusFault:  # the board has received the command; configuring shows the fault of its converter
+        except BusFault:  # the board has received the command. Configuring shows the fault of its converter
             pass
         except NoAnswer:
             if self._foreign:

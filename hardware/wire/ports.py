@@ -87,11 +87,9 @@ def parse_port(text: str) -> Port:
     """Read the name of a port.
 
     A name is ``emulator``, a serial port ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER`` with
-    ``?baud=9600``, buses ``i2c:1`` or ``i2c:1:0x2B,spi:0.1``, or an adapter ``ftdi://ftdi:232h/1``.
-    The last two have options of the switches, as in ``?mode=2&readback=yes`` (SPI mode, end of the
-    chain wired back). ``ftdi`` also has ``address=0x2B``. Without switches, these two and the
-    emulator have instead the channels of the coils and the clock at the pin CLKIN, as in the
-    example.
+    ``?baud=9600``, buses ``i2c:1`` or ``i2c:1:0x2B,spi:0.1``, or an adapter ``ftdi://ftdi:232h/1``,
+    also with ``address=0x2B``. Options of switches are ``?mode=2&readback=yes`` (SPI mode, end of
+    the chain wired back). Without switches there are channels and the clock at the pin CLKIN.
 
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True

@@ -51,7 +51,7 @@ class StreamEndReason(IntEnum):
 class ScanMessage:
     """A scan, with a sample for each state."""
 
-    sequence: int  # since the start of the stream; 0 for a single scan
+    sequence: int  # since the start of the stream, 0 for a single scan
     time: int  # of its start in µs by the board's clock, which wraps at 2³²
     configuration: int  # hash of the settings of the board
     boot: int  # number of the board's session
@@ -205,7 +205,7 @@ class Greeting:
     version: tuple[int, int]  # of the board's protocol, major and minor
     firmware: str
     boot: int  # number of the session, which changes at every start
-    manufacturer: int  # identity registers of the converter; 0 if it does not answer
+    manufacturer: int  # identity registers of the converter, 0 if it does not answer
     device: int
     most_states: int  # that a configuration may have
     most_devices: int
@@ -221,7 +221,7 @@ def read_version(fields: Sequence[str]) -> tuple[int, int]:
 
 def read_greeting(fields: Sequence[str]) -> Greeting:
     """Read the fields of a reply to HELLO."""
-    if len(fields) < 8:  # the last are its capabilities; a later minor version may have more
+    if len(fields) < 8:  # the last are its capabilities. A later minor version may have more
         raise MessageError(f"a greeting must have 8 fields; got {len(fields)}.")
     _, firmware, boot, manufacturer, device, states, devices = fields[:7]
     return Greeting(

@@ -98,7 +98,7 @@ class OpenSerialPort:
         except _LOSSES as error:
             reason = _CANNOT_OPEN.get(getattr(error, "errno", None) or 0, f"cannot be opened: {error}")
             raise HardwareError(f"port {name} {reason}.") from None
-        with suppress(*_LOSSES):  # discard earlier bytes; a port that is gone fails at the next read
+        with suppress(*_LOSSES):  # discard earlier bytes. A port that is gone fails at the next read
             self._port.reset_input_buffer()
 
     @property
