@@ -57,14 +57,16 @@ def calibrate(
 ) -> None:
     """Fit unknown entries of a design to a measurement.
 
-    A plan names keys of the design, and imperfections of the experiment, with bounds and priors (tables [[unknown]]:
-    entry, low, high, prior_mean, prior_std), and alternatives such as the order of layers ([[alternative]] with
-    [[alternative.choice]]: name, set, without). It prints the fitted values with their errors and correlations, the
-    alternatives with their evidence, and what the data cannot determine. Of an ellipse model, A, B and the peaks are
-    fitted. x0 is predicted, and fitted only if the plan says so. Evaluations are stored, so that the same command
+    A plan names keys of the design, and imperfections of the experiment, with bounds and priors
+    (tables [[unknown]]: entry, low, high, prior_mean, prior_std), and alternatives such as the
+    order of layers ([[alternative]] with [[alternative.choice]]: name, set, without). The command
+    prints the fitted values with their errors and correlations, the alternatives with their
+    evidence, and the directions that the data do not determine. Of an ellipse model, A, B and the
+    peaks are fitted, x0 only if the plan says so. Evaluations are stored, so that the same command
     resumes after an interruption.
 
-    Example: coilarray calibrate gast2020 campaign.sqlite --unknown elastomer.1.relative_permeability=2:4 --out fit
+    Example: coilarray calibrate gast2020 campaign.sqlite --unknown
+    elastomer.1.relative_permeability=2:4 --out fit
     """
     shared.check_workers(workers, cluster)
     from coilarray.compute.files import make_folder

@@ -42,9 +42,10 @@ def check(
 ) -> None:
     """Check a design against its fabrication rules.
 
-    Prints the smallest margin of each rule on each layer, in one row where layers have the same: first the broken
-    rules, then those for lengths, for ratios, and for the bare board, each by rising margin. The exit code is 2 if one
-    is broken. A picture shows the copper of every layer, with these places circled and numbered as in the table.
+    Prints the smallest margin of each rule on each layer, in one row where layers have the same:
+    first the broken rules, then rules for lengths, for ratios, and for the bare board, each by
+    rising margin. The exit code is 2 if a rule is broken. A picture shows the copper of every
+    layer, with these places circled and numbered as in the table.
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """

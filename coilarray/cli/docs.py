@@ -12,7 +12,7 @@ from coilarray.compute.extras import python_command
 from coilarray.errors import MissingDependencyError, OutputError
 
 CLONE = Path(__file__).resolve().parents[2]
-"""Folder in which the package lies: the clone, where it is installed from one."""
+"""Folder of the package, the clone if installed from it."""
 _BUILT = Path("docs", "_build", "html")  # of a clone, where the command of CONTRIBUTING.md writes them
 _PAGE = ".html"
 
@@ -26,7 +26,7 @@ def docs(
 ) -> None:
     """Open the documentation in the browser, once it is built.
 
-    The pages are in docs/_build/html of the clone that the package is installed from. PAGE is the end of a page's path:
+    The pages are in docs/_build/html of the clone of the package. PAGE is the end of a page's path:
     first_report and start/first_report name the same page.
 
     Example: coilarray docs start/first_report
@@ -44,10 +44,9 @@ def docs(
 
 
 def find_page(clone: Path, page: str) -> Path:
-    """Return the file of a built page by the end of its path.
+    """Return the file of a page by its path's end.
 
-    Of several it is the shortest path, and of those the first. Raises MissingDependencyError without built pages,
-    OutputError for a page that is not there.
+    Of several it is the first with the shortest path.
     """
     built = clone / _BUILT
     if not (built / f"index{_PAGE}").is_file():

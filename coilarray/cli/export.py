@@ -28,9 +28,10 @@ def export(
 ) -> None:
     """Write a board for fabrication or for another program.
 
-    kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a board house. Both
-    are read back and checked before they replace anything: every coil must be in one piece and isolated from the
-    others. dxf, svg: drawings in mm. step, stl: solids in mm. glb: a scene for viewers.
+    kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a
+    board house. Both are read back and checked before they replace anything: every coil must be in
+    one piece and isolated from the others. dxf, svg: drawings in mm. step, stl: solids in mm. glb:
+    a scene for viewers.
 
     Example: coilarray export gast2020 --to gerber --out board.zip
     """

@@ -49,13 +49,14 @@ def impedance(
 ) -> None:
     """Compute inductances, couplings, resonances and impedances.
 
-    Prints the matrices of L, M and k (of more than 24 coils the strongest couplings), and for each state of the scan
-    the circuit with AC resistance, winding capacitance and switches, with the limits of the converter.
+    Prints the matrices of L, M and k (of more than 24 coils the strongest couplings), and for each
+    state of the scan the circuit with AC resistance, winding capacitance and switches, with the
+    limits of the converter.
 
-    With --noise it prints every cause of noise instead: its noise in one scan, its drift per kelvin, its change since
-    L_0 was read, and the source of the value. Values and settings are in the table [readout] of the design. `locate`,
-    position errors and the ranges of targets assume the σ of δ at the end. `coilarray board info --noise` compares a
-    recording with it.
+    With --noise it prints every cause of noise instead: its noise in one scan, its drift per
+    kelvin, its change since L_0 was read, and the source of the value. Values and settings are in
+    the table [readout] of the design. `locate`, position errors and the ranges of targets assume
+    the σ of δ at the end. `coilarray board info --noise` compares a recording with it.
 
     Example: coilarray impedance gast2020 --from-MHz 0.5 --to-MHz 5 --out sweep.csv --plot sweep.png
 

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 
 def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
-    """Ask for the choices of a new design, and check each answer."""
+    """Ask for a new design's choices, and check each answer."""
     from coilarray.design import fabs
     from coilarray.studies.create import LONG_SHAPES, Choices, read_arrangement
 
     chosen: dict[str, Any] = {}
 
     def ask(question: str, default: str, key: str, **words: dict[str, str]) -> None:
-        """Ask until the answer is one of the words, which stand for other choices, or a choice that can be."""
+        """Ask until the answer is a word or possible choice."""
         while True:
             answer = typer.prompt(question, default=default).strip()
             if (found := words.get(answer.replace(" ", "_"))) is not None:
@@ -96,7 +96,7 @@ _HELPS = {
     ("amplitude with the smallest drive current", "high"): "; a larger --capacitance-pF lowers it",
     ("quality factor", "low"): "; larger coils and less capacitance raise it",
 }
-"""What mends a limit of the converter, by its name and the side on which it is broken."""
+"""Remedies for a converter's broken limit, by name and side."""
 
 
 def init(
@@ -165,12 +165,12 @@ def init(
 ) -> None:
     """Write a commented design file from a few choices.
 
-    Turns, trace, layers, pitch, terminals and the tank's capacitance are found such that the board house can make the
-    board and an LDC1614 can read it. On a terminal, without any choice, the choices are asked for. Everything else has
-    the same default as in Python (coilarray.new_design).
+    Turns, trace, layers, pitch, terminals and the tank's capacitance are found such that the board
+    house can make the board and an LDC1614 can read it. On a terminal, without any choice, the
+    choices are asked for. Everything else has the same default as in Python (coilarray.new_design).
 
-    Of a board (--from) each coil must be a net that runs over tracks and vias from one end to the other without a
-    branch.
+    Of a board (--from) each coil must be a net that runs over tracks and vias from one end to the
+    other without a branch.
 
     Example: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12
 
@@ -213,7 +213,7 @@ def init(
 
 
 def _is_board(source: str) -> bool:
-    """Whether a source is a board; a bundled design is none, even if a folder has its name."""
+    """Whether a source is a board, not a bundled design."""
     from coilarray.design import bundled
 
     path = Path(source)
@@ -391,7 +391,7 @@ def _read(board: Path, stackup: str | None) -> BoardCopper:
 
 
 def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
-    """Return what is known of every coil, in SI."""
+    """Return the known properties of every coil, in SI."""
     from coilarray.design.write import design_names, shape_names
 
     names = design_names(traced.array.names)

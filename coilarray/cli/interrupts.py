@@ -1,4 +1,4 @@
-"""Ctrl-C during a long computation, even one that does not return to Python for a while."""
+"""Ctrl-C during a computation that does not return to Python."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _heard = Event()  # of the block that lasts
 
 @contextmanager
 def ending_on_interrupt() -> Iterator[None]:
-    """End the program on Ctrl-C if a library does not return in time.
+    """End on Ctrl-C if a library does not return.
 
-    Otherwise KeyboardInterrupt is raised as usual. Files stay whole, as each gets its name in one step. It does nothing
-    if another program handles Ctrl-C itself.
+    Otherwise KeyboardInterrupt is raised as usual. Files stay whole, as each gets its name in one
+    step. It does nothing if another program handles Ctrl-C itself.
     """
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def pressed_keys() -> Iterator[Callable[[], str]]:
-    """Yield a function that returns the keys pressed since its last call; none without a keyboard.
+    """Yield a function that returns the newly pressed keys.
 
     The terminal is as it was when the block is left.
     """

@@ -19,8 +19,9 @@ def keys(
 ) -> None:
     """List the keys of a design file and what they mean.
 
-    NAME stands for a name of yours, and N for a number from 0: coils.hexagon.gap_mm, elastomer.0.thickness_mm. So a
-    key is given to sweep, optimize and tolerance too. In brackets are the shapes or lattices that have it.
+    NAME stands for a name of yours, and N for a number from 0: coils.hexagon.gap_mm,
+    elastomer.0.thickness_mm. So a key is given to sweep, optimize and tolerance too. In brackets
+    are the shapes or lattices that have it.
 
     Example: coilarray keys
 

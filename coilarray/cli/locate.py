@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 Reading = dict[str, float] | list[float]
-"""δ by the names of the coils, or in the order of the model."""
+"""δ by the coils' names, or in the model's order."""
 Record = dict[str, Any]
-"""Answer to a reading for JSON, with only ``error`` for a bad one."""
+"""Answer for JSON, with only ``error`` for a bad reading."""
 _Value = TypeVar("_Value")
 _FILES = (".csv", ".jsonl")
 _PUBLISHED = "published"
@@ -36,9 +36,9 @@ _FEWER_UNKNOWNS = (
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
-    """Read an argument: coil1=7.1e-4,... or a file .csv or .jsonl.
+    """Read coil1=7.1e-4,... or a file .csv or .jsonl.
 
-    Returns the readings in their order, or the error of each. Raises LocalizeError for a file that cannot be read at
+    Bad readings are errors in their order. Raises LocalizeError for a file that cannot be read at
     all, and for no reading.
     """
     path = Path(text)
@@ -60,7 +60,7 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
 
 
 def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
-    """Yield a reading, or its error, for each line of JSON."""
+    """Yield a reading, or its error, for each line."""
     for line in lines:
         try:
             yield _json_reading(line.decode("utf-8"))
@@ -71,7 +71,7 @@ def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
 
 
 def _json_reading(text: str) -> Reading:
-    """Return a JSON object or list of numbers as a reading."""
+    """Return a JSON object or list as a reading."""
     try:
         value = json.loads(text, object_pairs_hook=_named_once)
     except LocalizeError:
@@ -151,18 +151,20 @@ def locate(
 ) -> None:
     """Find the position of an indentation or a target from δ.
 
-    Estimates position and depth or distance by maximum likelihood over all coils. Every position that explains a
-    reading is listed, such as both signs of y on a symmetric board. Positions are on the board. The response table of a
-    design is computed once and kept. For a design with a [target] and no [indentation] it is the target's map, whose
-    coordinates with a single value are known. An ellipse model gives x and y from its own origin.
+    Estimates position and depth or distance by maximum likelihood over all coils. Every position
+    that explains a reading is listed, such as both signs of y on a symmetric board. Positions are
+    on the board. The response table of a design is computed once and kept. For a design with a
+    [target] and no [indentation] it is the target's map, whose coordinates with a single value are
+    known. An ellipse model gives x and y from its own origin.
 
-    A stream gives one line of JSON for each line of input, with "error" for a bad one. The exit code is 2 only if no
-    line was a reading.
+    A stream gives one line of JSON for each line of input, with "error" for a bad line. The exit
+    code is 2 only if no line was a reading.
 
     Example: coilarray locate --model gast2020
     coil1=-1e-5,coil2=3.84e-4,coil3=7.14e-4,coil4=6.8e-5,coil5=-1.3e-5,coil6=-2e-6
 
-    Example: coilarray locate --model map.nc --coil coil1 --coil coil2 --coil coil3 coil1=7e-4,coil2=3e-4,coil3=1e-5
+    Example: coilarray locate --model map.nc --coil coil1 --coil coil2 --coil coil3
+    coil1=7e-4,coil2=3e-4,coil3=1e-5
 
     Example: read_sensor | coilarray locate --model gast2020 -
     """
@@ -188,7 +190,7 @@ def locate(
         raise LocalizeError(f"{error} {_FEWER_UNKNOWNS}") from None
 
     def prepared(one: Reading | LocalizeError) -> dict[str, float] | LocalizeError:
-        """Return δ of the used states less that of the references."""
+        """Return δ of the used states, less the references."""
         if isinstance(one, LocalizeError):
             return one
         if isinstance(one, list) and len(one) == len(every):
@@ -242,7 +244,7 @@ def _stream(answer: Callable[[Reading | LocalizeError], Record]) -> None:
 def _model(
     source: str | None, allow_violations: bool
 ) -> tuple[tuple[str, ...], int, Callable[[], xr.Dataset | EllipseModel]]:
-    """Return the states and the number of unknowns of a model, and a function that reads or computes it."""
+    """Return a model's states, number of unknowns, and loader."""
     is_file = source is not None and source.lower().endswith(".json")
     if is_file or source == _PUBLISHED:
         from coilarray.paper.published import published_model
@@ -254,7 +256,7 @@ def _model(
         unknowns = sum(response.delta.sizes[name] > 1 for name in response.delta.dims if name != "state")
         return tuple(map(str, response.state.values)), unknowns, lambda: response
     design = shared.open_design(source, allow_violations=allow_violations)
-    # the table of an indentation has three unknowns; that of a target shows them itself
+    # a table of an indentation has three unknowns, a target's table shows them itself
     unknowns = 3 if design.target is None or design.indentation is not None else 0
     return tuple(state.name for state in design.plan), unknowns, lambda: kept_table(design)
 
@@ -291,7 +293,7 @@ def _by_response(response: Any, used: Sequence[str], reference: Sequence[str] | 
 
 
 def _by_ellipses(model: Any, names: Sequence[str]) -> _Solution:
-    """Intersect the ellipses of two coils, with A longer as in the paper."""
+    """Intersect the ellipses of two coils, A longer as published."""
     from coilarray.paper.ellipse_model import EllipseModel, locate_x
 
     widened = EllipseModel(tuple(one for one in model.coils if one.name in names)).with_semiaxis_addition()

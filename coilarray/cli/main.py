@@ -50,11 +50,13 @@ _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
 _SMALL = {"check", "docs", "keys"}
 _LEAST_MEMORY = 0.6e9  # bytes of address space, below which libraries of linear algebra wait for memory without end
-# bytes of address space: for pictures in three dimensions, and for Optuna beside processes that are started
+# bytes of address space: for pictures in three dimensions, and for Optuna beside processes that are
+# started
 _MORE_MEMORY = {"report": 1.8e9, "view": 1.8e9, "optimize": 1.2e9}
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
-# Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
-# It reads these when NumPy is first imported, which no module here does before a command runs.
+# Our matrices are small and our own threads use the cores: more threads of the linear algebra only
+# wait for each other. It reads these when NumPy is first imported, which no module here does before
+# a command runs.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {
@@ -75,12 +77,12 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
     "Paper": {"paper fit": paper.fit, "paper distortion": paper.distortion},
     "Help": {"keys": keys.keys, "docs": docs.docs},
 }  # fmt: skip
-"""Every command by its name, in the groups and the order of the help."""
+"""Every command by name, in the help's groups."""
 
 COMMANDS: dict[str, Callable[..., None]] = {
     name: command for commands in GROUPS.values() for name, command in commands.items()
 }
-"""Every command by its name, of two words for those of a board and of the paper."""
+"""Every command by name, with ``board`` or ``paper``."""
 
 _FAMILIES = {
     "board": "Read out a board, real or emulated.",
@@ -118,7 +120,7 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 
 @functools.cache
 def program(name: str) -> Callable[..., Any]:
-    """Return the program with one command, none for an option, or all.
+    """Return the program with one command, none, or all.
 
     Typer takes milliseconds to read the signature of a command, and help and version need none.
     """
@@ -148,8 +150,8 @@ def program(name: str) -> Callable[..., Any]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code.
 
-    It is 0 for done, 2 for bad input, with one line on standard error, and 130 for interrupted. A fault of the program
-    itself keeps its traceback.
+    It is 0 for done, 2 for bad input, with one line on standard error, and 130 for interrupted. A
+    fault of the program itself keeps its traceback.
     """
     for variable in _BLAS_THREADS:
         os.environ.setdefault(variable, "1")
@@ -179,7 +181,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _answer_to(error: Exception, command: str) -> int:
-    """Print an expected error in one line, raise any other again."""
+    """Print an expected error in one line, raise others again."""
     if isinstance(error, CoilarrayError):
         return _refuse(str(error))
     if _is_lack_of_memory(error):
@@ -196,7 +198,7 @@ def _answer_to(error: Exception, command: str) -> int:
         return _refuse(f"cannot write {error.filename or 'the output'}: {error.strerror}.")
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         return _refuse("a name is not UTF-8, and cannot be written into a file.")
-    # typer brings its own copy of click in some versions; both kinds of usage error have this method
+    # some versions of typer bring a copy of click, whose usage errors have this method too
     format_message = getattr(error, "format_message", None)
     if format_message is None:
         raise error
@@ -207,7 +209,7 @@ def _answer_to(error: Exception, command: str) -> int:
 
 
 def _is_lack_of_memory(error: BaseException) -> bool:
-    """Whether an error or one of its causes is a lack of memory."""
+    """Whether an error or its cause is lacking memory."""
     causes: list[BaseException] = []
     one: BaseException | None = error
     while one is not None and one not in causes:
@@ -252,7 +254,7 @@ def run() -> None:
 
 
 def _prepare(stream: io.TextIOWrapper) -> None:
-    """Let a stream take every text, with the minus sign of ASCII for programs."""
+    """Let a stream take every text, for programs ASCII minus."""
     encoding, for_programs = codecs.lookup(stream.encoding).name, not stream.isatty()
     if encoding == "utf-8":  # names of files may have bytes that are no UTF-8
         stream.reconfigure(errors="surrogateescape")
@@ -275,7 +277,7 @@ _READABLE = {
 
 
 def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    """Return readable ASCII for characters that an encoding lacks, such as delta for δ."""
+    """Return ASCII for characters that an encoding lacks."""
     assert isinstance(error, UnicodeEncodeError)
     text = ""
     for one in error.object[error.start : error.end]:

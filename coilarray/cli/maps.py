@@ -1,4 +1,4 @@
-"""Shared by the commands for positions: a response from a file or a design, and files to be written."""
+"""Responses and maps of the commands for positions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _RECORDING = ".sqlite"
 
 
 def is_map(source: str | None) -> bool:
-    """Whether a response is a netCDF file, refused for a recording."""
+    """Whether a response is a netCDF file, no recording."""
     if source is not None and is_recording(source):
         raise LocalizeError(
             f"{source} is a recording; convert it to a response: coilarray board info {source} --out map.nc"
@@ -35,7 +35,7 @@ def is_map(source: str | None) -> bool:
 
 
 def is_recording(source: str) -> bool:
-    """Whether a file is an SQLite database, or would be by its name."""
+    """Whether a file is, or would be, an SQLite database."""
     begins = b""
     with suppress(OSError, ValueError), Path(source).open("rb") as file:  # no file to be read; a name with a zero byte
         begins = file.read(len(_SQLITE))
@@ -43,7 +43,7 @@ def is_recording(source: str) -> bool:
 
 
 def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
-    """Read a response, and say if it is of an emulated board."""
+    """Read a response, and whether its board is emulated."""
     response = read_response(path, target=target)
     if response.attrs.get("emulated", 0):
         text = f"{path} is of an emulated board: no real board was measured."
@@ -52,7 +52,7 @@ def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
 
 
 def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
-    """Read a response, or with `target` also the map of a target."""
+    """Read a response, or with `target` a target's map too."""
     from coilarray.compute.netcdf import read_checked
     from coilarray.response.dataset import RESPONSE, TARGET_MAP
 
@@ -60,7 +60,7 @@ def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
 
 
 def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:
-    """Read the response of a campaign, and outlines of its coils in m."""
+    """Read a campaign's response, and coil outlines in m."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.report.figures import map_outlines
 
@@ -71,7 +71,7 @@ def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list
 
 
 def campaign_response(recording: Recording, calibration: Path | None, *, partial: bool) -> xr.Dataset:
-    """Return the response of a campaign, calibrated if constants are given."""
+    """Return a campaign's response, calibrated if constants are given."""
     from coilarray.hardware.record.calibration import calibrated_response, load_calibration
     from coilarray.hardware.record.recorded_response import recorded_response
 
@@ -89,7 +89,7 @@ def read_ellipses(path: Path) -> EllipseModel:
 
 
 def kept_table(design: Design) -> xr.Dataset:
-    """Return the response table of a design from the store, computed and kept if it is new."""
+    """Return a design's response table, stored or computed."""
     with shared.progress_bar(f"table of {design.name}") as progress:
         return stored_table(design, progress=progress)
 

@@ -61,17 +61,19 @@ def optimize(
 ) -> None:
     """Search for the design that meets a goal best.
 
-    A goal says which entries of the design may change, which quantities to minimise or maximise, and which bounds to
-    keep. Named goals fit any design, as they take their ranges from it. --template writes a goal to a file to edit.
-    Every point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and
-    a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs. If no design is
-    better than the given one, none is written and the exit code is 1.
+    A goal says which entries of the design may change, which quantities to minimise or maximise,
+    and which bounds to keep. Named goals fit any design, as they take their ranges from it.
+    --template writes a goal to a file to edit. Every point is stored in the folder as soon as it is
+    computed: the same command resumes a run that was stopped, and a larger --trials continues it.
+    Writes trials.csv, result.json, report.html and the best designs. If no design is better than
+    the given one, none is written and the exit code is 1.
 
     Example: coilarray optimize gast2020 worst_k --trials 100 --out better
 
     Example: coilarray optimize my_board.toml --vary array.pitch_mm=12:16 --goal worst_k
 
-    Example: coilarray optimize my_board.toml smallest --keep "inductance_uH[coil1]>=18" --template goal.toml
+    Example: coilarray optimize my_board.toml smallest --keep "inductance_uH[coil1]>=18" --template
+    goal.toml
     """
     if list_quantities:
         _print_quantities(as_json=as_json)

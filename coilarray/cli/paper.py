@@ -37,8 +37,9 @@ def fit(
 ) -> None:
     """Fit the ellipse model of Gast & Zimmermann (2020).
 
-    Fits ellipses to the curves of equal δ of a response, and polynomials of δ to their A, B and x0. They are printed in
-    mm beside the paper's Table A1 for coils of the same names. The comparison makes sense for the paper's board only.
+    Fits ellipses to the curves of equal δ of a response, and polynomials of δ to their A, B and x0.
+    They are printed in mm beside the paper's Table A1 for coils of the same names. The comparison
+    makes sense for the paper's board only.
 
     Example: coilarray paper fit gast2020 --out model.json --plot model.png
     """
@@ -88,9 +89,9 @@ def distortion(
 ) -> None:
     """Predict how the ellipses' centre x0 moves with δ.
 
-    The map of the design is evaluated as in the paper, then each cause is switched off in turn. Nothing is fitted to
-    x0. The difference between prediction and Table A1 is printed, without the levels of δ at which too little of the
-    ellipse is inside the window. It takes about a minute.
+    The map of the design is evaluated as in the paper, then each cause is switched off in turn.
+    Nothing is fitted to x0. The difference between prediction and Table A1 is printed, without the
+    levels of δ at which too little of the ellipse is inside the window. It takes about a minute.
 
     Example: coilarray paper distortion gast2020 --out distortion.nc --plot distortion.png
     """

@@ -31,7 +31,8 @@ _LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: t
 def compiling_beside() -> Iterator[None]:
     """Compile kernels in another process while the block runs.
 
-    Nothing happens on one core, without numba, if the kernels are on disk, or if numba may not write beside them.
+    Nothing happens on one core, without numba, if the kernels are on disk, or if numba may not
+    write beside them.
     """
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1] / "electromagnetics/kernels/__pycache__")
     off = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")

@@ -50,22 +50,25 @@ def response(
 ) -> None:
     """Compute the response of every coil to an indentation.
 
-    Computes δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the
-    other coils as the scan terminates them. The table shows the peak of every map. Positions in the table, the picture
-    and a .csv are on the board. In a .nc they count from the map's origin, which it states. After an interruption
-    the same command resumes from the folder FILE.parts. On large boards only the coils near the indenter are included,
-    and a line says so.
+    Computes δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the
+    indenter, with the other coils as the scan terminates them. The table shows the peak of every
+    map. Positions in the table, the picture and a .csv are on the board. In a .nc they count from
+    the map's origin, which it states. After an interruption the same command resumes from the
+    folder FILE.parts. On large boards only the coils near the indenter are included, and a line
+    says so.
 
-    An indenter with a material (indenter.material of the design) also changes δ by its eddy currents and its
-    magnetisation. Their share is shown beside δ. L_0 is read while the indenter just touches the sheets. A negative
-    depth of such an indenter is a height above the sheets: --depth-mm=-5,-1,0,1.
+    An indenter with a material (indenter.material of the design) also changes δ by its eddy
+    currents and its magnetisation. Their share is shown beside δ. L_0 is read while the indenter
+    just touches the sheets. A negative depth of such an indenter is a height above the sheets:
+    --depth-mm=-5,-1,0,1.
 
-    Plates below the coils ([[plate]]: a backplane, a copper pour) are included at the frequency of each state. Infinite
-    plates reflect the field of the coils and of the dent, plates with an outline only the field of the coils.
+    Plates below the coils ([[plate]]: a backplane, a copper pour) are included at the frequency of
+    each state. Infinite plates reflect the field of the coils and of the dent, plates with an
+    outline only the field of the coils.
 
-    With --dent the table has the displacement of each sheet's upper face on the axis, the force of the indenter, which
-    has no friction, and the ring, the highest rise of the free surface. A rectangular sample counts as wide, and its
-    seat as even.
+    With --dent the table has the displacement of each sheet's upper face on the axis, the force of
+    the indenter, which has no friction, and the ring, the highest rise of the free surface. A
+    rectangular sample counts as wide, and its seat as even.
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
 
@@ -131,7 +134,7 @@ def response(
 def _print_dent(
     name: str | None, depths: list[float] | None, out: Path | None, plot: Path | None, *, as_json: bool
 ) -> None:
-    """Compute and print the dent and the force of a design."""
+    """Compute and print a design's dent and force."""
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
     from coilarray.circuit.coupling import provenance

@@ -1,4 +1,4 @@
-"""Arguments and options of several commands, and how a command reads, writes and prints."""
+"""Arguments, options, reading, writing and printing of several commands."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *
 
 
 def number_option(names: Sequence[str], low: float, high: float, text: str, *, above: bool = False) -> Any:
-    """Return an option for a number from `low` (or above it) to `high`."""
+    """Return an option for a number from `low` to `high`."""
     allowed = f"above {low:.12g} and at most {high:.12g}" if above else f"{low:.12g} to {high:.12g}"
 
     def check(value: float | None) -> float | None:
@@ -170,7 +170,7 @@ _MOST_LENGTHS = 1000
 
 
 def open_design(name: str | None, *, allow_violations: bool) -> Design:
-    """Read a design, refused if it breaks a rule that is not allowed."""
+    """Read a design, whose broken rules must be allowed."""
     return open_design_file(name, allow_violations=allow_violations).design
 
 
@@ -196,10 +196,7 @@ def design_record(design: Design) -> dict[str, str]:
 
 @contextmanager
 def map_parts(out: Path | None) -> Iterator[Keep]:
-    """Keep the parts of a map beside its file, for an interrupted command.
-
-    They are discarded at the end of the block, in which the file is written.
-    """
+    """Keep a map's parts beside its file until written."""
     from coilarray.compute.store import not_kept, open_store
 
     if out is None:
@@ -221,7 +218,7 @@ def map_parts(out: Path | None) -> Iterator[Keep]:
 def from_map_origin(
     setup: Indentation | Target | None, x: Sequence[float] | None, y: Sequence[float] | None
 ) -> tuple[tuple[float, ...] | None, ...]:
-    """Return positions in m on the board as counted from a map's origin."""
+    """Return positions on the board (m) from a map's origin."""
     from coilarray.response.dataset import from_board, map_origin
 
     rows = zip((x, y), map_origin(setup), strict=True)
@@ -229,7 +226,7 @@ def from_map_origin(
 
 
 def lengths(option: str, text: str | None, *, positive: bool = False) -> list[float] | None:
-    """Convert a rising list or range START:STOP:COUNT in mm to m."""
+    """Convert a rising list or START:STOP:COUNT from mm to m."""
     if text is None:
         return None
     import numpy as np
@@ -256,13 +253,13 @@ def lengths(option: str, text: str | None, *, positive: bool = False) -> list[fl
 
 
 def require_new(path: Path, *, force: bool) -> None:
-    """Refuse without `force` a file that exists, or a folder with files."""
+    """Refuse without `force` an existing file or filled folder."""
     if not force and (any(path.iterdir()) if path.is_dir() else path.exists()):
         raise OutputError(f"{path} exists; --force replaces it.")
 
 
 def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
-    """Refuse before any work a file that could not be written."""
+    """Refuse before any work a file that cannot be written."""
     from coilarray.compute.files import writing
 
     if path is None:
@@ -280,7 +277,7 @@ def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -
 
 
 def check_folder(path: Path) -> None:
-    """Refuse before any work a folder that could not be made or written in."""
+    """Refuse before any work a folder that cannot be written."""
     from coilarray.compute.files import writing
 
     with writing(path):
@@ -335,7 +332,7 @@ def print_result(
 
 
 def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> list[str]:
-    """Return a line on windings without capacitance, if a quantity needs it."""
+    """Return a line on windings without a needed capacitance."""
     from coilarray.circuit.board_circuit import board_circuit
     from coilarray.studies.quantities import request
 
@@ -344,19 +341,19 @@ def missing_capacitance(design: Design, quantities: Sequence[str] = ("q",)) -> l
 
 
 def left_out_lines(left_out: str) -> list[str]:
-    """Return the line on effects that are left out, if any."""
+    """Return a line on effects that are left out."""
     return [f"not in these numbers: {left_out}"] if left_out else []
 
 
 def noise_source(given: float | None, response: xr.Dataset) -> str:
-    """Describe the source of the noise of δ, if it is not given."""
+    """Describe the source of the noise of δ, unless given."""
     if given is not None:
         return ""
     return " from the noise budget" if "noise" in response.attrs else " by default, as the response states none"
 
 
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
-    """Return the line on the errors of plates with an outline, if any."""
+    """Return a line on errors of plates with outlines."""
     if "plate_error_inductance" not in attributes:
         return []
     errors = [100 * attributes[f"plate_error_{name}"] for name in ("inductance", "resistance")]
@@ -368,18 +365,18 @@ def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
 
 
 def print_json(data: Any) -> None:
-    """Print a value as JSON, without numbers that are not finite."""
+    """Print a value as JSON, without infinite numbers and NaN."""
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
 def terminal_width(*, err: bool = False) -> int | None:
-    """Characters of a line of the terminal, None if the output, or standard error, is no terminal."""
+    """Characters of the terminal's line, None if redirected."""
     stream = sys.stderr if err else sys.stdout
     return shutil.get_terminal_size().columns if stream is not None and stream.isatty() else None
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print lines of words, wrapped at the width of the terminal."""
+    """Print lines, wrapped at the width of the terminal."""
     from coilarray.compute.table import fill
 
     typer.echo(fill(text, terminal_width(err=err)), err=err)
@@ -408,7 +405,7 @@ def progress_bar(text: str) -> Iterator[Progress]:
 
 @contextmanager
 def chosen_workers(workers: int | None, cluster: str | None, tasks: int | None = None) -> Iterator[int | Executor]:
-    """Open the executor of --cluster, or return the number of --workers."""
+    """Open the executor of --cluster, or return --workers."""
     from coilarray.compute.threads import cores
     from coilarray.compute.workers import MOST_WORKERS, dask_executor
 
@@ -429,9 +426,9 @@ def check_workers(workers: int | None, cluster: str | None) -> None:
 def resumable(
     kept: Callable[[int], str], done: int = 0
 ) -> Iterator[Callable[[Callable[..., None]], Callable[..., None]]]:
-    """If the block is interrupted, say how many finished tasks are kept.
+    """Say how many tasks are kept after an interruption.
 
-    The block gets a function that wraps a progress function into one that also counts.
+    The block gets a function that makes a progress function count too.
     """
 
     def counting(show: Callable[..., None]) -> Callable[..., None]:

@@ -48,10 +48,11 @@ def studio(
 ) -> None:
     """Change a design in the browser and see the results.
 
-    It has sliders for the design, the board in three dimensions, couplings and margins, the field with switches for
-    every coil, an indenter to drag over the board, optimisations, and the live board or its emulator. The page is
-    served to this computer alone unless --host is given, always under the address that is printed, whose token keeps
-    other accounts out, and loads nothing from other hosts. Ctrl-C ends it.
+    It has sliders for the design, the board in three dimensions, couplings and margins, the field
+    with switches for every coil, an indenter to drag over the board, optimisations, and the live
+    board or its emulator. The page is served to this computer alone unless --host is given, always
+    under the printed address, whose token keeps other accounts out. It loads nothing from other
+    hosts. Ctrl-C ends it.
 
     Example: coilarray studio gast2020
 

@@ -36,15 +36,17 @@ def target(
 ) -> None:
     """Compute the response of every coil to a metal target.
 
-    The [target] of the design, of metal or ferrite, is moved over the board, vertically and sideways. At every position
-    the whole circuit is solved: L, R, Q, R_p and f of every state of the scan, its δ relative to the board without the
-    target, and every coupling. The tables show each state without the target, and at the position where the target
-    changes it most, with the relative change Δf/f of its frequency, about −δ/2. They also show its range, the distance
-    at which |δ| is 3 times the noise, and the distances up to which 1, 10 and 100 µm are resolved. Positions in tables,
-    pictures and a .csv are on the board. The design may have any [[plate]] beside a target, with a sphere only those
-    below the coils. A plate that nearly touches the copper takes longest: --accuracy screen takes a third of the time.
-    Over magnetic sheets or beside plates an interrupted map of a disc or another outline is resumed, distance by
-    distance, from the folder FILE.parts by the same command.
+    The [target] of the design, of metal or ferrite, is moved over the board, vertically and
+    sideways. At every position the whole circuit is solved: L, R, Q, R_p and f of every state of
+    the scan, its δ relative to the board without the target, and every coupling. The tables show
+    each state without the target, and at the position where the target changes it most, with the
+    relative change Δf/f of its frequency, about −δ/2. They also show its range, the distance at
+    which |δ| is 3 times the noise, and the distances up to which 1, 10 and 100 µm are resolved.
+    Positions in tables, pictures and a .csv are on the board. The design may have any [[plate]]
+    beside a target, with a sphere only those below the coils. A plate that nearly touches the
+    copper takes longest: --accuracy screen takes a third of the time. Over magnetic sheets or
+    beside plates an interrupted map of a disc or another outline is resumed, distance by distance,
+    from the folder FILE.parts by the same command.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """

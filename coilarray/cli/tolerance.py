@@ -51,11 +51,12 @@ def tolerance(
 ) -> None:
     """Predict how much fabricated boards differ, and why.
 
-    Quantities are L and k of all coils by default, of more than 7 coils k of neighbours only. Etching,
-    registration, thicknesses, placement, permeability and tank capacitor have distributions, with one share common
-    to a board and one for each layer. The spread is linearised, checked on randomly drawn boards, and split by
-    cause. Limits in the tolerance file give a yield. With [positions] in that file (x_mm, y_mm, depth_mm, noise)
-    the analysis includes δ, and the error of a position found with the response table of the nominal board.
+    Quantities are L and k of all coils by default, of more than 7 coils k of neighbours only.
+    Etching, registration, thicknesses, placement, permeability and tank capacitor have
+    distributions, with one share common to a board and one for each layer. The spread is
+    linearised, checked on randomly drawn boards, and split by cause. Limits in the tolerance file
+    give a yield. With [positions] in that file (x_mm, y_mm, depth_mm, noise) the analysis includes
+    δ, and the error of a position found with the response table of the nominal board.
 
     Example: coilarray tolerance gast2020 --samples 128 --out spread.csv --plot spread.png
 
@@ -88,7 +89,8 @@ def tolerance(
         shared.chosen_workers(workers, cluster) as used,
         ExitStack() as bars,
     ):
-        # long, so that it comes after all that may be refused; its bar ends before that of the boards begins
+        # long, so that it comes after all that may be refused; its bar ends before that of the
+        # boards begins
         known = None if read.positions is None else kept_table(opened)
         show = counting(bars.enter_context(shared.progress_bar("boards")))
         result = analyse(opened, read, **settings, table=known, workers=used, cache=kept, progress=show)

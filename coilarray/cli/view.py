@@ -87,12 +87,13 @@ def view(
 ) -> None:
     """Show a design in three dimensions, or its magnetic field.
 
-    Opens a window, or writes a file. B is in phase with a current of 1 mA in the measured coil, in free space or beside
-    infinite plates. The target that is shown with it is one of them, at one distance.
+    Opens a window, or writes a file. B is in phase with a current of 1 mA in the measured coil, in
+    free space or beside infinite plates. The target that is shown with it is one of them, at one
+    distance.
 
-    The numbers of the field (.nc, .vtr) are on a plane or in a volume above the board, of a target only with
-    --distance-mm. Magnetic sheets change only the currents. Traces are thin wires along their middle lines, so B is
-    not the field of the trace nearer to it than its width.
+    The numbers of the field (.nc, .vtr) are on a plane or in a volume above the board, of a target
+    only with --distance-mm. Magnetic sheets change only the currents. Traces are thin wires along
+    their middle lines, so B is not the field of the trace nearer to it than its width.
 
     Example: coilarray view gast2020 --out board.png
 
@@ -185,7 +186,7 @@ _NOT_OF_FILMS = {"--show", "--layers", "--coil", "--spacing-mm", "--at-mm", "--d
 
 
 def _kind(out: Path | None) -> Kind:
-    """Return the kind of a file, refused if it could not be written."""
+    """Return the kind of a file that can be written."""
     if out is None:
         return "window"
     kind = _KINDS.get(out.suffix.lower())
@@ -211,7 +212,7 @@ def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, in
 
 
 def _write_film(design: Design, out: Path, side: Side, pixels: dict[str, tuple[int, int]], depth: float | None) -> None:
-    """Write the film of an indenter that moves along x over the middle coil."""
+    """Write the film of an indenter that moves along x."""
     from coilarray.viz.scenes.touch import touch_along
 
     with shared.progress_bar("response") as progress:
@@ -234,7 +235,7 @@ def _write_field(
     spacing_mm: float,
     distance: float | None,
 ) -> tuple[str, dict[str, object]]:
-    """Compute B for 1 mA and write it, and return a line and numbers."""
+    """Compute and write B for 1 mA, return line and numbers."""
     active = design.array.middle_coil if coil is None else coil
     if active not in design.array.names:
         raise GeometryError(f"--coil must be one of {', '.join(design.array.names)}; got {active}.")

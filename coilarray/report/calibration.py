@@ -123,7 +123,7 @@ def calibration_tables(result: xr.Dataset) -> list[Table]:
 
 
 def calibration_notes(result: xr.Dataset) -> list[str]:
-    """Return sentences about what the data do not determine."""
+    """Return sentences about directions that the data do not determine."""
     best = result.isel(combination=0)
     notes = []
     for name in best.unknown.values[best.at_bound.values].tolist():

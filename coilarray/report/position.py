@@ -133,7 +133,7 @@ _STATUS = {
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
     """Return the coefficients of δ⁴ … δ⁰ in m.
 
-    If `compare`, the coefficients of Table A1 are below those of the same coil.
+    If `compare`, the coefficients of Table A1 are below, by coil.
     """
     four = DisplayUnit("mm", 1e3, significant=True)
     columns = (*map(Column, ("coil", "parameter", "source")), *(Column(power, "", "m", four) for power in _POWERS))

@@ -113,7 +113,7 @@ def location_marks(view: TopView, location: Location) -> str:
 
 
 def state_colours(design: Design) -> dict[str, str]:
-    """Colour of each state, that of its first coil."""
+    """Colour of each state, by its first coil."""
     colours = coil_colours(design.array.names, design.array.centres)
     return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
 

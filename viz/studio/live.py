@@ -175,7 +175,7 @@ class LivePanel(Panel):
     """Panel with the readings of a board as they arrive."""
 
     def __init__(self, session: Session) -> None:
-        self._design: Design = session.work.design  # the one that is read
+        self._design: Design = session.work.design  # of the board that is read
         self._frame: BoardFrame | None = None
         self._history = History(())
         self._presses: dict[int, Press] = {}

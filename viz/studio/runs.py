@@ -192,7 +192,7 @@ class RunsPanel(Panel):
 
     def __init__(self, session: Session) -> None:
         self._runs: tuple[Run, ...] = ()
-        self._folder: Path | None = None  # the one that is read
+        self._folder: Path | None = None  # of the runs that are read
         self._stamp = 0
         self._started: dict[Path, str] = {}  # digests of the designs of this page's searches, by folder
         self._following: asyncio.Task[None] | None = None

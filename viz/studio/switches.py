@@ -159,7 +159,7 @@ class SwitchesPanel(Panel):
 
 
 def reading_table(result: Resonance) -> Table:
-    """Return what the converter reads."""
+    """Return the readings of the converter."""
     columns = (
         Column("effective_inductance", "L_eff", "H"), Column("effective_resistance", "R_eff", "ohm"),
         Column("frequency", "resonance", "Hz"), Column("quality_factor", "Q", "1"),

@@ -1,1 +1,1 @@
-"""The commands ``coilarray board …``: a board read out, real or emulated."""
+"""Commands ``coilarray board …`` for a real or emulated board."""

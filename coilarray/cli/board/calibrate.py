@@ -59,11 +59,12 @@ def calibrate(
 ) -> None:
     """Find the constants of a board from a recording.
 
-    The constants are the clock and the capacitance of every tank. L depends on both, δ on neither. The clock is found
-    from a known frequency, and the capacitances from known inductances. Use the file with: coilarray board compare
-    --calibration
+    The constants are the clock and the capacitance of every tank. L depends on both, δ on neither.
+    The clock is found from a known frequency, and the capacitances from known inductances. The file
+    is for: coilarray board compare --calibration
 
-    Example: coilarray board calibrate run.sqlite --inductance-uH 52.7 --inductance-error 0.005 --out board.toml
+    Example: coilarray board calibrate run.sqlite --inductance-uH 52.7 --inductance-error 0.005
+    --out board.toml
 
     Example: coilarray board calibrate campaign.sqlite --simulated --out board.toml
     """

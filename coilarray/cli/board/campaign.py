@@ -56,15 +56,17 @@ def campaign(
 ) -> None:
     """Measure while an indenter presses on a grid of positions.
 
-    The result is the response of every coil. Steps at every position: measure the baseline, indent, wait, measure the
-    peak, relax. The grid is that of the design unless --plan has another. Every scan is in the file as soon as it
-    arrives; --resume measures the positions that are missing. A campaign begins and ends with a self-test of switches
-    and coils, since scans alone do not show every fault. Without --port an emulator replaces board and indenter, in
-    virtual time, and every line of the output says so.
+    The result is the response of every coil. Steps at every position: measure the baseline, indent,
+    wait, measure the peak, relax. The grid is the design's unless --plan has another. Every scan is
+    in the file as soon as it arrives, and --resume measures the missing positions. A campaign
+    begins and ends with a self-test of switches and coils, since scans alone do not show every
+    fault. Without --port an emulator replaces board and indenter, in virtual time, and every line
+    of the output says so.
 
-    A person moves the indenter of a real board, or a G-code stage that the plan names. The stage begins with a slow
-    move, which a person confirms. One that restarts when its port is opened has forgotten where it is, and is refused
-    unless the plan lets it home itself. `coilarray board info` converts the recording to a response.
+    A person moves the indenter of a real board, or a G-code stage that the plan names. The stage
+    begins with a slow move, which a person confirms. A stage that restarts when its port is opened
+    has lost its position, and is refused unless the plan lets it home itself. `coilarray board
+    info` converts the recording to a response.
 
     Example: coilarray board campaign gast2020 --out campaign.sqlite
 
@@ -131,13 +133,13 @@ def _print_progress(done: int, total: int) -> None:
 
 
 def _reconnect(board: Board) -> Reader:
-    """Reopen a microcontroller that restarted; other boards cannot restart."""
+    """Reopen a microcontroller that restarted, unlike other boards."""
     board.reader = cast("MicrocontrollerReader", board.reader).reconnect(_PATIENCE)
     return board.reader
 
 
 def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], *, yes: bool) -> Stage:
-    """Return the machine of a plan, opened, or a person, or the stage of an emulated board."""
+    """Return the plan's machine, a person, or the emulator's stage."""
     from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
     from coilarray.hardware.wire.serial_ports import OpenSerialPort, choose_serial_port
 
@@ -165,7 +167,7 @@ def _ask(text: str) -> None:
 
 
 def _agree(text: str) -> None:
-    """Show a text and wait for a yes; HardwareError for any other answer."""
+    """Show a text, and wait for a yes."""
     if _answer(f"{text} [y/N] ").strip().lower() not in ("y", "yes"):
         raise HardwareError("the move of the stage was not confirmed.")
 

@@ -64,9 +64,10 @@ def compare(
 ) -> None:
     """Compare a measured response with a simulated one.
 
-    For every coil it finds the scale and the shift that fit the simulated map to the measured one, the residuals before
-    and after, and x0, A and B of the ellipses of both with the same settings. Maps on different grids are interpolated,
-    never extrapolated; states, depths and positions that are in one map only are listed.
+    For every coil it finds the scale and the shift that fit the simulated map to the measured map,
+    the residuals before and after, and x0, A and B of the ellipses of both with the same settings.
+    Maps on different grids are interpolated, never extrapolated. States, depths and positions of a
+    single map are listed.
 
     Example: coilarray board compare campaign.sqlite gast2020 --out comparison
     """
@@ -119,7 +120,7 @@ def _is_page(out: Path) -> bool:
 def _response(
     name: str, beside: xr.Dataset | None, largest_shift: float | None, calibration: Path | None, allow_violations: bool
 ) -> _Source:
-    """Read or compute a response; what is computed beside another one has positions around all of its own."""
+    """Read or compute a response, with positions around another."""
     if is_recording(name):
         return recorded_map(Path(name), calibration)
     if is_map(name):
@@ -133,10 +134,10 @@ def _response(
 
 
 def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | None) -> _Source:
-    """Response of a design with all strays of its circuit, at its own positions or around those of another one.
+    """Response of a design with all strays of its circuit.
 
-    L_0 is by the design's tank capacitor alone, as a recording has it that is not calibrated; beside one that is, by
-    all capacitance there is.
+    Beside another response it is around that one's positions. L_0 is by the design's tank capacitor
+    alone, as in a recording that is not calibrated, beside a calibrated one by all capacitance.
     """
     from coilarray.errors import ElastomerError
     from coilarray.hardware.scan.design_settings import board_network
@@ -164,7 +165,7 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
 
 
 def _around(response: xr.Dataset, largest_shift: float | None) -> tuple[FloatArray, FloatArray]:
-    """Positions of a response along x and y in m, and as many beyond as the largest shift may reach."""
+    """Positions along x and y, widened by the largest shift."""
     import numpy as np
 
     axes = []
@@ -178,7 +179,7 @@ def _around(response: xr.Dataset, largest_shift: float | None) -> tuple[FloatArr
 
 
 def _write(result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequence[FloatArray]) -> list[Path]:
-    """Write the page alone, or a folder with page, numbers and tables; return the files."""
+    """Write the page, or a folder with numbers and tables."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.report.comparison import comparison_tables, write_comparison_page

@@ -1,4 +1,4 @@
-"""Files of the options --settings of a board and --plan of a campaign."""
+"""Files of the options --settings and --plan."""
 
 from __future__ import annotations
 
@@ -22,32 +22,47 @@ class BoardSettings(Table):
     """Settings of a board, all of them optional."""
 
     coils: list[Name] | None = None
-    """Coils at the channels of the port, in that order; needed if the design has more coils than the port channels."""
+    """Coils at the channels of the port, in that order.
+
+    They are needed if the design has more coils than the port has channels.
+    """
     states: list[Name] | None = None
-    """States of the scan to measure; all of them by default."""
+    """States of the scan to measure, by default all."""
     clock: Annotated[float, Field(gt=0)] | None = Field(alias="clock_MHz", default=None)
-    """Clock of the converter, measured or external. By default that of the port, or 43.4, typical of the internal
-    oscillator. It may be as low as 35, so that scans take a quarter longer while the clock is not given."""
+    """Clock of the converter, measured or external.
+
+    By default it is the port's, or 43.4, typical of the internal oscillator. It may be as low as
+    35, so that scans take a quarter longer while the clock is not given.
+    """
     external_clock: bool = False
-    """Whether the clock is an external one, at the pin CLKIN."""
+    """Whether the clock is external, at the pin CLKIN."""
     discard: Annotated[int, Field(ge=0, le=15)] = 0
     """Conversions of each state to discard after the converter wakes."""
     drive: _Drive | None = None
-    """Drive current (IDRIVE) of all coils; from the design by default."""
+    """Drive current (IDRIVE) of all coils, by default the design's."""
     drives: dict[Name, _Drive] = Field(default_factory=dict)
     """Drive currents of single coils."""
     thermometer: Annotated[str, Field(min_length=1)] | None = None
-    """File of a thermometer, read once a second and recorded: hwmon, a thermal zone or the 1-wire bus of Linux (in
-    0.001 °C), or any file with a number that has a decimal point (in °C). The emulator has its own."""
+    """File of a thermometer, read once a second and recorded.
+
+    It is hwmon, a thermal zone or the 1-wire bus of Linux (in 0.001 °C), or any file with a number
+    that has a decimal point (in °C). The emulator has its own.
+    """
     allow_violations: bool = False
-    """Whether the design may break a fabrication rule; the inductance of overlapping traces is not meaningful."""
+    """Whether the design may break a fabrication rule.
+
+    The inductance of overlapping traces is not meaningful.
+    """
     baseline_scans: Annotated[int, Field(ge=2, le=100_000)] = 10
-    """First scans of a live display, without an indentation, that are the baseline of δ."""
+    """First scans of a live display, without an indentation, as baseline."""
     noise: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Standard deviation of δ in addition to the scatter of the readings of a live display, independent for each coil.
-    By default that of changes since the baseline in the noise budget, independent and common to all."""
+    """Standard deviation of δ beside the scatter of live readings.
+
+    It is independent for each coil. By default it is the noise budget's standard deviation of
+    changes since the baseline, independent and common to all.
+    """
     replay_speed: Annotated[float, Field(ge=0, le=1000)] = 1.0
-    """Speed of a replay by a live display: 1 as recorded, 0 as fast as possible."""
+    """Speed of a replay: 1 as recorded, 0 without waiting."""
 
     @model_validator(mode="after")
     def _clock_is_known(self) -> BoardSettings:
@@ -57,14 +72,14 @@ class BoardSettings(Table):
 
 
 def read_settings(path: Path | None) -> BoardSettings:
-    """Read a settings file; the defaults without one."""
+    """Read a settings file, by default the default settings."""
     if path is None:
         return BoardSettings()
     return _SETTINGS.check(BoardSettings, _SETTINGS.parse(_SETTINGS.text(path), str(path)), str(path))
 
 
 class StageTable(Table):
-    """``[stage]``: a machine that takes G-code, with x and y on the board and z = 0 at contact."""
+    """``[stage]``: a machine for G-code, x and y on the board, z = 0 at contact."""
 
     machine: Literal["grbl", "marlin"]
     """Its firmware."""
@@ -77,13 +92,16 @@ class StageTable(Table):
     depth: Annotated[float, Field(gt=0, le=100)] = Field(alias="depth_mm")
     """Greatest depth below the point of contact."""
     clearance: Annotated[float, Field(gt=0, le=100)] = Field(alias="clearance_mm", default=2.0)
-    """Height over the sheets at which it travels and the baselines are measured."""
+    """Height over the sheets in travel and for baselines."""
     home: bool = False
-    """Whether to home it first, $H of GRBL or G28 of Marlin; needed where it restarts as its port opens."""
+    """Whether to home it first, $H of GRBL or G28 of Marlin.
+
+    It is needed where it restarts as its port opens.
+    """
 
 
 class CampaignPlan(Table):
-    """Grid and sequence of a campaign, all of it optional: the design has a grid of its own."""
+    """Grid and sequence of a campaign, by default the design's."""
 
     x: _Row | None = Field(alias="x_mm", default=None)
     """Positions along x on the board, rising."""
@@ -100,11 +118,11 @@ class CampaignPlan(Table):
     speed: Annotated[float, Field(gt=0, le=100)] = Field(alias="speed_mm_s", default=1.5)
     """Speed of the indenter, down and up."""
     stage: StageTable | None = None
-    """What moves the indenter; a person, prompted for every position, by default."""
+    """Mover of the indenter, by default a person with prompts."""
 
 
 def read_plan(path: Path | None) -> CampaignPlan:
-    """Read the plan of a campaign; that of the design without one."""
+    """Read the plan of a campaign, by default the design's."""
     if path is None:
         return CampaignPlan()
     return _PLANS.check(CampaignPlan, _PLANS.parse(_PLANS.text(path), str(path)), str(path))

@@ -68,13 +68,14 @@ def info(
 ) -> None:
     """Show a summary of a recording, and convert it.
 
-    A campaign becomes a response, as `coilarray response` writes it: netCDF, or a CSV with a line for every position
-    and state. Anything else becomes a time series: netCDF with all raw words, or a CSV of time_s and the δ of every
-    coil, which `coilarray locate` reads. The whole file is checked for damage, and refused if a checksum is wrong.
+    A campaign becomes a response, as `coilarray response` writes it: netCDF, or a CSV with a line
+    for every position and state. Anything else becomes a time series: netCDF with all raw words, or
+    a CSV of time_s and the δ of every coil, which `coilarray locate` reads. The whole file is
+    checked for damage, and refused if a checksum is wrong.
 
-    With --noise it shows the noise of single scans, the noise of averages over longer times, and the drift, beside the
-    budget that `coilarray impedance --noise` explains, for the settings of the recording. Let nothing touch the board
-    while it is recorded, some ten minutes.
+    With --noise it shows the noise of single scans, the noise of averages over longer times, and
+    the drift, beside the budget that `coilarray impedance --noise` explains. Let nothing touch the
+    board while it is recorded, some ten minutes.
 
     Example: coilarray board info run.sqlite
 
@@ -126,7 +127,7 @@ def info(
 
 
 def _verify(path: Path, *, as_json: bool) -> None:
-    """Check a file against its checksums, and say what was found; HardwareError names what is damaged."""
+    """Check a file against its checksums, and tell the findings."""
     if is_recording(str(path)) or path.suffix.lower() not in _SEALED:
         from coilarray.hardware.record.recording import open_recording
 
@@ -151,7 +152,7 @@ def _verify(path: Path, *, as_json: bool) -> None:
 
 
 def summary_parts(summary: Mapping[str, Any]) -> list[str | Table]:
-    """Return the summary of a recording as lines of text and a table."""
+    """Return a recording's summary as lines and a table."""
     from coilarray.compute.table import text_table
 
     lines: list[str | Table] = [
@@ -180,7 +181,7 @@ def summary_parts(summary: Mapping[str, Any]) -> list[str | Table]:
 
 
 def reading_cells(frequency: float | None, inductance: float | None) -> tuple[str, str]:
-    """Return the cells of a table for a frequency in Hz and an inductance in H."""
+    """Cells of a frequency in Hz and inductance in H."""
     return (
         "–" if frequency is None else f"{frequency * 1e-6:.6f}",
         "–" if inductance is None else f"{inductance * 1e6:.4f}",
@@ -188,7 +189,7 @@ def reading_cells(frequency: float | None, inductance: float | None) -> tuple[st
 
 
 def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_json: bool) -> None:
-    """Print the Allan deviations of the longest session of a recording beside its budget."""
+    """Print the longest session's Allan deviations beside its budget."""
     import numpy as np
 
     from coilarray.hardware.record.recorded_response import at_rest, less_reference, recorded_series

@@ -57,15 +57,17 @@ def live(
 ) -> None:
     """Show δ of every coil and the position, scan by scan.
 
-    The first scans, without an indentation, are the baseline; the key z measures it again, q ends. If the output is
-    piped, it has one line for each scan. A press begins when δ exceeds what noise and drift of the baseline can
-    explain. Without --port an emulator replaces the board, every line says so, and a finger moves over it unless
-    --emulate says otherwise. Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the
-    converter asleep. The file of --settings has the number of baseline scans, their noise and the speed of a replay.
+    The first scans, without an indentation, are the baseline. The key z measures it again, q ends.
+    Piped output has one line for each scan. A press begins when δ exceeds noise and drift of the
+    baseline. Without --port an emulator replaces the board, every line says so, and a finger moves
+    over it unless --emulate says otherwise. Ctrl-C, or closing the window of --plot, leaves the
+    board at rest: all coils grounded, the converter asleep. The file of --settings has the number
+    of baseline scans, their noise and the speed of a replay.
 
     Example: coilarray board live gast2020 --port /dev/ttyACM0
 
-    Example: coilarray board live gast2020 --port /dev/ttyACM0 --plot --out touches.sqlite --reference coil6
+    Example: coilarray board live gast2020 --port /dev/ttyACM0 --plot --out touches.sqlite
+    --reference coil6
 
     Example: coilarray board live --recording run.sqlite
     """
@@ -101,7 +103,7 @@ def live(
 
 
 def _design_file(design: str | None, asked: LiveOptions) -> DesignFile:
-    """Return the design that is asked for, or that of the recording."""
+    """Return the given design, or the recording's."""
     if asked.recording is None:
         return asked.board.design_file(design)
     from coilarray.design.model import build_design_file
@@ -115,7 +117,7 @@ def _design_file(design: str | None, asked: LiveOptions) -> DesignFile:
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
-    """Return a function that prints one line per scan, at once."""
+    """Return a function that prints a line per scan."""
 
     def show(reading: LiveReading) -> None:
         sys.stdout.write(text(reading) + "\n")
@@ -126,7 +128,7 @@ def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
 
 @contextmanager
 def _screen(emulated: bool, reference: Sequence[str]) -> Iterator[Callable[[LiveReading], None]]:
-    """Draw the latest scan on the terminal, at most ten times a second."""
+    """Draw the latest scan, at most ten times a second."""
     from rich.console import Console
     from rich.live import Live
     from rich.text import Text
@@ -149,7 +151,7 @@ def _screen(emulated: bool, reference: Sequence[str]) -> Iterator[Callable[[Live
 
 
 def live_record(reading: LiveReading, *, emulated: bool, reference: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a reading as a mapping for JSON, in SI units."""
+    """Return a reading for JSON, in SI units."""
     from coilarray.report.position import location_record
 
     return {
@@ -193,7 +195,7 @@ def less_text(reference: Sequence[str]) -> str:
 
 
 def _beside(reading: LiveReading) -> list[str]:
-    """Return the rest of a line: the press, and the temperature."""
+    """Return the rest of a line: press and temperature."""
     texts = []
     if reading.press is not None:
         begun = f"press {reading.press.number} since {reading.press.begin:.2f} s"
@@ -205,7 +207,10 @@ def _beside(reading: LiveReading) -> list[str]:
 
 
 def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = ()) -> list[str]:
-    """Return the lines on the screen: a bar for every state, full at |δ| = `scale`, the position, and the rate."""
+    """Return the screen's lines of bars, position and rate.
+
+    A bar is full at |δ| = `scale`.
+    """
     width = max((len(state.name) for state in reading.states), default=0)
     lines = [f"δ in 10⁻⁶; a full bar is {scale * 1e6:.0f}"]
     for state in reading.states:
@@ -230,7 +235,7 @@ def _delta_text(state: LiveState) -> str:
 
 
 def _place_text(reading: LiveReading) -> str:
-    """Return the position of the indentation, or why it is unknown."""
+    """Return the position, or why it is unknown."""
     if reading.waiting:
         from coilarray.localize.presses import baseline_text
 

@@ -1,7 +1,7 @@
-"""Readings of a live display, evaluated scan by scan, for the terminal and for a page.
+"""Readings of a live display for terminal and page.
 
-The page is that of the studio, so that there is one display for both. A browser is on every system, unlike a toolkit
-for windows, and can show a board at another computer.
+The page is the studio's, so that there is one display for both. A browser is on every system,
+unlike a toolkit for windows, and can show a board at another computer.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.services import BoardFrame, BoardRequest
 
 QUIT, ZERO = "q", "z"
-"""Orders to a running display: end, and measure the baseline again."""
+"""Orders to a display: end, or measure the baseline again."""
 
 _MOST_SCANS = 100_000_000
 _LONGEST_GAP = 5.0  # s that a replay waits at most from scan to scan
@@ -48,13 +48,7 @@ _FIRST = 5  # points of the path until the finger has pressed once
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Options of a live display, checked; plain values that can be sent to another process.
-
-    Raises
-    ------
-    HardwareError, OutputError
-        An invalid value: which option, and what is allowed.
-    """
+    """Checked options of a live display, plain for another process."""
 
     board: BoardOptions
     recording: Path | None = None  # to be replayed instead of reading a board
@@ -78,21 +72,22 @@ class LiveOptions:
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Readings of scans, each with whether the indenter is at rest, and their origin."""
+    """Readings, each with whether the indenter rests, and their origin."""
 
     readings: Iterator[tuple[ScanReading, bool]]
     line: str  # for people
     emulated: bool
     states: tuple[str, ...]  # of a scan
-    budget: NoiseBudget | None  # of the board as it is read; None if the design is another one
+    budget: NoiseBudget | None  # None for a design of another board
     begin: Callable[[], None] = lambda: None  # to be called once the baseline is complete
     model: ForwardModel | None = None  # for positions, if they are wanted
 
 
 def live_readings(source: LiveSource, options: LiveOptions, orders: Callable[[], str]) -> Generator[LiveReading]:
-    """Evaluate scan after scan; `orders` returns those of `QUIT` and `ZERO` given since its last call.
+    """Evaluate scan after scan.
 
-    A position is computed at most twenty times a second, so that it never delays the scans of a board.
+    `orders` returns the new orders `QUIT` and `ZERO`. A position is computed at most twenty times a
+    second, so that it never delays the scans of a board.
     """
     from coilarray.hardware.record.live_tracking import LiveTracker
 
@@ -126,14 +121,15 @@ def live_readings(source: LiveSource, options: LiveOptions, orders: Callable[[],
 
 @contextmanager
 def live_source(options: LiveOptions, design: Design, *, locate: bool, progress: Progress) -> Iterator[LiveSource]:
-    """Open the recording or the board of the options; a board rests afterwards.
+    """Open the recording or the board, which rests afterwards.
 
-    `progress` gets (done, total) while responses of the design are computed: of an emulated board, and of the table for
-    positions with `locate`. HardwareError for a reference that is not a state.
+    `progress` gets (done, total) while responses of the design are computed, of an emulated board
+    and for positions with `locate`.
     """
     from coilarray.design.scan_states import referenced_names
 
-    # A wrong port or file must fail before the table is computed, which may take minutes; the emulator cannot.
+    # A wrong port or file must fail before the table is computed, which may take minutes; the
+    # emulator cannot.
     early = locate and options.recording is None and is_emulator(options.board.port)
     model = _model(design, progress) if early else None
     with _replay(options, design) if options.recording is not None else _stream(options, design, progress) as source:
@@ -145,7 +141,7 @@ def live_source(options: LiveOptions, design: Design, *, locate: bool, progress:
 
 
 def _model(design: Design, progress: Progress) -> ForwardModel:
-    """Return the forward model of a design; its table is stored."""
+    """Return the forward model of a design, its table stored."""
     from coilarray.cli.maps import stored_table
     from coilarray.localize.forward import forward_model
     from coilarray.response.dataset import on_board
@@ -180,7 +176,10 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
 
 
 def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> NoiseBudget | None:
-    """Return the noise budget of a board with these settings; None if the noise is given, or the states differ."""
+    """Return the noise budget with these settings.
+
+    It is None if the noise is given, or the states differ.
+    """
     if asked.board.file.noise is not None or not {one.name for one in settings.states} <= {
         one.name for one in design.plan
     }:
@@ -191,7 +190,7 @@ def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> Noise
 
 
 def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
-    """Return a function that moves the finger of an emulator after the baseline; what it needs is computed here."""
+    """Return a mover of an emulator's finger after the baseline."""
     from coilarray.hardware.emulator.conditions import Place
 
     emulator, setup = board.emulator, design.indentation
@@ -210,7 +209,7 @@ def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[],
 
 @contextmanager
 def _replay(options: LiveOptions, design: Design) -> Iterator[LiveSource]:
-    """Yield the readings of a recording in the recorded order and time."""
+    """Yield the readings of a recording in order and time."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.scan.readings import read_scan
 
@@ -240,7 +239,10 @@ def _replay(options: LiveOptions, design: Design) -> Iterator[LiveSource]:
 
 
 def tour(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:
-    """Return the path of a finger that presses all over the design's map: time in s, x, y and depth in m."""
+    """Path of a finger all over the map.
+
+    It has time in s, and x, y and depth in m.
+    """
     path = [(start, setup.x[0], setup.y[0], 0.0)]
     for k in range(int(_TOUR / _STEP)):
         at = start + k * _STEP
@@ -257,7 +259,7 @@ _LINGER = 5.0  # s to load the page again before the window counts as closed
 
 
 def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None:
-    """Serve a page with only the live display until it is closed, or Ctrl-C; the board is at rest afterwards.
+    """Serve a page with the live display until closed.
 
     HardwareError if the reading of the board failed.
     """
@@ -296,7 +298,7 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
 
 
 def watch_board(base: LiveOptions, locate: bool, request: BoardRequest, link: Link) -> None:
-    """Send the readings of a board to a page; `base` has all options that the page does not offer."""
+    """Send readings to a page, other options from `base`."""
     from coilarray.design.model import build_design
     from coilarray.viz.studio.services import BoardFrame
 

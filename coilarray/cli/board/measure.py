@@ -57,14 +57,16 @@ def measure(
 ) -> None:
     """Measure with a board and record every scan.
 
-    The raw words of a scan are in the file as soon as they arrive: a run that is killed loses at most the scan in
-    progress. A recording is never overwritten; --resume continues it. Without --port an emulator replaces the board, in
-    virtual time, and every line of the output says so. `coilarray board info` shows and converts a recording, and
-    `coilarray board campaign` measures the response to an indenter on a grid.
+    The raw words of a scan are in the file as soon as they arrive: a run that is killed loses at
+    most the scan in progress. A recording is never overwritten, --resume continues it. Without
+    --port an emulator replaces the board, in virtual time, and every line of the output says so.
+    `coilarray board info` shows and converts a recording, and `coilarray board campaign` measures
+    the response to an indenter on a grid.
 
     Example: coilarray board measure gast2020 --port /dev/ttyACM0 --scans 500 --out run.sqlite
 
-    Example: coilarray board measure starter --port "i2c:1?channels=0,1" --settings board.toml --single
+    Example: coilarray board measure starter --port "i2c:1?channels=0,1" --settings board.toml
+    --single
     """
     modes = {"--single": single, "--scans": scans is not None, "--seconds": seconds is not None}
     given = [name for name, is_given in modes.items() if is_given]
@@ -115,7 +117,7 @@ def measure(
 def recorded_session(
     recorder: Recorder, board: Board, settings: ScanSettings, design: Design, plan: str | None = None, *, quiet: bool
 ) -> Iterator[None]:
-    """Record a session of a board; if the block fails, say how many scans are kept."""
+    """Record a session, and after a failure count kept scans."""
     from coilarray.hardware.record.recorder import begin_session
 
     recorder.start(begin_session(board, settings, design), plan, board.thermometer)

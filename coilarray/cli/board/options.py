@@ -1,4 +1,4 @@
-"""Options and settings files shared by the commands for a board, and the mark on lines about an emulated one."""
+"""Options, settings and marks of the commands for a board."""
 
 from __future__ import annotations
 
@@ -46,13 +46,7 @@ _LARGEST_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """Options of a command with a board, checked; `board_command` adds them to a command.
-
-    Raises
-    ------
-    HardwareError
-        An invalid value: which option, and what is allowed.
-    """
+    """Checked options of a command with a board, see `board_command`."""
 
     port: Annotated[
         str,
@@ -94,12 +88,12 @@ class BoardOptions:
 
     @property
     def given(self) -> list[str]:
-        """Names of the options for a board that are not left at their defaults."""
+        """Names of the board options that are not defaults."""
         names = ("port", "wiring", "rate", "emulate")
         return [f"--{name}" for name in names if getattr(self, name) not in (getattr(BoardOptions, name), [])]
 
     def design(self, name: str | None) -> Design:
-        """Read a design, which must keep the fabrication rules unless the settings allow violations."""
+        """Read a design, refused for violations that are not allowed."""
         return self.design_file(name).design
 
     def design_file(self, name: str | None) -> DesignFile:
@@ -107,7 +101,7 @@ class BoardOptions:
         return open_design_file(name, allow_violations=self.file.allow_violations)
 
     def press_on(self, design: Design) -> tuple[float, float, float] | None:
-        """Return the press of an emulated finger: x and y from the map's origin, and depth, in m."""
+        """Return the finger's press: x, y and depth in m."""
         if "press" not in self.emulation:
             return None
         from coilarray.response.dataset import map_origin
@@ -118,12 +112,12 @@ class BoardOptions:
 
 
 def is_emulator(port: str) -> bool:
-    """Whether the name of a port is that of an emulated board."""
+    """Whether a port names an emulated board."""
     return port.partition("?")[0].strip() == EMULATOR
 
 
 def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that replaces the parameter ``options`` of a command by the fields of `BoardOptions`.
+    """Return a decorator: parameter ``options`` becomes fields of `BoardOptions`.
 
     The command does not have the fields whose names are in `without`.
     """
@@ -154,10 +148,11 @@ def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., Non
 def opened_board(
     options: BoardOptions, design: Design, *, real_time: bool, progress: Progress | None = None
 ) -> Iterator[tuple[Board, ScanSettings]]:
-    """Open the board of the options and configure it for the coils of a design, for the length of a ``with`` block.
+    """Open and configure a board for a ``with`` block.
 
-    Its coils are grounded whichever way the block is left. With `real_time` the emulator takes as long as a board
-    would, otherwise its time is virtual; `progress` gets (done, total) while it computes its response table.
+    Its coils are grounded whichever way the block is left. With `real_time` the emulator takes as
+    long as a board, otherwise its time is virtual. `progress` gets (done, total) while it computes
+    its response table.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.record.recorder import thermometer
@@ -184,7 +179,7 @@ def opened_board(
 
 
 def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> ScanSettings:
-    """Make the settings of a scan from the options and the settings of the board."""
+    """Make a scan's settings from the options and the file."""
     from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
     from coilarray.hardware.scan.design_settings import design_settings
     from coilarray.hardware.scan.settings import ConverterClock
@@ -232,7 +227,7 @@ def _emulated(options: BoardOptions, *, real_time: bool) -> dict[str, Any]:
 
 
 def print_marked(data: Any, parts: Sequence[str | Table], *, as_json: bool, emulated: bool) -> None:
-    """Print the result of a command with a board: `data` as JSON and nothing else, or marked texts for people."""
+    """Print a result, as JSON alone or as marked texts."""
     if as_json:
         print_json(data)
     else:
@@ -241,7 +236,7 @@ def print_marked(data: Any, parts: Sequence[str | Table], *, as_json: bool, emul
 
 
 def marked(text: str, *, emulated: bool) -> str:
-    """Return a text with every line marked where it is about an emulated board."""
+    """Return a text, each line marked for emulated boards."""
     return "\n".join(f"{MARK}{line}".rstrip() for line in text.splitlines()) if emulated else text
 
 

@@ -45,16 +45,17 @@ def self_test(
 ) -> None:
     """Test every switch and coil of a board.
 
-    It lists the ports of this computer too. The exit code is 2 if the board has a fault. Run it once with every new
-    board: until it has passed, the order of the switches' bits is an assumption. It detects stuck switches, broken and
-    shorted coils, and switches assigned to the wrong coils, from which coils oscillate and how neighbouring coils
-    couple.
+    It lists the ports of this computer too. The exit code is 2 if the board has a fault. Run it
+    once with every new board: until it has passed, the order of the switches' bits is an
+    assumption. It detects stuck switches, broken and shorted coils, and switches assigned to the
+    wrong coils, from which coils oscillate and how neighbouring coils couple.
 
-    Options of a port follow a question mark: i2c:1?mode=2&readback=yes for the switches, with ftdi://... also
-    address=0x2B, and baud=9600 of a serial port.
+    Options of a port follow a question mark: i2c:1?mode=2&readback=yes for the switches, with
+    ftdi://... also address=0x2B, and baud=9600 of a serial port.
 
-    Without switches, coils are wired to the channels of the converter: i2c:1?channels=0,1&clock=40MHz (clock at the
-    pin CLKIN, internal by default). The self-test then reports which coils oscillate.
+    Without switches, coils are wired to the channels of the converter:
+    i2c:1?channels=0,1&clock=40MHz (clock at the pin CLKIN, internal by default). The self-test then
+    reports which coils oscillate.
 
     Example: coilarray board test --port /dev/ttyACM0
 
@@ -72,7 +73,7 @@ def self_test(
     opened = options.design(design)
     drives = result = None
     if only_list:
-        # the ports can be looked at without a design; that of an emulator decides on its coils
+        # ports are listed without a design, which decides on the coils of an emulator
         named = opened if design is not None or is_emulator(options.port) else None
         wired = wiring_of_board(place, named, options.wiring, options.file.coils)
         with open_board(options.port, design=opened, wiring=wired) as board:

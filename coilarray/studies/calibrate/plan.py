@@ -83,7 +83,7 @@ class Unknown(Table):
     start: float | None = None
     """Value to start from. By default the design's own."""
     prior_mean: float | None = None
-    """Mean of a normal prior, which by default is flat."""
+    """Mean of a normal prior, by default flat between the bounds."""
     prior_std: Annotated[float, Field(gt=0)] | None = None
     """Its standard deviation."""
 
@@ -174,7 +174,7 @@ class DataTable(Table):
     delta_std: Annotated[float, Field(gt=0)] | None = None
     """Standard deviation of δ, if the response has none."""
     noise: Literal["given", "estimated"] | None = None
-    """Whether deviations are trusted, or their scale is estimated."""
+    """Whether standard deviations are trusted, or their scale is estimated from residuals."""
 
 
 class Plan(Table):

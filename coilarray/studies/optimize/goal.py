@@ -45,12 +45,12 @@ QuantityKey = Annotated[str, BeforeValidator(_key)]
 
 
 class Variable(Table):
-    """``[[variable]]``: an entry between bounds or among choices."""
+    """``[[variable]]``: an entry that may change, between bounds or among choices."""
 
     entry: Annotated[str, Field(min_length=1)]
     """Dotted key of the design, such as array.pitch_mm."""
     low: float | None = None
-    """Least value, in the unit of the entry."""
+    """Least value, in the unit of the entry, like all values."""
     high: float | None = None
     """Largest value."""
     step: Annotated[float, Field(gt=0)] | None = None
@@ -105,7 +105,7 @@ class Objective(Table):
     direction: Literal["minimize", "maximize"] | None = None
     """Whether it is minimised or maximised."""
     target: float | None = None
-    """Instead of a direction, the value to reach."""
+    """Instead of a direction, the value to reach, in its unit."""
 
     @model_validator(mode="after")
     def _one_wish(self) -> Objective:
@@ -164,17 +164,17 @@ class Search(Table):
     trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     """Number of designs to try."""
     sampler: Sampler | None = None
-    """Method, by default tpe, and nsga2 for several objectives."""
+    """Method that chooses them, by default tpe, for several objectives nsga2."""
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
-    """Seed of the random numbers."""
+    """Seed of the random numbers: the same tries the same designs."""
     batch: Annotated[int, Field(ge=1, le=10_000)] = 8
     """Number of designs chosen together, for workers to share."""
     population: Annotated[int, Field(ge=2, le=10_000)] = 24
     """Number of designs in a generation of nsga2."""
     polish: Annotated[int, Field(ge=0, le=100_000)] | None = None
-    """Evaluations of the local solver, none for several objectives."""
+    """Evaluations of the local solver, which refines the best design of one objective."""
     accuracy: Accuracy = "full"
-    """Accuracy of the inductances in the search."""
+    """Accuracy of the inductances in the search, full for chosen designs."""
 
 
 class Goal(Table):

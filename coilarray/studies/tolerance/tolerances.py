@@ -176,7 +176,7 @@ def typical_text() -> str:
 
 
 class _Errors(Table):
-    """Normal with these deviations, or uniform with these half widths."""
+    """Normal with these standard deviations, or uniform with these half widths."""
 
     distribution: Distribution = "normal"
     """Normal with these standard deviations, or uniform with these half widths."""
@@ -275,7 +275,7 @@ class _File(Table):
     others: Literal["typical", "none"] = "typical"
     """Errors of kinds without a table: typical errors, or none."""
     quantities: list[str] = Field(default_factory=list)
-    """Quantities of the design besides L, f and k."""
+    """Quantities whose spread is found, besides L, f and k."""
     etch: _LayerMicrometres | None = None
     """Width of the traces."""
     registration: _LayerMicrometres | None = None
