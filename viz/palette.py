@@ -78,11 +78,8 @@ def cycled(colours: Sequence[str], names: Sequence[str]) -> dict[str, str]:
 def signed_colours(values: npt.ArrayLike, both: str = DIVERGING, share: float = 0.02) -> tuple[str, float, float]:
     """Colour map and its ends for values about zero.
 
-    The map is `both` if the values have both signs. The other sign is ignored up to this `share` of
-    the largest value.
+    It is `both` if both signs exceed this `share` of the largest value.
 
-    Examples
-    --------
     >>> signed_colours([0.1, -0.3]), signed_colours([-0.3, 0.001])
     (('RdBu_r', -0.3, 0.3), ('YlGnBu_r', -0.3, 0.0))
     """
@@ -98,11 +95,9 @@ def signed_colours(values: npt.ArrayLike, both: str = DIVERGING, share: float = 
 def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> dict[str, str]:
     """Give each of up to 64 coils its own colour.
 
-    Up to six coils have colours in order. More coils have colours by place, so that neighbours
-    differ most. `centres` (coils, 2) have any unit. Without them the coils are in a row.
+    Up to six have colours in order. More have colours by `centres` (coils, 2) in any unit, by
+    default in a row, so that neighbours differ most.
 
-    Examples
-    --------
     >>> coil_colours(["a", "b"])
     {'a': '#0072B2', 'b': '#D55E00'}
     """
@@ -133,8 +128,6 @@ def _by_place(places: npt.NDArray[np.float64]) -> list[int]:
 def curve_look(k: int) -> CurveLook:
     """Colour and line style of curve k, 18 are different.
 
-    Examples
-    --------
     >>> curve_look(0), curve_look(6)["linestyle"]
     ({'color': '#0072B2', 'linestyle': '-'}, '--')
     """

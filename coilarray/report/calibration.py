@@ -65,8 +65,7 @@ def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
     """Return the rms residuals of each state before and after.
 
     They are in SI and relative to the measured numbers. Rows that are not fitted are predictions.
-    For ellipses the last row is for their ends x0 ± A on y = 0, of all states and as far as the
-    window shows them.
+    The last row of ellipses is for their ends x0 ± A on y = 0, as far as the window shows them.
     """
     of = result.isel(combination=combination)
     of = of.isel(datum=np.flatnonzero(np.isfinite(of.measured) & np.isfinite(of.model)))

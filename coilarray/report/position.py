@@ -27,9 +27,8 @@ Place = tuple[float, float]
 class MapPositions:
     """Positions from a map's ellipse model for its own readings.
 
-    `readings` are δ of every coil at every place of the grid. `found` are the places where the
-    model has a position, with A longer by `SEMIAXIS_ADDITION` as in the paper. `origin` is in m on
-    the board, and `axis` names it.
+    `readings` are δ of every coil over the grid. `found` are places with a position, with A longer
+    by `SEMIAXIS_ADDITION` as in the paper. `origin` is in m on the board, and `axis` names it.
     """
 
     fits: xr.Dataset
@@ -278,10 +277,8 @@ def distortion_table(distortion: xr.Dataset) -> Table:
 def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) -> dict[str, object]:
     """Return a location for JSON, in SI units.
 
-    A refused reading has only ``error``. In others the position of the best mode is beside
-    ``modes``: ``x_m``, ``y_m``, ``depth_m`` (or ``distance_m``) and their ``sigma_…_m``, null if
-    the reading does not determine them. ``unread`` has the states that the converter cannot read
-    there.
+    A refused reading has only ``error``. Others have the best mode beside all ``modes``, with
+    numbers that are null if the reading does not determine them, and the ``unread`` states.
     """
     if location.verdict == "refused":
         return {"error": location.reason}

@@ -146,8 +146,7 @@ def path_drive_table(response: xr.Dataset) -> Table:
     """Return the converter's drive over a map by state.
 
     The amplitudes are for the drive current of the coil alone. The last columns have the single
-    current that reads the most positions and the coil alone, the positions that it reads, and the
-    distances or depths that it reads where R_p is the least.
+    current that reads the most, and the distances or depths that it reads where R_p is least.
     """
     columns = (
         Column("state"), Column("drive_code", "IDRIVE of the coil alone"),

@@ -139,11 +139,10 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
 
 
 def position_bounds(response: xr.Dataset, array: Array) -> xr.Dataset | None:
-    """Return the Cramér–Rao bounds over the deepest map.
+    """Return the Cramér–Rao bounds over the deepest map, if any.
 
-    They are None if x is determined nowhere. The coordinate ``over_coils`` (y, x) marks places over
-    a coil. The attribute ``coil_size`` is the size of the largest coil in m. If σ is above it, the
-    position is not determined.
+    ``over_coils`` (y, x) marks places over a coil. The position is not determined if σ is above
+    ``coil_size``, the size of the largest coil in m.
     """
     try:
         bounds = identifiability(forward_model(response), float(response.depth[-1]))

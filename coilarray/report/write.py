@@ -35,24 +35,11 @@ _GENERATOR = b'name="generator" content="coilarray"'  # in the first bytes of ev
 class Report:
     """Files and numbers of a report.
 
-    Parameters
-    ----------
-    page : Path
-        File of the HTML page.
-    folder : Path
-        Folder of the CSV, JSON and netCDF files.
-    coupling : xarray.Dataset
-        Result of `coilarray.couple_design`.
-    data : dict
-        Content of ``report.json``.
-    rendering_problem : str or None
-        Reason why the board's picture is a drawing, None if it is rendered.
-    summary : Table or None
-        Table of `coilarray.report.summary.summary_table`.
-    verdicts : sequence of str
-        A line for each limit that is exceeded.
-    sections : tuple of Section
-        Sections of the page.
+    `page` is the HTML page, `folder` has the CSV, JSON and netCDF files, and `data` is the content
+    of ``report.json``. `coupling` is the result of `coilarray.couple_design`. `rendering_problem`
+    is the reason why the board's picture is a drawing, None if it is rendered. `summary` is the
+    table of `coilarray.report.summary.summary_table`, and `verdicts` has a line for each exceeded
+    limit.
     """
 
     page: Path

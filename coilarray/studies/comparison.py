@@ -217,11 +217,10 @@ def _compared(
 class Alignment:
     """Scale and shift of one map onto another, with deviations.
 
-    The scale is the factor of the other map's δ, NaN if that map is flat. The shift along x and y
-    in m is NaN along an axis without a search, or if its standard deviation is greater than the
-    largest shift: the map does not determine it, and it is taken as 0. `used` (places,) marks the
-    used places. `at_limit` is a shift at the end of the searched range. `scatter` is the root of
-    the residuals' sum of squares over the degrees of freedom, in δ, NaN without any.
+    The scale is NaN if the other map is flat. The shift along x and y in m is NaN along an axis
+    without a search, or taken as 0 if its standard deviation exceeds the largest shift. `used`
+    (places,) marks the used places. `at_limit` is a shift at the end of the searched range.
+    `scatter` is the residual standard deviation of δ, NaN without degrees of freedom.
     """
 
     scale: float
@@ -262,11 +261,11 @@ def align(
 ) -> Alignment:
     """Fit a state's map onto values (n,).
 
-    Places (n, 3) are x, y and depth in m. Only those are used that stay in the model's table under
-    the `largest_shift` along x and y in m. With fewer than 8 such places no shift is searched, and
-    also not along an axis where this is 0. The standard deviations belong to this estimate with
-    equal weights under the given noise of δ, by default the scatter of the residuals, (JᵀJ)⁻¹ Jᵀ
-    diag(σ²) J (JᵀJ)⁻¹. They do not include other differences of the maps.
+    Places (n, 3) are x, y and depth in m. Only places are used that stay in the model's table under
+    the `largest_shift` along x and y in m. With fewer than 8 such places no shift is searched. The
+    standard deviations belong to this estimate with equal weights under the given noise of δ, by
+    default the scatter of the residuals: (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹. They do not include other
+    differences of the maps.
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
@@ -501,11 +500,10 @@ def _ellipses(
 def level_curves(response: xr.Dataset, noise: FloatArray | None = None) -> xr.Dataset:
     """Fit the ellipses of a map's levels, with deviations.
 
-    The map has one depth and one state. `noise` (y, x) is the standard deviation of δ. `REPLICATES`
-    copies with this noise give the deviations of x0, A and B, NaN if less than half of the copies
-    have the level. The copies add noise to a map that may already have it. Their scatter is still
-    right if the noise is small compared with the width of a level. ``ellipse_problem`` is the
-    reason why there is no ellipse at all.
+    `noise` (y, x) is the standard deviation of δ. `REPLICATES` copies with this noise give the
+    deviations, NaN if less than half of them have the level. The copies add noise to a map that may
+    already have it. Their scatter is still right if the noise is small compared with the width of a
+    level. ``ellipse_problem`` is the reason why there are none.
     """
     levels, values, undetermined, problem = np.empty(0), np.empty((3, 0)), np.empty(0, dtype=bool), ""
     try:

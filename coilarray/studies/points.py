@@ -33,11 +33,10 @@ def evaluate_points(
     progress: Progress | None = None,
     accuracy: Accuracy = "full",
 ) -> Iterator[tuple[int, Outcome]]:
-    """Evaluate quantities of variations of a design.
+    """Evaluate variations of a design, and yield numbers and outcomes.
 
-    Changes are as in `coilarray.design.vary.vary`. The number and the outcome of each point are
-    yielded as it is done. Raises GoalError for an unknown quantity, ClusterError if workers are
-    lost, and OutputError if the store cannot be written.
+    Raises GoalError for an unknown quantity, ClusterError if workers are lost, and OutputError if
+    the store cannot be written.
     """
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
     document = decisive(as_file(design).document)
@@ -87,10 +86,9 @@ def run_cached(
 ) -> Iterator[tuple[int, Outcome]]:
     """Apply a function to items, and yield numbers and outcomes.
 
-    An outcome is the result of the function, numbers by name, or the line of its CoilarrayError. A
-    text in place of an item is its outcome. Equal items are computed once. The key in the `cache`
-    is the function's name with the item. `total` is for `progress`, by default the items read so
-    far.
+    An outcome is the function's result, or the line of its CoilarrayError. A text in place of an
+    item is its outcome. Equal items are computed once. The key in the `cache` is the function's
+    name with the item. `total` is for `progress`, by default the items read so far.
     """
     name = f"{function.__module__}.{function.__qualname__}"
     known: deque[tuple[int, Outcome]] = deque()

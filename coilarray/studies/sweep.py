@@ -113,13 +113,10 @@ class Axis:
 
 
 def parse_axis(text: str, option: str = "--vary") -> Axis:
-    """Read an axis of ``--vary``.
+    """Read an axis: ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or ``KEY=START:STOP``.
 
-    The form is ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples or a grid of nine values,
-    ``KEY=START:STOP``. Values are as in a design file, but texts need no quotes.
+    The last form is for samples, or a grid of nine values. Texts need no quotes.
 
-    Examples
-    --------
     >>> parse_axis("array.pitch_mm=10:15:3").values
     (10.0, 12.5, 15.0)
     >>> parse_axis("circuit.terminations.coil2=short,open").values
@@ -244,9 +241,8 @@ def plan_sweep(
     """Choose the points of a sweep, and check it.
 
     They are all combinations of the axes' values, or `samples` points that cover the axes evenly: a
-    Sobol sequence scrambled by `seed`, which a larger number continues. Raises GoalError also if
-    none of up to 200 points spread over the sweep gives a design, for example because of an unknown
-    entry.
+    Sobol sequence scrambled by `seed`, which a larger number continues. The sweep is refused if
+    none of up to 200 points spread over it gives a design.
     """
     keys = [axis.key for axis in axes]
     if not keys:
@@ -283,10 +279,9 @@ def run_sweep(
 ) -> xr.Dataset:
     """Evaluate all new points, as the dataset of `sweep`.
 
-    Dimensions are the entries of a grid, or ``sample``. `RULES` is always included, and `UNREAD` if
-    values are read by a converter. After every point `watch` gets a function that returns the
-    result so far, with NaN and no reason for points to come. Raises ClusterError if workers are
-    lost, and OutputError if the store cannot be written.
+    Dimensions are the entries of a grid, or ``sample``. After every point `watch` gets a function
+    that returns the result so far, with NaN and no reason for points to come. Raises ClusterError
+    if workers are lost, and OutputError if the store cannot be written.
     """
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)

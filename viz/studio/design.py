@@ -203,8 +203,6 @@ class NewPanel(Panel):
 def choices_of(texts: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of `coilarray.studies.create.new_design` from texts, sizes in mm.
 
-    Examples
-    --------
     >>> choices_of({"coils": "4x4", "shape": "rectangle", "size": "20×12", "inductance": "18"})
     {'coils': '4x4', 'shape': 'rectangle', 'size': (0.02, 0.012), 'inductance': 1.8e-05}
     """

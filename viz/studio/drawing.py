@@ -48,8 +48,6 @@ class TopView:
     def place(self, across: float, down: float) -> tuple[float, float]:
         """Place on the board in m from shares of sides.
 
-        Examples
-        --------
         >>> TopView(-10.0, -5.0, 20.0, 10.0).place(0.75, 0.25)
         (0.005, 0.0025)
         """

@@ -118,8 +118,6 @@ def place_text(value: float) -> str:
 def text_of(value: float) -> str:
     """Text of a value with all its significant digits.
 
-    Examples
-    --------
     >>> text_of(13.28), text_of(30.0), text_of(1.7e-8)
     ('13.28', '30', '1.7e-08')
     """

@@ -93,8 +93,7 @@ class Job:
     """Function of a module that runs in its own process.
 
     It gets pickled arguments and a `Link`. In a thread of the job, `on_message` gets every message,
-    and `on_end` once the `Outcome`. After `QUIT` the process has `patience` seconds to end by
-    itself.
+    and `on_end` once the `Outcome`. A stopped process has `patience` in s to end.
     """
 
     def __init__(
@@ -160,12 +159,8 @@ class Job:
 
 
 def time_left(part: float, since: float) -> str:
-    """Text of the likely remaining time, empty at first.
+    """Text of the likely remaining time after `since` in s.
 
-    `part`, from 0 to 1, is done after `since` in s.
-
-    Examples
-    --------
     >>> time_left(0.01, 3), time_left(0.25, 11), time_left(0.5, 130), time_left(1.0, 130)
     ('', 'about 35 s left', 'about 2 min left', '')
     """

@@ -91,8 +91,6 @@ class Run:
 def axis_label(name: str) -> str:
     """Label with unit of a quantity, distance or entry.
 
-    Examples
-    --------
     >>> axis_label("array.pitch_mm"), axis_label("worst_k"), axis_label("|effective_inductance_uH[coil2] − 18|")
     ('array.pitch_mm (mm)', 'worst_k', '|effective_inductance_uH[coil2] − 18| (µH)')
     """

@@ -102,8 +102,6 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
 def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
     """Entries and exact count of a lattice of about `count` coils.
 
-    Examples
-    --------
     >>> lattice_sizes("square", 7), lattice_sizes("rings", 16), lattice_sizes("single", 3)
     (({'columns': 3, 'rows': 3}, 9), ({'rings': 2}, 19), ({}, 1))
     """

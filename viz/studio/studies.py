@@ -87,8 +87,6 @@ def spread_boards(
 def axis_text(entry: Entry) -> str:
     """Values near an entry's, as ``coilarray sweep --vary`` reads them.
 
-    Examples
-    --------
     >>> axis_text(Entry("array.pitch_mm", "pitch", "", "mm", "Array", 13.0, 6.5, 26.0, 0.1))
     '10.4:15.6:5'
     """

@@ -61,8 +61,6 @@ def kept_settings(array: Array, settings: Mapping[str, str]) -> dict[str, str]:
 def state_of(settings: Mapping[str, str]) -> ScanState:
     """State of the multiplexer, with several measured coils in series.
 
-    Examples
-    --------
     >>> state = state_of({"a": "measure", "b": "open", "c": "ground"})
     >>> state.measured, state.others, state.exceptions
     ((('a', 1),), 'ground', {'b': 'open'})

@@ -173,8 +173,6 @@ class TouchPanel(Panel):
 def touch_work(design: Design) -> str:
     """Name the response to compute, empty without an indenter.
 
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> touch_work(load_design("starter"))
     'δ of 3 states at 6 depths and 49 × 25 places'

@@ -51,8 +51,6 @@ class Work:
     def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
         """Document with other entries, without making a board.
 
-        Examples
-        --------
         >>> from coilarray.design.model import load_design_file
         >>> work = work_on(load_design_file("gast2020"), "gast2020")
         >>> work.with_document(work.document_with({"array.pitch_mm": 14})).opened.values["array.pitch_mm"]

@@ -148,11 +148,10 @@ def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., Non
 def opened_board(
     options: BoardOptions, design: Design, *, real_time: bool, progress: Progress | None = None
 ) -> Iterator[tuple[Board, ScanSettings]]:
-    """Open and configure a board for a ``with`` block.
+    """Open and configure a board, grounded at the end.
 
-    Its coils are grounded whichever way the block is left. With `real_time` the emulator takes as
-    long as a board, otherwise its time is virtual. `progress` gets (done, total) while it computes
-    its response table.
+    With `real_time` the emulator takes as long as a board, otherwise its time is virtual.
+    `progress` gets (done, total) while it computes its response table.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.record.recorder import thermometer

@@ -49,18 +49,10 @@ CALIBRATION = Schema(
 class Calibration:
     """Calibrated design.
 
-    Parameters
-    ----------
-    file : DesignFile
-        Design with the choices of the best combination and the fitted values, no longer assumed.
-        The text of its file is kept.
-    imperfections : Imperfections
-        Fitted imperfections of the experiment.
-    values : mapping of str to float
-        Fitted values of the best combination in the units of the entries, by the first entry of
-        each unknown.
-    dataset : xarray.Dataset
-        Results for every combination, the most probable first, see `calibrate`.
+    `file` has the choices of the best combination and the fitted values, no longer assumed, in the
+    text of the design's own file. `imperfections` are the fitted ones of the experiment, and
+    `values` all fitted values in the units of the entries, by the first entry of each unknown.
+    `dataset` has the results of all combinations, the most probable first, see `calibrate`.
     """
 
     file: DesignFile

@@ -47,10 +47,9 @@ class Measurement:
     """Measured numbers, and the request for a model's numbers.
 
     `values` and `std` (n,) are in SI, NaN if unknown. `weight` (n,) is the number of independent
-    numbers for which each stands, 0 if it is only predicted. `coords` are ``quantity`` ("delta",
-    "A", "B", "x0" or "peak") and ``state``, for a response ``depth``, ``y`` and ``x`` in m, for
-    ellipses ``level``. `noise_freedom` are the degrees of freedom of the scale of `std`: infinite
-    if given, 0 if it comes from the residuals.
+    numbers for which each stands, 0 if only predicted. `coords` are ``quantity``, ``state``, for a
+    response ``depth``, ``y`` and ``x`` in m, for ellipses ``level``. `noise_freedom` are the
+    degrees of freedom of the scale of `std`: infinite if given, 0 if from the residuals.
     """
 
     values: FloatArray
@@ -203,9 +202,9 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
 def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
     """Evaluate one point of a fit, on a worker.
 
-    The item has the ``document`` of the changed design, the ``start`` document of the fit, values
-    of ``imperfections``, the ``request``, and the folder of ``parts``, which may be empty. Ellipses
-    have ideal circuits and a coarse mesh.
+    The item has the ``document`` of the changed design, the fit's ``start`` document,
+    ``imperfections``, the ``request``, and the folder of ``parts``, or "". Ellipses have ideal
+    circuits and a coarse mesh.
     """
     document, request = item["document"], item["request"]
     whole = build_design(document, document["name"])

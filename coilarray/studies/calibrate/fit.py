@@ -114,9 +114,8 @@ class Problem:
 class Fit:
     """Result of a fit, or the `problem` without one.
 
-    `values` (n,) are the model's numbers at the best `point`, `before` (n,) at the first guess,
-    `slopes` (n, unknowns) by the unknowns. `scale` is the factor of all standard deviations.
-    `converged` is True if no better point is near.
+    `values` (n,) are the model's numbers at the best `point`, `before` (n,) at the first guess.
+    `scale` is the factor of all deviations. `converged` is True if no better point is near.
     """
 
     point: FloatArray

@@ -152,9 +152,9 @@ class DataTable(Table):
     """``[data]``: the fitted part of the measurement, and its noise.
 
     By default all ``states`` are fitted, and of ellipses A, B and the peak. ``noise = "estimated"``
-    takes the deviations as relative and estimates their scale from the residuals, by default for
-    ellipses and for a response without deviations. ``noise = "given"`` trusts them. The noise of a
-    recording is by default known as well as its repeats or baselines determine it.
+    takes the deviations as relative, by default for ellipses and for a response without deviations.
+    ``noise = "given"`` trusts them. A recording's noise is known as well as its repeats or
+    baselines determine it.
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None

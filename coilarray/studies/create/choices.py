@@ -67,9 +67,8 @@ class Arrangement:
 def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
     """Read the number and arrangement of the coils.
 
-    The text is 1, 6 for a row, 4x4, 3-hex for a triangle, or 7-hex for rings about a centre.
-    Hexagons and circles in rows and columns lie on a hexagonal lattice, in which all neighbours are
-    equally far.
+    The text is 1, 6 for a row, 4x4, 3-hex (a triangle), or 7-hex (rings about a centre). Hexagons
+    and circles in 4x4 lie on a hexagonal lattice with equally far neighbours.
     """
     found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", str(coils).strip().lower().replace("×", "x"))
     count, rows, ring = found.groups() if found else ("0", None, None)

@@ -56,10 +56,9 @@ _LONGER, _FURTHER = 0.5e-3, 1e-3  # m by which leads get longer and coils lie fu
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
     """Find the pitch of zero neighbour coupling in m.
 
-    Of several it is the largest. The coupling is the mean of all neighbours, which differ slightly
-    on different pairs of layers. The fields inside and around a coil have opposite signs, so
-    neighbours that overlap more couple positively, and others negatively. The pitch is searched
-    with the quicker `rough_at` first, between 0.4 and 1 widths.
+    The coupling is the mean of all neighbours, which differ slightly on different pairs of layers.
+    The fields inside and around a coil have opposite signs, so neighbours that overlap more couple
+    positively. Of several pitches it is the largest, searched with the quicker `rough_at` first.
     """
 
     @functools.cache
@@ -328,8 +327,8 @@ def with_terminals(plan: Plan, *, movable: bool) -> Plan:
     """Find the start of the windings and their leads.
 
     Holes go through the whole board. Holes of coils that overlap must lie in the hole of a
-    neighbour's winding or beside all of them. Coils side by side that are `movable` are moved apart
-    until there is room. DesignError names the broken rule at the usual start.
+    neighbour's winding or beside all of them. Coils side by side that are `movable` are moved
+    apart.
     """
     problem = None
     for tried in _candidates(plan, movable=movable):
@@ -422,8 +421,7 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
     """Find room for all leads to a connector.
 
     The distance of the connector, the length of the leads and, if `movable`, the pitch are
-    increased. The search stops early if less than half of the coils are routed, and neighbours that
-    may not move are too near for the leads of a row between them.
+    increased, unless few coils are routed and fixed neighbours are too near for a lead.
     """
     problem = ""
     several = plan.arrangement.rows > 1 or plan.arrangement.lattice in ("triangle", "rings")

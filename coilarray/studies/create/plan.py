@@ -45,9 +45,9 @@ class Winding:
 class Room:
     """Limits for a winding in m.
 
-    `radius` and `hole` are the distances from the centre to the outer edge of the copper's nearest
-    side, and to the inner edge of the innermost turn. The inner end of a circle lies a pitch
-    further in than its last turn. Polygons get the same room.
+    `radius` and `hole` are from the centre to the outer edge of the nearest side, and to the inner
+    edge of the innermost turn. A circle's inner end lies a pitch further in. Polygons get the same
+    room.
     """
 
     radius: float
@@ -81,9 +81,9 @@ def wind(
 ) -> Winding:
     """Find the winding of an inductance with least resistance.
 
-    Narrower traces of equally many turns have more inductance, as they lie further out. For each
-    possible number of turns the width is solved for and rounded to 1 µm. A number of turns
-    `keeping` is kept if it gives the inductance. DesignError names the possible range.
+    Narrower traces of equally many turns lie further out and have more inductance. The width for
+    each number of turns is solved for and rounded to 1 µm. A possible number of turns `keeping` is
+    kept.
     """
     if room.most_turns < 1:
         raise DesignError(

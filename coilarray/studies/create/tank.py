@@ -27,9 +27,9 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
     """Choose the capacitance of the tank in F.
 
     For a `frequency` in Hz, on the mean of the coils, it is the nearest of the series E24 within 1
-    %, otherwise exact with three digits. By default it is the smallest of the series E6 from 100 pF
-    with which the converter keeps all its limits at no more than half the coil's self-resonance, or
-    breaks the fewest. Frequency and quality factor are then as high as possible.
+    %, otherwise exact with three digits. By default it is the smallest of E6 from 100 pF that keeps
+    the converter's limits, or breaks the fewest, at no more than half the coil's self-resonance.
+    Frequency and quality factor are then as high as possible.
     """
     if frequency is not None:
         return _for_frequency(with_capacitance, frequency)

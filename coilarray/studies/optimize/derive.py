@@ -45,8 +45,6 @@ _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present 
 def parse_wish(text: str) -> dict[str, Any] | None:
     """Read ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``, or None.
 
-    Examples
-    --------
     >>> parse_wish("maximize q"), parse_wish("k[coil1,coil2]=0")
     ({'quantity': 'q', 'direction': 'maximize'}, {'quantity': 'k[coil1,coil2]', 'target': 0.0})
     """
@@ -173,9 +171,8 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
 def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
     """Add bounds that every board must keep.
 
-    The margin of the fabrication rules is kept, or broken no more than by the design. The design's
-    LDC1614, if any, must be able to read the goal's quantities. A bound is left out if the goal
-    already treats its quantity.
+    The margin of the fabrication rules is kept, or broken no more than by the design, and an
+    LDC1614 must read the quantities. A bound is left out if the goal already treats its quantity.
     """
     file, names = as_file(design), goal.quantities
     more = [] if any(name.startswith(RULES) for name in names) else [_fab(file).table]

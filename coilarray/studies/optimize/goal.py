@@ -262,9 +262,8 @@ def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
 class Trial:
     """Evaluated point of a search.
 
-    `kind` is its origin: the design itself if it lies outside the bounds, the sampler, or the local
-    solver. `place` is its number of this kind. `changes` are empty for the start. An impossible
-    point has a `reason` and no numbers.
+    `kind` is its origin: the design if it lies outside the bounds, the sampler, or the local
+    solver. `place` is its number of this kind. An impossible point has a `reason` and no numbers.
     """
 
     kind: Literal["start", "search", "polish"]

@@ -1,14 +1,13 @@
 """Optimization of a design: search, points on disk, local solver.
 
-The sampler of Optuna chooses all points of a batch before any of them is evaluated, and gets their
-results in the order of the batch. Each point has a new sampler with its own seed. A point therefore
-depends only on the goal, its place and the batches before it, but not on the workers. A resumed run
-chooses the same points again, and takes their outcomes from disk.
+The sampler of Optuna chooses all points of a batch before any is evaluated, and gets their results
+in the order of the batch. Each point has a new sampler with its own seed, so it depends only on the
+goal, its place and the batches before it, not on the workers. A resumed run chooses the same points
+again, and takes their outcomes from disk.
 
-The best point is refined by SciPy's COBYQA (T. M. Ragonneau, Model-Based Derivative-Free
-Optimization Methods and Software, PhD thesis, Hong Kong Polytechnic University, 2022). Variables
-are scaled to the unit box, and scores by the score of the first point. A distance to a target is
-squared, which makes it smooth. Whole numbers, steps and choices are not changed.
+The best point is refined by SciPy's COBYQA (T. M. Ragonneau, PhD thesis, Hong Kong Polytechnic
+University, 2022) in the unit box, with scores relative to the first point. A distance to a target
+is squared, which makes it smooth. Whole numbers, steps and choices stay.
 """
 
 from __future__ import annotations
@@ -62,9 +61,9 @@ class Optimization:
     """Result of an optimization towards a `goal`.
 
     `trials` are of the search, then of earlier runs and of the local solver, and `found` of them
-    were known at the start. `front` are the trials that are better than the start by the first
-    objective, with one objective the best alone, and empty if no trial keeps all bounds.
-    `polish_problem` is the reason why the local solver did not run.
+    were known at the start. `front` are the trials that beat the start by the first objective, with
+    one objective the best alone, empty if no trial keeps all bounds. `polish_problem` is the reason
+    why the local solver did not run.
     """
 
     file: DesignFile

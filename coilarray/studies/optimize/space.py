@@ -36,8 +36,7 @@ class Axis:
     """Variable of a goal with its design value.
 
     `choices` are JSON texts, empty for a number. `low`, `high` and `step` are in the unit of the
-    entry, and a step of None allows any value. `log` searches over the logarithm. `whole` marks an
-    entry of whole numbers. `start` is None if the design has no value.
+    entry, with a step of None for any value. `start` is None if the design has no value.
     """
 
     entry: str

@@ -26,8 +26,6 @@ def request(asked: str | Mapping[str, Any]) -> Request:
 
     Missing coils of a design are found when it is evaluated.
 
-    Examples
-    --------
     >>> request({"quantity": "k", "coils": ["coil1", "coil2"]}).key
     'k[coil1,coil2]'
     >>> request("position_error_mm[noise=0.00001,depth_mm=1.0]").key
@@ -53,11 +51,6 @@ def evaluate(
 ) -> dict[str, float]:
     """Compute quantities of a design by key, always finite.
 
-    Shared intermediate results are computed once. Raises GoalError for requests, before anything is
-    computed, and CoilarrayError if the physics cannot be solved.
-
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> found = evaluate(load_design("gast2020"), ["worst_k", "k[coil1,coil3]", "span_mm"])
     >>> {key: round(value, 3) for key, value in found.items()}

@@ -27,9 +27,8 @@ _EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in
 class Option:
     """Option of a quantity.
 
-    `read` returns the value of a text or a TOML value, None if it is not allowed. `must_be`
-    describes allowed values, and `says` the meaning with its default. The value of a `bare` option
-    stands in a text without its name.
+    `read` returns the value of a text or a TOML value, or None. `must_be` describes allowed values,
+    `says` the meaning. A `bare` option stands in a text without its name.
     """
 
     name: str

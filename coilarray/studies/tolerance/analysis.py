@@ -95,9 +95,7 @@ class Outputs:
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     """Compute the outputs of one board, on a worker.
 
-    `UNREAD` is the number of values among them that no converter can read. Raises GoalError if the
-    errors leave no board or the board does not have a quantity, and CoilarrayError if the physics
-    cannot be solved.
+    `UNREAD` among them is the number of values that no converter can read.
     """
     document, outputs = item["document"], item["outputs"]
     board = perturb(build_design(document, document["name"]), item["errors"])
@@ -348,10 +346,10 @@ class Shifts:
     def located(self, changes: FloatArray) -> tuple[FloatArray, int]:
         """Locate readings with the real solver.
 
-        `changes` (n, places · states) is Δδ of n boards relative to the board without errors,
-        finite. The first result is the located position minus the true position in mm (n, shifts),
-        for the mode next to the truth, NaN without a mode. The second is the number of positions
-        that are ``"found"``. Others are on the border of the table, or have residuals beyond noise.
+        `changes` (n, places · states) is Δδ of n boards relative to the board without errors. The
+        first result is the located minus the true position in mm (n, shifts), for the mode next to
+        the truth, NaN without a mode. The second is the number of positions that are ``"found"``,
+        not on the border of the table or beyond noise.
         """
         states = len(self.model.states)
         shifts, found = [], 0
@@ -489,10 +487,9 @@ def _sampled_part(linear: xr.Dataset, drawn: FloatArray, values: FloatArray, fai
 def deviation_error(values: FloatArray) -> FloatArray:
     """Return the standard error of a sampled standard deviation (n, …).
 
-    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds
-    = ds²/2s. A normal distribution has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of
-    Statistics, vol. 1, ch. 10), the lower limit if there are too few values for μ₄. For Sobol
-    points the estimate is rather too large.
+    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any fourth central moment μ₄, and ds = ds²/2s. The
+    lower limit is s/√(2(n − 1)) of a normal distribution (Kendall & Stuart, The Advanced Theory of
+    Statistics, vol. 1, ch. 10), for too few values for μ₄. It is rather too large for Sobol points.
     """
     n = len(values)
     variance = values.var(axis=0, ddof=1)

@@ -75,11 +75,8 @@ def error_names(design: Design) -> tuple[str, ...]:
 def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     """Return a design with fabrication errors in SI by name.
 
-    Without errors it is the design itself. Raises GoalError for an unknown name, a value that is
-    not finite, or an error that leaves nothing of a trace, gap or layer.
+    Raises GoalError for an error that leaves nothing of a trace, gap or layer.
 
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> narrow = perturb(load_design("gast2020"), {"etch.L3": -10e-6})
     >>> [round(float(widths[0]) * 1e6, 6) for widths in narrow.array.placements[0].coil.widths]
