@@ -196,7 +196,7 @@ def _lines(result: Optimization) -> list[str | Table]:
 
 @contextmanager
 def _progress(goal: Goal) -> Iterator[SearchProgress]:
-    """Show a progress bar with the best result on a terminal."""
+    """Show a progress bar with the best result."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -389,7 +389,7 @@ def drop_output() -> None:
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Progress]:
-    """Show a progress bar on a terminal while the block runs."""
+    """Show a progress bar on a terminal."""
     from rich.console import Console
     from rich.progress import Progress as Bar
 

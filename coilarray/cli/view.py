@@ -235,7 +235,7 @@ def _write_field(
     spacing_mm: float,
     distance: float | None,
 ) -> tuple[str, dict[str, object]]:
-    """Compute and write B for 1 mA, return line and numbers."""
+    """Compute, write and describe B for 1 mA."""
     active = design.array.middle_coil if coil is None else coil
     if active not in design.array.names:
         raise GeometryError(f"--coil must be one of {', '.join(design.array.names)}; got {active}.")

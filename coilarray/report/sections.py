@@ -567,7 +567,7 @@ def _curve(depths: Sequence[float]) -> list[float]:
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
-    """Compute B in T on a line and on a plane.
+    """Compute B in T on a line and a plane.
 
     The line passes through the active coil, and the others are open and terminated. A single coil
     has one field of each.

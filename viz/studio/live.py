@@ -40,7 +40,7 @@ from coilarray.viz.studio.services import BoardFrame, BoardRequest
 from coilarray.viz.studio.session import Panel, Session
 
 SPANS = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}
-"""Times in s over which curves are shown, with their names."""
+"""Times in s over which curves are shown."""
 
 BINS = 300
 """Number of equal times of a curve."""
@@ -147,7 +147,7 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def press_row(press: Press) -> list[str]:
-    """Return number, times in s, place in mm, δ in 10⁻⁶."""
+    """Return the cells of a press in s, mm and 10⁻⁶."""
     place, depth = "–", "–"
     if press.location is not None and press.location.modes:
         best = press.location.modes[0]

@@ -100,7 +100,7 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
 
 
 def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
-    """Entries and exact count of a lattice of about `count` coils.
+    """Entries and count of a lattice near `count` coils.
 
     >>> lattice_sizes("square", 7), lattice_sizes("rings", 16), lattice_sizes("single", 3)
     (({'columns': 3, 'rows': 3}, 9), ({'rings': 2}, 19), ({}, 1))
@@ -185,7 +185,7 @@ def set_leads(document: Document, _: Design, there: bool) -> Document:
 
 
 def set_connector(document: Document, _: Design, edge: str) -> Document:
-    """Lead all coils to a connector at an edge or "none"."""
+    """Lead all coils to a connector at an edge."""
     if edge == "none":
         return _changed(document, {key: table for key, table in document.items() if key != "connector"})
     return _changed(document, {**document, "connector": {**document.get("connector", {}), "side": edge}})

@@ -39,7 +39,7 @@ SPACING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class UnitFields:
-    """B of 1 A per coil on a plane in m."""
+    """B on a plane of 1 A per coil."""
 
     x: FloatArray  # shape (nx,)
     y: FloatArray  # shape (ny,)

@@ -237,7 +237,7 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
 
 def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
-    """Read a calibration plan from TOML tables. See `load_plan`."""
+    """Read a calibration plan from TOML tables."""
     return PLANS.check(Plan, document, origin)
 
 

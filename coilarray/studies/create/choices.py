@@ -35,7 +35,7 @@ _FROM_TO = {
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Arrangement of the coils: a lattice of a design file and its repetitions."""
+    """Lattice of the coils and its repetitions."""
 
     lattice: LatticeKind
     columns: int = 1

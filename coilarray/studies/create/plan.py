@@ -34,7 +34,7 @@ _ROUGHLY = {"circle": "twelve sides", "racetrack": "rectangle"}
 
 @dataclass(frozen=True)
 class Winding:
-    """Turns per layer, trace width and gap of a winding in m."""
+    """Turns per layer, trace width and gap in m."""
 
     turns: int
     trace_width: float

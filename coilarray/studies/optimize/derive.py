@@ -56,7 +56,7 @@ def parse_wish(text: str) -> dict[str, Any] | None:
 
 
 def parse_bound(text: str) -> dict[str, Any]:
-    """Read ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE`` as a constraint. Raises GoalError."""
+    """Read ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE`` as a constraint."""
     found = _BOUND.fullmatch(text.strip())
     if found is None:
         raise GoalError(f"--keep must be QUANTITY>=VALUE or QUANTITY<=VALUE; got {text!r}.")
@@ -144,7 +144,7 @@ class _Named:
 
 
 def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
-    """Read a goal file (TOML), or make one of the goals `NAMES` for the design.
+    """Read a goal file (TOML), or make a named goal.
 
     `name_or_path` is the path of a file, which has precedence, or a name. Raises GoalError for an
     unreadable file, an unknown key or a value that is not allowed, in one line, and if the goal

@@ -20,7 +20,7 @@ from coilarray.studies.quantities import canonical
 from coilarray.studies.sweep import UNREAD, Sweep, is_read, keeps_rules
 
 GOALS = TomlFiles("goal", GoalError)
-"""Goal files. Goals that fit any design are in `coilarray.studies.optimize.derive`."""
+"""Reader of goal files."""
 _POLISH = 60  # evaluations of the local solver by default
 _WHOLE_STEPS = 1e-9  # of a step: tolerance of a range for a whole number of steps
 _MOST_STEPS = 1e9
@@ -91,7 +91,7 @@ class Variable(Table):
 
 
 def _plain(choice: Any) -> Any:
-    """Whole numbers of a choice in one form: 12.0 is 12."""
+    """Choice with whole numbers in one form, 12 for 12.0."""
     if isinstance(choice, list):
         return [_plain(part) for part in choice]
     return int(choice) if isinstance(choice, float) and choice.is_integer() else choice
@@ -145,7 +145,7 @@ class Constraint(Bounds):
         return f"{self.quantity} {' and '.join(bounds)}"
 
     def violations(self, value: float) -> dict[str, float]:
-        """Relative violation of each bound, absolute for zero, ≤ 0 if kept."""
+        """Relative violation of each bound, ≤ 0 if kept."""
         broken = {}
         for sign, relation, bound in ((1, ">=", self.at_least), (-1, "<=", self.at_most)):
             if bound is not None:

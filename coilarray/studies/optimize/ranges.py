@@ -153,7 +153,7 @@ def termination_choices(file: DesignFile) -> list[Row]:
 
 
 def rounded(value: float, digits: int, *, up: bool) -> float:
-    """Round a number up or down to a number of digits.
+    """Round a number up or down to some digits.
 
     >>> rounded(13.28, 3, up=True), rounded(-0.0123, 1, up=False)
     (13.3, -0.02)

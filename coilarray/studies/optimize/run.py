@@ -104,7 +104,7 @@ def optimize_design(
     *,
     progress: SearchProgress | None = None,
 ) -> Optimization:
-    """Search from a design for better designs, and continue a killed run.
+    """Search for better designs, and continue a killed run.
 
     Entries that are not variables of the goal stay unchanged. Boards that cannot be made are
     excluded, see `keeping_rules`. Every point is written to ``points.jsonl`` in `folder` as soon as
@@ -233,7 +233,7 @@ class _Points:
             self.trials[_key(trial.changes, accuracy)] = trial
 
     def add(self, trial: Trial) -> None:
-        """Write a point. Raises OutputError."""
+        """Write a point."""
         start = trial.name == "search 0" and trial.changes == self._start
         line = json.dumps({**self._head, "start": start, **vars(trial)})
         with writing(self._path), self._path.open("a", encoding="utf-8") as file:

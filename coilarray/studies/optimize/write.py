@@ -23,7 +23,7 @@ _DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
-    """Write the files of an optimization, the result of `optimize_design`, into a folder.
+    """Write the files of an optimization into a folder.
 
     Designs of an earlier search, listed in its ``result.json``, are removed. Raises OutputError. No
     file is left half-written.

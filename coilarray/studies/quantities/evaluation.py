@@ -81,7 +81,7 @@ class Evaluation:
 
     @property
     def indentation(self) -> Indentation:
-        """Indentation of the design. Raises GoalError if it has none."""
+        """Indentation of the design, or GoalError."""
         if self.design.indentation is None:
             raise GoalError(no_indentation(self.design))
         return self.design.indentation
@@ -101,7 +101,7 @@ class Evaluation:
 
     @property
     def target(self) -> Target:
-        """Target of the design. Raises GoalError if it has none."""
+        """Target of the design, or GoalError."""
         try:
             return target_of(self.design)
         except MetalError as error:

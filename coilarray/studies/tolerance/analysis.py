@@ -75,7 +75,7 @@ class Outputs:
     accuracy: Accuracy = "screen"
 
     def names(self, design: Design) -> tuple[str, ...]:
-        """Names of all outputs: quantities, then δ by place and state."""
+        """Names of quantities, then of δ by place and state."""
         states = [state.name for state in design.plan]
         deltas = [f"delta[{state},{place}]" for place in self.places() for state in states]
         return (*self.quantities, *deltas)
@@ -121,7 +121,7 @@ def analyse(
     cache: Store | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute the spread of a design's quantities over boards with fabrication errors.
+    """Compute the spread of quantities over boards with fabrication errors.
 
     `tolerances` are the distributions of the errors, positions and limits. `quantities` are by
     default of the tolerances, otherwise `default_quantities`. Quantities in limits are added.
@@ -485,7 +485,7 @@ def _sampled_part(linear: xr.Dataset, drawn: FloatArray, values: FloatArray, fai
 
 
 def deviation_error(values: FloatArray) -> FloatArray:
-    """Return the standard error of a sampled standard deviation (n, …).
+    """Return standard errors of sampled standard deviations (n, …).
 
     var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any fourth central moment μ₄, and ds = ds²/2s. The
     lower limit is s/√(2(n − 1)) of a normal distribution (Kendall & Stuart, The Advanced Theory of

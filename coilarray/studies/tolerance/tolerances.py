@@ -53,7 +53,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Positions:
-    """Positions of the indenter in m from the map's origin, every x with every y, at one depth.
+    """Grid of the indenter in m from the map's origin.
 
     `noise` is the standard deviation of δ for locating readings, by default of the design's noise
     budget.
@@ -99,7 +99,7 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Contributor:
-    """Independent error of a board, which moves one or more errors equally.
+    """Independent error, which moves one or more errors equally.
 
     ``board`` parts are common to all layers of a board, ``layer`` parts belong to a single layer.
     The `deviation` is in SI and the mean is zero.
@@ -136,7 +136,7 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
 
 
 def load_tolerances(path: str | Path | None = None) -> Tolerances:
-    """Read a tolerance file (TOML) at a path, by default typical values of board houses.
+    """Read a tolerance file (TOML), by default typical values.
 
     Tables that are missing in the file have typical values and are marked as assumed, unless it has
     ``others = "none"``. Raises GoalError for an unreadable file, wrong TOML, or a key or value that
@@ -251,7 +251,7 @@ class _PositionsTable(Table):
         return self
 
     def build(self) -> Positions:
-        """Return the positions in SI, −26 mm as exactly −0.026 m."""
+        """Return the positions in SI, divided for exact decimals."""
         x, y = (tuple(value / 1e3 for value in values) for values in (self.x_mm, self.y_mm))
         return Positions(x, y, self.depth_mm / 1e3, self.noise)
 
