@@ -310,9 +310,8 @@ def factorised(
 ) -> Box:
     """Assemble and factorise a box.
 
-    `shear` and `squash` (elements along z,) are μ and 1/K. `springs` (3, nx, ny) are the springs at
-    the nodes of the bottom. `held` (3,) marks the components of the displacement that are zero
-    there.
+    `shear` and `squash` (elements along z,) are μ and 1/K. `springs` (3, nx, ny) are at the bottom,
+    where the components `held` (3,) are zero.
     """
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)

@@ -173,9 +173,8 @@ def linear_pressures(basis: Any) -> FloatArray:
 class Stack:
     """Sheets on a board, in their thickness and largest modulus.
 
-    `length` in m and `stress` in Pa are these units. `thicknesses`, `shear`, the shear modulus μ =
-    E/(2(1 + ν)), and `squash`, the compressibility 1/K = 3(1 − 2ν)/E, have a value for every sheet,
-    from the board up.
+    `length` in m and `stress` in Pa are these units. `shear` is the shear modulus μ = E/(2(1 + ν)),
+    and `squash` the compressibility 1/K = 3(1 − 2ν)/E, by sheet from the board up.
     """
 
     length: float

@@ -118,9 +118,7 @@ def incident_waves(
 ) -> FloatArray:
     """Harmonics c_m k/2π of one shape of coil about offsets (n, 2) in m.
 
-    The offsets are of the indenter's axis from the coil's centre, as in
-    `coilarray.electromagnetics.coil_spectrum.coil_harmonics`, at the dent's position after its
-    `motion`.
+    The offsets, as in `coil_harmonics`, are at the dent's position after its `motion`.
     """
     up = motion.lift - offsets @ motion.slope
     waves = coil_harmonics(spectra, shape, offsets + np.array(motion.slope) * motion.pivot, orders - 1)

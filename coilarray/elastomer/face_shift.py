@@ -70,9 +70,8 @@ def shift_energy(
 ) -> ComplexArray:
     """Change iᵀ ΔL j by a sample's shifts, (depths, places, n).
 
-    It is in H per A² of the currents i and j (n, coils). The `places` (places, 2) in m count from
-    the map's `origin` on the board. Outside the sample the shift removes the wide sample's
-    displacement.
+    It is in H per A² of i and j (n, coils). The `places` in m count from the map's `origin` on the
+    board. Outside the sample the shift removes the wide sample's displacement.
     """
     depths, count, levels = correction.moved.shape[:3]
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)

@@ -41,9 +41,8 @@ class Wires:
 def cross_section(conductor: Conductor, y: float) -> Wires:
     """Cut a path with a plane at `y` in m.
 
-    There is one wire for every crossing, as wide as the trace, not as its oblique cut. Raises
-    ElastomerError for a path that does not cross the plane, or not equally often in both
-    directions.
+    There is a wire for every crossing, as wide as the trace, not as its oblique cut. A path must
+    cross the plane equally often in both directions.
     """
     start, stop = conductor.vertices[:-1], conductor.vertices[1:]
     crosses = (start[:, 1] <= y) != (stop[:, 1] <= y)
@@ -62,8 +61,7 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
     """Self-inductance per length of wires at z ≤ 0 under flat sheets, in H/m.
 
     L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means over both cross-sections, and from the sheets
-    −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R. Raises ElastomerError for wires without a
-    cross-section or above z = 0.
+    −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R.
     """
     if not (wires.widths > 0).all():
         raise ElastomerError("the inductance of wires needs their cross-sections; one has none.")

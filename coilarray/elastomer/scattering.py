@@ -220,9 +220,8 @@ class Scattering:
     ) -> FloatArray | ComplexArray:
         """Change of the energy between all coils, (positions, coils, coils).
 
-        It is real without layers below the coils. `of_coils` (positions, coils) gives the index of
-        each coil's `amplitudes`. `factors` (harmonics,) is the integral over the angle, 2π and 4π,
-        or the two halves in plane strain.
+        `of_coils` (positions, coils) gives the index of each coil's `amplitudes`. `factors`
+        (harmonics,) is the integral over the angle, 2π and 4π, or the two halves in plane strain.
         """
 
         def of(m: int) -> FloatArray | ComplexArray:
@@ -398,9 +397,8 @@ class _Faces:
 def _faces(basis: Basis, dent: Dent) -> _Faces:
     """Gauss points on the faces between edges and knots.
 
-    Between the radii at which the dent is known its shape is a cubic. The sheets hardly change
-    their volume. With the elements' own points the volume would be so inaccurate that the energy
-    would be 10 % off.
+    Between knots a dent is a cubic. With the elements' own points the sheets' volume, which hardly
+    changes, would be so inaccurate that the energy would be 10 % off.
     """
     mu, heights = np.array([*dent.permeabilities, 1.0]), dent.heights
     edges = np.unique(basis.mesh.p[0])

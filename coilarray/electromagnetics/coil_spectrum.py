@@ -56,9 +56,8 @@ class Segments:
 class CoilSpectra:
     """Spectra of coils about their own centres.
 
-    `wavenumbers` (k,) are in 1/m. `radius` in m is the largest distance of a corner from its coil's
-    centre. `series` is the Fourier series of S over α for every shape and wavenumber, in m per A
-    (electrode: m² per V).
+    `wavenumbers` (k,) are in 1/m. `radius` in m is the largest distance of a corner. `series` is
+    the Fourier series of S over α, by shape and wavenumber, in m per A (electrode: m² per V).
     """
 
     wavenumbers: FloatArray
@@ -157,9 +156,8 @@ def _derivative(nodes: FloatArray) -> FloatArray:
 def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highest: int) -> FloatArray:
     """Harmonics c_m(k) of a coil's potential in m/A.
 
-    They are about points (n, 2) in m from the coil's centre, real and imaginary parts (highest + 1,
-    2, k, n). In opposite directions S e^{ik·p} are conjugates, so half a circle suffices: 2 Re for
-    even m and 2i Im for odd m.
+    They are (highest + 1, 2, k, n), real and imaginary. In opposite directions S e^{ik·p} are
+    conjugates, so half a circle suffices: 2 Re for even m and 2i Im for odd m.
     """
     (x, of_x), (y, of_y) = (np.unique(values, return_inverse=True) for values in offsets.T)
     distance = float(np.hypot(*offsets.T).max(initial=0.0))

@@ -274,9 +274,8 @@ def _grain(conductor: Conductor) -> float:
 class _Points:
     """Gauss points on a path's horizontal segments.
 
-    `places` (n, 3) are in m, `lateral` and `normal` (n, 3) the directions of the trace's width and
-    thickness. `segment` (n,) is the segment of each point and `weight` (n,) the length in m that it
-    stands for.
+    `places` (n, 3) are in m, `lateral` and `normal` (n, 3) the directions of width and thickness,
+    `weight` (n,) the length in m that each point stands for.
     """
 
     places: FloatArray
@@ -378,9 +377,8 @@ def _shared_out(
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Points that cuts represent, with crossings and shares of equal shape.
 
-    The crossing counts all cuts in sequence. Between two crossings of a line the share of the first
-    falls linearly while the share of the second rises. Outside the turns the whole share has
-    crossing −1. Points occur once or twice.
+    Between two crossings of a line the shares change linearly. Outside the turns the whole share
+    has crossing −1. Points occur once or twice.
     """
     line = _line_numbers(vertices)
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(vertices[:, :2], axis=0).T)))

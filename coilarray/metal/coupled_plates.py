@@ -322,9 +322,8 @@ def fields_on(
 ) -> Iterator[FloatArray]:
     """Yield B in T along the plate's axes, (sums · places · paths, points, 3).
 
-    B is at the points of a body, by images of 1 A in each of the paths, for as many of the centres
-    `where` (places, 3) in m at once as memory allows. `weights` (sums, images) are the weights of
-    `FieldOfImages`.
+    B is at a body's points, by images of 1 A in the paths, for as many of the centres `where`
+    (places, 3) in m at once as memory allows.
     """
     offsets = body.points @ plate.axes
     field = field_of_images(paths, where, offsets, images, weights)

@@ -98,7 +98,6 @@ class PlateError:
 def worst_attributes(errors: Sequence[PlateError]) -> dict[str, float]:
     """Return attributes with the largest errors of any plate.
 
-    ``plate_error_inductance`` and ``plate_error_resistance`` are relative errors of ΔL and ΔR.
     ``plate_skin_depths`` is the thickness of the plate with the largest error of ΔR. Without plates
     there are no attributes.
     """
@@ -278,9 +277,8 @@ def outlined_inductance(
 ) -> ComplexArray:
     """Change of the inductance matrix in H by finite plates.
 
-    It is relative to the other plates alone, of shape (frequencies, paths, paths). The other
-    arguments and the errors are as in `moving_plate`. Infinite plates are computed by
-    `coilarray.metal.flat_plates.plate_inductance`.
+    It is relative to the other plates alone, of shape (frequencies, paths, paths). Arguments and
+    errors are as in `moving_plate`.
     """
     paths = as_conductors(source)
     f = checked_frequencies(frequencies, positive=True)
@@ -312,9 +310,8 @@ def eddy_currents(
 ) -> list[list[EddyCurrents]]:
     """Compute the eddy currents in all finite plates, by frequency.
 
-    The plates are at their own centres, and each path in turn carries 1 A. With `alone` the
-    currents alone make the field outside the plates: in magnetic plates other currents then take
-    the place of the magnetic charges.
+    Each path in turn carries 1 A. With `alone` they make the field outside the plates: in magnetic
+    plates other currents then take the place of the magnetic charges.
     """
     paths, f = as_conductors(source), checked_frequencies(frequencies, positive=True)
     magnetic = _magnetic_plate(plates, f)

@@ -41,9 +41,8 @@ _NODES = 48  # of the integral over the sphere, from pole to pole
 class SphereInDent:
     """Harmonics on a sphere for m from 0, l from max(m, 1) to the orders.
 
-    `fields`, each (orders, k), are harmonics of the dented potential for the incident potential
-    e^{−kz} J_m(kr). `returned`, each (orders, orders), are harmonics in 1/m that the sheets add for
-    a layer of unit strength.
+    `fields` (orders, k) are of the dented potential for the incident e^{−kz} J_m(kr), `returned`
+    (orders, orders) in 1/m the harmonics that sheets add for a layer of unit strength.
     """
 
     fields: tuple[FloatArray, ...]
@@ -87,11 +86,11 @@ def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def _normalised(orders: int, m: int, x: FloatArray) -> FloatArray:
-    """Normalised associated Legendre functions P_l^m(x), shape (l, n).
+    """Normalised associated Legendre functions P_l^m(x), l from max(m, 1).
 
-    l = max(m, 1) to `orders`, with ∫ P² dx = 1 and no sign of Condon and Shortley. The recurrence
-    in l stays within the range of numbers at any order, unlike factorials and P_l^m themselves
-    (Holmes and Featherstone, J. Geodesy 76, 279 (2002), Eqs. 11 to 13).
+    With ∫ P² dx = 1, without the sign of Condon and Shortley. The recurrence in l stays within the
+    range of numbers at any order, unlike factorials and P_l^m themselves (Holmes and Featherstone,
+    J. Geodesy 76, 279 (2002), Eqs. 11 to 13).
     """
     odd = np.arange(1, 2 * m, 2)
     found = [np.sqrt((m + 0.5) * np.prod(odd / (odd + 1))) * (1 - x**2) ** (m / 2)]

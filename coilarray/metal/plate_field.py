@@ -86,9 +86,8 @@ def plate_currents(
 ) -> ComplexArray:
     """Compute the eddy currents (plates, nx, ny, 2) in infinite plates.
 
-    They are in A/m, integrated over the thickness. The coils lie at z ≤ 0, with `currents` (n,) in
-    A. `blur` is the standard deviation in m of the Gaussian over which the eddy currents are
-    averaged. Near a plate they follow every single turn.
+    They are in A/m, integrated over the thickness. `blur` in m is the standard deviation of the
+    Gaussian over which they are averaged, as near a plate they follow every single turn.
     """
     segments = coil_segments(source)
     points = np.concatenate([one.start for one in segments])

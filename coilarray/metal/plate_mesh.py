@@ -102,9 +102,7 @@ def plate_meshes(
 ) -> tuple[HalfBody, HalfBody]:
     """Mesh a plate's upper half twice, with halved element lengths.
 
-    `fineness` 2 has half the lengths of 1. The meshes are finer if the plate is near the copper
-    `above` or below it. Raises GeometryError for a fineness that is not positive and finite, and
-    for an outline too large or narrow.
+    `fineness` 2 has half the lengths of 1. The meshes are finer near the copper `above` or below.
     """
     require_positive("fineness of a mesh", fineness, "")
     plane = _plane(outline)
@@ -353,9 +351,8 @@ def _plane(outline: Outline) -> shapely.Polygon:
 class _Rim:
     """Ring by corners (n, 2) and places (n + 1,) along it, in m.
 
-    `before` and `after` (n, 2) are the unit normals to the left at both ends of every side, and
-    `middle` (n, 2) the normals at the corners. `turns` (n,) are the angles there in rad, positive
-    to the left.
+    `before` and `after` (n, 2) are the unit normals to the left at both ends of every side,
+    `middle` at the corners. `turns` (n,) are the angles there in rad, positive to the left.
     """
 
     corners: FloatArray

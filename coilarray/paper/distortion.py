@@ -39,11 +39,10 @@ _BALLS = ("steel", "aluminium", "ferrite")  # materials that a hemisphere may ha
 
 @dataclass(frozen=True, eq=False)
 class EllipseCurves:
-    """Ellipse parameters over δ of every state, in m.
+    """Ellipse parameters x0, A and B over δ, (states, deltas) in m.
 
-    They are x0, A and B of shape (states, deltas), NaN if the map has no such level. `undetermined`
-    of the same shape marks levels whose points do not determine the ellipse, see
-    `coilarray.paper.ellipse`.
+    They are NaN if the map has no such level. `undetermined` marks levels whose points do not
+    determine the ellipse.
     """
 
     x0: FloatArray

@@ -28,9 +28,8 @@ def sheet_meshes(
 ) -> dict[str, pyvista.PolyData]:
     """Surfaces of the sheets in mm by name, lowest first.
 
-    The `parts` are solids in m from `coilarray.geometry.solids.solids`. For an exploded view,
-    `lift` is the height in m of the lowest sheet above the board, and `spread` the height of every
-    other sheet above the sheet below it.
+    The `parts` are solids in m. In an exploded view `lift` is the height in m of the lowest sheet
+    above the board, `spread` the height of every other sheet above the sheet below it.
     """
     solids = {key.removeprefix("sheet/"): solid for key, solid in parts.items() if key.startswith("sheet/")}
     in_order = sorted(solids, key=lambda name: float(solids[name].bounds[0, 2]))
@@ -59,9 +58,8 @@ def dented_sheet_meshes(
 ) -> dict[str, pyvista.PolyData]:
     """Surfaces of the deformed sheets in mm by name.
 
-    The quarter of lower x and lower y is cut out. The `indentation` is one depth of the result of
-    `coilarray.indent`. `centre` is x and y of the indenter, and `extent` x_min, y_min, x_max, y_max
-    of the flat sheet, in m. A finite sample ends at its own edge.
+    The quarter of lower x and y is cut out. The `indentation` is at one depth. `centre` is x and y
+    of the indenter, `extent` x_min, y_min, x_max, y_max of the flat sheet, in m.
     """
     plane = indentation.attrs["symmetry"] == "plane"
     angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)

@@ -45,9 +45,8 @@ def require_memory(points: int, what: str) -> None:
 def field_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.ArrayLike) -> pyvista.RectilinearGrid:
     """Put B on a plane or in a box in mm.
 
-    It becomes the point arrays ``"B (T)"`` and ``"|B| (T)"``. The coordinates, shapes (nx,), (ny,)
-    and (nz,), ascend and are in m. A single value makes a plane. `field` in T has the shape (nx,
-    ny, nz, 3).
+    It becomes the point arrays ``"B (T)"`` and ``"|B| (T)"``. The coordinates in m ascend, a single
+    value makes a plane. `field` (nx, ny, nz, 3) is in T.
     """
     from coilarray.viz.extra_3d import pyvista
 
@@ -110,11 +109,10 @@ def arrows_at(
 
 @dataclass(frozen=True, eq=False)
 class Eddies:
-    """Eddy currents of one body.
+    """Eddy currents of one body at an instant.
 
-    `points`, shape (n, 3), are places on the board in m. `normals`, shape (n, 3), are the outward
-    unit vectors of its face there. `density`, shape (n, 3), is the current per width at one instant
-    in A/m.
+    `density` (n, 3) is the current per width in A/m at `points` (n, 3) on the board in m, `normals`
+    (n, 3) the outward unit vectors of its face.
     """
 
     points: FloatArray
@@ -139,9 +137,8 @@ def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyD
 def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
     """Follow B in a box in both directions.
 
-    The lines are polylines in mm with the point array ``"|B| (T)"``. The seeds, shape (n, 3), are
-    in m. A line ends if it leaves the grid or has come round once, at its return through the plane
-    across B at the seed.
+    The polylines in mm have the point array ``"|B| (T)"``. A line ends if it leaves the grid or has
+    come round once, at its return through the plane across B at the seed.
     """
     from coilarray.viz.extra_3d import pyvista
 

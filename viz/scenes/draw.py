@@ -74,7 +74,7 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
 
 
 def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = None) -> None:
-    """Draw only a scene's parts, texts and notes, by `pixel_of` the height."""
+    """Draw only the parts, texts and notes of a scene."""
     view: Any = plotter
     if pixel is None:
         pixel = view.window_size[1] / _HEIGHT

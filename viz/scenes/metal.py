@@ -73,7 +73,7 @@ def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene
 
 
 def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scale: Scale | None, first: int) -> Scene:
-    """Scene of a target with a slider of its distance from `first`.
+    """Scene of a target with a slider of its distance, at `first`.
 
     Infinite plates are cut to `within` in m. `scale` belongs to the eddy currents if shown.
     """

@@ -18,9 +18,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def kernel(function: Function) -> Function:
     """Compile a kernel on first use and keep it on disk.
 
-    Division by zero gives an infinity as in NumPy, a·b + c may use one rounding. After editing a
-    kernel that others call, delete ``coilarray/electromagnetics/kernels/__pycache__``: numba renews
-    code only for a kernel's own file.
+    Division by zero gives an infinity as in NumPy. After editing a kernel that others call, delete
+    ``kernels/__pycache__``: numba renews code only for a kernel's own file.
     """
     compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
     return cast(Function, compiled(function))

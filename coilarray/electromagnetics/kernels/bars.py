@@ -80,9 +80,8 @@ def _line_potential(r1: float, r2: float, length: float) -> float:
 def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: float, length: float) -> float:
     """Potential ∫ dl/R of a segment at a point near or on it.
 
-    The segment runs from the origin along the unit vector u. With ρ from the line and a, b along it
-    from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is a sum of two positive parts, each ρ²/(r
-    + a) for a > 0. So nothing cancels.
+    With ρ from the line and a, b along it from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is
+    a sum of positive parts ρ²/(r + a) for a > 0, so nothing cancels.
     """
     cx, cy, cz = uy * z - uz * y, uz * x - ux * z, ux * y - uy * x
     rho2 = cx * cx + cy * cy + cz * cz
@@ -289,9 +288,8 @@ def _corner_cell(
 ) -> float:  # fmt: skip
     """Integrate (ax + bx x)(ay + by y) K from the origin to (x_end, y_end).
 
-    K is the filament integral at the lateral distance √(x² + y²). In polar coordinates there are
-    two triangles on either side of the diagonal, each with dθ/cos θ as variable, and r = R τ³ so
-    that r ln r becomes smooth.
+    K is the filament integral at √(x² + y²). Each of two triangles in polar coordinates has the
+    variable dθ/cos θ, and r = R τ³ makes r ln r smooth.
     """
     if x_end == 0.0 or y_end == 0.0:
         return 0.0

@@ -238,8 +238,7 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
     """Offsets of two bars that meet at an angle.
 
     The integrand has a kink where the filaments meet end to end, at equal lateral offsets, so the
-    second width is cut there. The thickness enters by its triangular offset density, half of it for
-    bars `level` with each other.
+    second width is cut there. The thickness enters by its triangular offset density.
     """
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)

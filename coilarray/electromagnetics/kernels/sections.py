@@ -54,8 +54,7 @@ def gauss_points(
     """Gauss points along segments: segment (n,), length in m (n,), point (n, 3).
 
     `rules` has (least length in widths, points), rising. The points keep half a width away from the
-    corners. There the field of the next segment's centre line, though not of its copper, has no
-    bound.
+    corners, where the field of the next centre line has no bound.
     """
     steps = np.diff(vertices, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -118,9 +117,8 @@ def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: floa
 def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: FloatArray) -> None:
     """Mean of ln r between the cells of two traces (x, z) apart.
 
-    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre. `second` (4,
-    m) holds the same for the other trace, one per row, so that the processor takes several at once.
-    `out` has shape (n, m).
+    Cells `first` (n, 4) hold x, z, width, thickness about the trace's centre, `second` (4, m) the
+    same by row, so that the processor takes several at once.
     """
     xs, zs, ws, ts = second[0], second[1], second[2], second[3]
     for i in range(first.shape[0]):

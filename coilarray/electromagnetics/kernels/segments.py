@@ -30,9 +30,8 @@ def add_magnetic_field(
 ) -> None:  # fmt: skip
     """Add the B of polylines at a block of points.
 
-    `x`, `y`, `z`, `bx`, `by`, `bz` and the scratch `norm` have shape (n,). `vertices` (m, 3) holds
-    all polylines in sequence, polyline c being rows starts[c]:starts[c + 1] with the weight µ0 I/4π
-    in `weights`.
+    `vertices` (m, 3) holds all polylines in sequence, polyline c being rows starts[c]:starts[c + 1]
+    with the weight µ0 I/4π. `norm` is scratch.
     """
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):

@@ -131,9 +131,8 @@ def _edge(
 ) -> tuple[float, float, float, float, float, float]:
     """Return normal, distance, ∫ dl/r and angle of an edge.
 
-    The normal is outward, in the plane. The distance of the point from the edge's line is along
-    this normal. `d` is the distance of the point from the plane. The angles of all edges add up to
-    the solid angle.
+    The normal is outward, in the plane, the distance of the point along it. `d` is its distance
+    from the plane. The angles of all edges add up to the solid angle.
     """
     m = (k + 1) % 3
     ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z

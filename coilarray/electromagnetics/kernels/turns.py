@@ -174,9 +174,8 @@ def series_sum(
 ) -> float:  # fmt: skip
     """Sum `bar_pair` over the series of two paths.
 
-    It is over rows of `first` and of `second` moved by `shift`, or over the pairs i < j of one
-    path's `own` rows. `of_first` and `of_second` are their series (`find_series`), the last four
-    arguments the rules (`series_rules`).
+    These are rows of `first` and of `second` moved by `shift`, or the pairs i < j of one path's
+    `own` rows. The last four arguments are `series_rules`.
     """
     rule = np.empty((RULE_SIZE, 4))
     total = 0.0
