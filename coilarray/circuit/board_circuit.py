@@ -161,10 +161,7 @@ class Windings(_Locked):
 
 @dataclass(frozen=True, eq=False)
 class PlateEffect:
-    """Change of the impedance over jω by plates in H.
-
-    It has the shape (f, n, n) at the nodes of a band.
-    """
+    """Change of the impedance over jω by plates in H."""
 
     band: FrequencyBand
     samples: ComplexArray
@@ -313,10 +310,7 @@ class BoardCircuit(_Locked):
         return _sampled(self.network, frequencies, R, self._plates_at(frequencies))
 
     def widened(self, network: Network, low: float, high: float) -> Network:
-        """Add samples of resistance and plates between frequencies in Hz.
-
-        An ideal network without plates is the same at all frequencies.
-        """
+        """Add samples of resistance and plates between frequencies in Hz."""
         own = network.resistance
         if not isinstance(own, SampledMatrix) or len(own.frequencies) == 1:
             return network

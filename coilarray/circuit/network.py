@@ -62,10 +62,7 @@ _LEAST_EIGENVALUE = 1e-12  # of the coupling matrix. Entries are rounded to 1e-1
 
 @dataclass(frozen=True, eq=False)
 class SampledMatrix:
-    """Matrices (f, n, n) in Ω or H at frequencies.
-
-    They are linear between the rising frequencies in Hz and constant beyond.
-    """
+    """Matrices (f, n, n) at rising frequencies, constant beyond."""
 
     frequencies: FloatArray
     matrices: FloatArray
@@ -584,10 +581,7 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
 
 
 def _references(pairs: IntArray, nodes: int, closed: IntArray, ground: int) -> list[int]:
-    """Return one node of every separate part of the circuit.
-
-    It is the ground, or a node without a switch.
-    """
+    """Return a node of every separate part, ground or unswitched."""
     ends = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
     parts, label = connected_components(ends, directed=False)
     free = np.setdiff1d(np.arange(nodes), closed)

@@ -95,10 +95,7 @@ def export_network(
 
 
 def exchange_frequencies(network: Network) -> FloatArray:
-    """Return 201 frequencies in Hz for a file.
-
-    They reach from a tenth of the lowest resonance to ten times the highest.
-    """
+    """Return 201 frequencies in Hz, a decade around all resonances."""
     found = _grounded_resonances(network)
     return np.geomspace(found.min() / 10, found.max() * 10, _POINTS)
 

@@ -14,10 +14,7 @@ from coilarray.errors import MissingDependencyError
 
 
 def import_extra(module: str, purpose: str, *, package: str, extra: str) -> ModuleType:
-    """Import a module of an optional library.
-
-    `purpose` is the work that needs the library, in the plural, such as "STEP files".
-    """
+    """Import an optional library, for plural work like "STEP files"."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

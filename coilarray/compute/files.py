@@ -27,10 +27,7 @@ os.umask(_UMASK)
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file completely or not at all.
-
-    `write` fills a temporary file beside `path` with the same suffix.
-    """
+    """Write a file whole by filling another and renaming it."""
     with writing(path):
         remove_left(path.parent)
         handle, name = tempfile.mkstemp(prefix=hidden_prefix(path.stem), suffix=path.suffix, dir=path.parent)

@@ -74,10 +74,7 @@ def _free_on_machine() -> float:
 
 
 def _left_in_groups() -> float:
-    """Memory in bytes left in the control groups.
-
-    Both versions of groups count, with caches as free.
-    """
+    """Memory in bytes left in control groups, caches as free."""
     left = float("inf")
     for line in _text(_PROC / "self" / "cgroup").splitlines():
         _, controllers, path = line.split(":", 2)

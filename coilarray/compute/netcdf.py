@@ -27,10 +27,7 @@ _SHOWN = 100  # characters of names in a message
 
 
 class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
-    """HDF5 file that opens each of its objects once.
-
-    h5netcdf requests every variable twenty times.
-    """
+    """HDF5 file that opens each of h5netcdf's objects once."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)

@@ -38,10 +38,7 @@ _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
 
 
 def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str = "") -> str:
-    """Return a table as HTML, with all text escaped.
-
-    Rows with a cell of the text `mark` get the class ``mark``.
-    """
+    """Return a table as HTML, with class ``mark`` for its rows."""
     many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
     head = f"\n<thead><tr>{_cells('th', headers)}</tr></thead>" if headers else ""
     body = [(' class="mark"' if mark and mark in row else "", _cells("td", row)) for row in rows]

@@ -51,10 +51,7 @@ def ranges(count: int, size: int) -> list[tuple[int, int]]:
 def run_blocks(
     work: Callable[[Item], Result], items: Iterable[Item], *, progress: Progress | None = None
 ) -> Sequence[Result]:
-    """Apply `work` to every item, on one thread per core.
-
-    After an exception, blocks that have not begun are dropped.
-    """
+    """Apply `work` to every item, on one thread per core."""
     todo = list(items)
     if not todo:
         return []
@@ -109,10 +106,7 @@ def serial_algebra() -> Iterator[None]:
 
 @cache
 def _controller(with_scipy: bool) -> ThreadpoolController:
-    """Find the linear algebra libraries once.
-
-    It takes milliseconds. SciPy brings its own.
-    """
+    """Find the linear algebra libraries once, which takes milliseconds."""
     from threadpoolctl import ThreadpoolController  # slow to import, and a design is read without it
 
     return ThreadpoolController()

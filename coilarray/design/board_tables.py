@@ -230,10 +230,7 @@ class PolygonCoil(SidedTable):
 
     @classmethod
     def of_polygon(cls, spiral: Spiral | RoundedSpiral) -> dict[str, Any]:
-        """Return the entries of a polygon's shape.
-
-        The size is over flats or corners, whichever has fewer digits.
-        """
+        """Return the entries of a polygon in its shorter size."""
         sides = spiral.sides
         flats = spiral.extent if isinstance(spiral, RoundedSpiral) else spiral.diameter
         corners = flats / math.cos(math.pi / sides) / MM
@@ -428,10 +425,7 @@ def coil_entries(coil: Coil) -> dict[str, Any]:
 
 
 def _shape_entries(spiral: Winding) -> dict[str, Any] | None:
-    """Return shape and sizes of a winding.
-
-    It is None for a rectangle that is not along x and y, which a file can only trace.
-    """
+    """Return shape and sizes, None for a tilted rectangle."""
     if isinstance(spiral, Spiral):
         return PolygonCoil.of_polygon(spiral)
     assert isinstance(spiral, RoundedSpiral)  # no other kind exists

@@ -181,10 +181,7 @@ class FlatTable(MaterialTable):
         return self
 
     def piece(self, name: str, x: float = 0.0, y: float = 0.0, lower: float = 0.0) -> Plate | FinitePlate:
-        """Return the piece in SI.
-
-        The middle of its lower face is at `x`, `y` and `lower` in m.
-        """
+        """Return the piece in SI, with its lower face's middle."""
         material = self.substance(name)
         assert material is not None  # the validator has checked it
         sizes = self.in_si(*FlatTable.model_fields)
@@ -432,10 +429,7 @@ class PlacesTable(Table):
         return self
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return x and y of the map in m.
-
-        They include both ends, and are empty if they follow from the array.
-        """
+        """Return x and y in m, empty without a range."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:

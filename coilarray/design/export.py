@@ -31,10 +31,7 @@ _SHOWN_FAULTS = 3
 
 @dataclass(frozen=True)
 class Exported:
-    """Paths of written files, and faults in their copper.
-
-    Up to three faults are found by reading back, in formats that are read back.
-    """
+    """Paths of written files, and up to three copper faults."""
 
     files: tuple[Path, ...]
     net_faults: tuple[str, ...]
@@ -145,10 +142,7 @@ def _format_of(path: Path) -> Format:
 
 
 def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
-    """Return the first three faults of a board, read back.
-
-    They are cut or touching coils, and foreign copper.
-    """
+    """Return the first three faults of a board, read back."""
     from coilarray.fabrication.nets import board_layers, check_nets
 
     if to == "kicad":

@@ -673,10 +673,7 @@ def _named(key: str) -> Iterator[None]:
 
 
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    """Return every value by its dotted key.
-
-    Tables in a list are numbered from 0. Plain lists stay whole.
-    """
+    """Return every value by its dotted key, plain lists whole."""
     flat: dict[str, object] = {}
     for key, value in table.items():
         name = f"{prefix}{key}"

@@ -143,10 +143,7 @@ def _some_entry(table: Any) -> str:
 
 
 def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:
-    """Count the parts of the longest key of the table.
-
-    The key may have dots itself.
-    """
+    """Count the parts of a table's longest key with dots."""
     return next((count for count in range(len(parts), 0, -1) if ".".join(parts[:count]) in table), 0)
 
 

@@ -132,10 +132,7 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
 
 
 def document_text(document: Mapping[str, Any]) -> str:
-    """Return the TOML text of a document.
-
-    Lists of plain values are on one line.
-    """
+    """Return the TOML text of a document."""
     import tomli_w
 
     def is_tables(value: object) -> bool:

@@ -178,10 +178,7 @@ class ForwardModel(ResponseSpline):
         return self._with(kept, coefficients, common, unread)
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Compute δ (…, states) at points (…, 3) in m.
-
-        A point outside the table raises a LocalizeError.
-        """
+        """Compute δ (…, states) at points inside the table."""
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
@@ -189,10 +186,7 @@ class ForwardModel(ResponseSpline):
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute `delta` and `jacobian` without checks, for solvers.
-
-        The points must be in the table.
-        """
+        """Compute `delta` and `jacobian` without checks, for solvers."""
         slopes = [self.values_at(points, axis) for axis in range(self.unknowns)]
         return self.values_at(points), np.stack(slopes, axis=-1)
 

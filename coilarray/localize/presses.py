@@ -84,10 +84,7 @@ class PressDetector:
             self._add(self._row(delta))
 
     def take(self, time: float, delta: Mapping[str, float], location: Location | None = None) -> Press | None:
-        """Return the press during a scan or ending with it.
-
-        `time` is in s. `location` is the position that `delta` gives.
-        """
+        """Return the press during a scan or ending with it."""
         values = self._row(delta)
         self._line.advance(time)
         off, deviation, limit = self._deviation(self._line, values)
@@ -142,10 +139,7 @@ class PressDetector:
             self._freedom = before + more
 
     def _begin_anew(self, time: float, values: FloatArray) -> None:
-        """Add a scan off the line to a new line.
-
-        The new line replaces the old line when it has enough scans.
-        """
+        """Add a scan to a line that may replace the old."""
         self._fresh.advance(time)
         _, deviation, limit = self._deviation(self._fresh, values)
         if deviation > limit:

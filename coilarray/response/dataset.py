@@ -209,10 +209,7 @@ TARGET_MAP = replace(
 
 
 def checked_response(response: xr.Dataset) -> xr.Dataset:
-    """Return a response or target map in float64.
-
-    A LocalizeError names any fault.
-    """
+    """Return a response or target map in float64, checked."""
     checked = (TARGET_MAP if is_of_target(response) else RESPONSE).checked(response, "a response")
     if bool(checked["delta"].isnull().any()):
         raise LocalizeError("delta of a response must be finite everywhere.")

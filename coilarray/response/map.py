@@ -438,10 +438,7 @@ def response_dataset(
     more: dict[str, Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
-    """Assemble the dataset of a response δ (…, states).
-
-    With `per_length` inductances are in H/m and forces in N/m. `more` are additional variables.
-    """
+    """Assemble a response δ (…, states), in H or `per_length`."""
     setup, per = indentation_of(design), "/m" if per_length else ""
     own = (tuple(axes.x.tolist()), tuple(axes.y.tolist())) == (setup.x, setup.y)
     window = {ELLIPSE_WINDOW: list(setup.ellipse_bounds)} if own and setup.ellipse_bounds is not None else {}

@@ -363,10 +363,7 @@ def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
 
 
 def _require_inside(setup: Indentation, places: FloatArray, contact_radius: float) -> None:
-    """Refuse places where the contact leaves the sample.
-
-    Places (n, 2) in m count from the map's origin.
-    """
+    """Refuse places where the contact leaves the sample."""
     if setup.sample_bounds is None:
         return
     x_min, y_min, x_max, y_max = setup.sample_bounds

@@ -305,19 +305,13 @@ class DirectReader:
         return scan
 
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
-        """Scan until the iterator is closed.
-
-        A scan runs once every `interval` in s, or as fast as possible for 0.
-        """
+        """Scan every `interval` in s until the iterator is closed."""
         if not (math.isfinite(interval) and interval >= 0):
             raise HardwareError(f"the interval must be finite and not negative; got {interval} s.")
         return self._stream(interval)
 
     def rest(self) -> None:
-        """Put the converter to sleep and ground all coils.
-
-        The coils are grounded even if the converter does not answer.
-        """
+        """Put the converter to sleep, and always ground all coils."""
         with held_signals():
             try:
                 self._chips.sleep()
@@ -356,10 +350,7 @@ class DirectReader:
             raise
 
     def _scan(self, sequence: int, *, running: bool = False) -> RawScan:
-        """Measure all states.
-
-        A `running` converter without switches stays awake.
-        """
+        """Measure all states, and leave a `running` converter awake."""
         if self._failure is not None:
             raise self._failure
         chip_settings = self._chip_settings

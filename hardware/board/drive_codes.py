@@ -60,10 +60,7 @@ def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> Found
 
 
 def _measured(reader: Reader, settings: ScanSettings, state: StateSettings, code: int) -> RawSample:
-    """Measure a state with a drive current.
-
-    Without switches all channels are scanned.
-    """
+    """Measure a state, or all wired channels, with a current."""
     changed = replace(state, drive=code)
     states = tuple(changed if one == state else one for one in settings.states) if settings.wired else (changed,)
     reader.configure(replace(settings, states=states, rcount=_RCOUNT))

@@ -300,10 +300,7 @@ class MicrocontrollerReader:
                 raise self._end_unheard() or fault
 
     def _heed(self, message: Message) -> None:
-        """Raise the fault that a message in a stream reports.
-
-        A mode other than streaming is also a fault.
-        """
+        """Raise the fault that a message in a stream reports."""
         if isinstance(message, StreamEnd):
             raise self._ended(message.reason, message.text)
         mode = Mode.STREAMING

@@ -218,10 +218,7 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class _Seen:
-    """A trial with its frequency in Hz and relative change.
-
-    The change is against the first trial of a group of pairs.
-    """
+    """A trial's frequency in Hz, and change in its group."""
 
     trial: Trial
     frequency: float | None

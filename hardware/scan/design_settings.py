@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 
 
 def board_network(design: Design, *, wired: bool = False) -> Network:
-    """Return the circuit of a design.
-
-    A `wired` board has its coils at the channels of a converter, without switches.
-    """
+    """Return the circuit of a design, without switches if `wired`."""
     from coilarray.circuit.coupling import design_circuit
 
     network = design_circuit(design)

@@ -226,10 +226,7 @@ class StateReading:
 
 @dataclass(frozen=True)
 class ScanReading:
-    """One scan with the readings of its `states`.
-
-    The other attributes are copied from its `RawScan`. `temperature` is the board's, in °C.
-    """
+    """One scan with the readings of its `states`."""
 
     sequence: int
     time: float

@@ -1,7 +1,4 @@
-"""Settings of a scan as values, registers and JSON.
-
-The hash of the settings ties a reading to them.
-"""
+"""Settings of a scan as values, registers and JSON."""
 
 from __future__ import annotations
 

@@ -199,10 +199,7 @@ class Wiring:
         return bytes(codes)
 
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
-        """Return the words that close the given connections.
-
-        The first word is for the far end of the chain.
-        """
+        """Return the words for connections, the chain's far end first."""
         words, left = bytearray(), set(joins)
         for device in reversed(self.devices):
             closed = [switch for switch in device.switches if (switch.terminal, switch.net) in joins]

@@ -56,10 +56,7 @@ Handler = Callable[[int, FrameType | None], Any]
 
 @contextlib.contextmanager
 def held_signals() -> Iterator[None]:
-    """Delay signals that end the program within a short block.
-
-    The delay works only in the main thread.
-    """
+    """Delay ending signals within a block of the main thread."""
     came: list[int] = []
     try:
         with _handled(lambda number, _: came.append(number), instead_of_any=True):
@@ -82,10 +79,7 @@ def orderly_termination() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
-    """Handle signals within the block.
-
-    Without `instead_of_any` these are only signals that have no handler.
-    """
+    """Handle signals without another handler, or with `instead_of_any` all."""
     before: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():

@@ -155,10 +155,7 @@ class Session:
                 return None
 
     def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
-        """Send a command until its reply comes, and read it.
-
-        The command itself takes `patience` in s.
-        """
+        """Send a command until its reply comes, and read it."""
         self.post(verb, *arguments)
         number = self._number
         self._early.clear()

@@ -194,10 +194,7 @@ def board_of(port: Port) -> ChannelBoard | None:
 
 
 def bus_rate(port: Port) -> float:
-    """Return the clock of a board's I²C bus in Hz.
-
-    A bus of this computer has the clock of the system, or 100 kHz if it sets none.
-    """
+    """Return the clock of a board's I²C bus in Hz."""
     match port:
         case SerialPort():
             return _FIRMWARE_BUS_RATE

@@ -40,10 +40,7 @@ _CANNOT_OPEN = {
 
 @dataclass(frozen=True)
 class PortInfo:
-    """Serial port of this computer.
-
-    The name, "/dev/ttyACM0" or "COM5", opens it. The USB serial number may be empty.
-    """
+    """Serial port, with any USB serial number, of this computer."""
 
     name: str
     serial_number: str
@@ -64,10 +61,7 @@ def list_serial_ports() -> tuple[PortInfo, ...]:
 
 
 def choose_serial_port(name: str) -> PortInfo:
-    """Return a port by name or serial number.
-
-    The leading zeros of "usb:SERIALNUMBER" do not matter.
-    """
+    """Return a port by name or USB serial number."""
     ports = list_serial_ports()
     if not name.startswith(_SERIAL_PREFIX):
         return next((port for port in ports if port.name == name), PortInfo(name, "", name))
@@ -107,10 +101,7 @@ class OpenSerialPort:
         return self._name
 
     def read(self, seconds: float) -> bytes:
-        """Return at most 4096 received bytes.
-
-        It waits for them for at most the given time in s.
-        """
+        """Return at most 4096 bytes, received in `seconds`."""
         with self._lost():
             waiting = self._port.in_waiting
             if waiting or seconds <= 0:
