@@ -176,10 +176,10 @@ def couple(
 ) -> xr.Dataset:
     """Solve R and L matrices, each coil active in turn.
 
-    The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω at all frequencies, the
-    capacitance of the tank in F. Terminations are "short", by default, or "open".
-    `short_resistance` in Ω is of the two switches that ground a coil. The measured coil has two of
-    them as well. Every coil is solved where its Im Y = 0.
+    The coils have `names`. The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω
+    at all frequencies, the capacitance of the tank in F. The `terminations` are "short", by
+    default, or "open". `short_resistance` in Ω is of the two switches that ground a coil. The
+    measured coil has two of them as well. Every coil is solved where its Im Y = 0.
 
     In the result, over (coil, other), ``current_real`` and ``current_imag`` are in A per A of the
     active coil, and ``contribution`` is the part of each other coil in its inductance, Re(M i).

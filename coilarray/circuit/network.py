@@ -81,11 +81,12 @@ class SampledMatrix:
 class Network:
     """Coils and switches, to be solved in any state.
 
-    The inductance matrix (n, n) is in H. `resistance` takes frequencies in Hz and returns matrices
-    (…, n, n) in Ω, or a single matrix for all. `winding_capacitance` (n,) lies across each coil, in
-    F. `mutual_capacitance` (n, n) C_ij in F between two coils, each at one potential, is symmetric,
-    and its diagonal is not used. `left_out` lists the parts of the board's circuit that are not
-    included. `dispersion` is the inductance at a frequency less `inductance`, in H.
+    `names` are the names of the n coils. The inductance matrix (n, n) is in H. `resistance` takes
+    frequencies in Hz and returns matrices (…, n, n) in Ω, or a single matrix for all.
+    `winding_capacitance` (n,) lies across each coil, in F. `mutual_capacitance` (n, n) C_ij in F
+    between two coils, each at one potential, is symmetric, and its diagonal is not used. `left_out`
+    lists the parts of the board's circuit that are not included. `dispersion` is the inductance at
+    a frequency less `inductance`, in H.
 
     The voltage of a coil runs linearly from end to end. If two coils lie above each other, their
     turns cross in all combinations. The energy is then C_ij/2 ((m_i − m_j)² + (d_i² + d_j²)/12)

@@ -43,7 +43,9 @@ _ABOVE = 30.0  # reach of the corners over the highest frequency. Eddy currents 
 def export_network(
     network: Network, path: Path | str, frequencies: npt.ArrayLike | None = None, *, title: str = ""
 ) -> None:
-    """Write the coils of a network without its switches.
+    """Write the coils of a network to a `path`.
+
+    Its switches are left out.
 
     The suffix names the format: ``.cir`` or ``.sub`` for a SPICE subcircuit whose first comment is
     the `title`, ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port per coil.

@@ -60,7 +60,7 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
-    """Noise and drift of a board's readings by cause.
+    """Noise and drift of readings by cause, for a `readout`.
 
     Arrays of the `causes` are in the order of `states`. `reference` are the coils whose δ has been
     subtracted. `unread` are states and reference coils that no LDC1614 can read.
@@ -100,7 +100,7 @@ class NoiseBudget:
 
     @property
     def noise(self) -> FloatArray:
-        """Standard deviation (states,) of δ by noise, with averages."""
+        """Standard deviation of δ (states,) by noise, with averages."""
         return self.scan_noise * math.sqrt(1 / self.readout.averaged_scans + 1 / self.readout.baseline_scans)
 
     @property
@@ -113,7 +113,7 @@ class NoiseBudget:
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard deviation (states,) of δ by noise and changes."""
+        """Standard deviation of δ (states,) by noise and changes."""
         return _quadrature([self.noise, *(cause.change for cause in self.causes)])
 
     @property
@@ -123,7 +123,7 @@ class NoiseBudget:
 
     @property
     def independent(self) -> FloatArray:
-        """Standard deviation (states,) of δ by each coil's own causes.
+        """Standard deviation of δ (states,) by each coil's own causes.
 
         With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ.
         """
@@ -131,7 +131,7 @@ class NoiseBudget:
 
     @property
     def own_change(self) -> FloatArray:
-        """Standard deviation (states,) of δ by own changes since L_0."""
+        """Standard deviation of δ (states,) by own changes since L_0."""
         return _quadrature([np.zeros(len(self.states)), *(one.change for one in self.causes if not one.common)])
 
     @property

@@ -31,7 +31,7 @@ _SHOWN_FAULTS = 3
 
 @dataclass(frozen=True)
 class Exported:
-    """Paths of written files, and up to three copper faults."""
+    """Written `files`, and up to three `net_faults` in their copper."""
 
     files: tuple[Path, ...]
     net_faults: tuple[str, ...]

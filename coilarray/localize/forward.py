@@ -105,9 +105,10 @@ def whitening(deviations: FloatArray, common: FloatArray) -> Whitening:
 class ForwardModel(ResponseSpline):
     """δ of every state over position and depth, with derivatives.
 
-    The last of `parameters` is the distance of a target. `noise` is the standard deviation of δ of
-    a reading by the noise budget of the design, else `NOISE`. `common` (states,) are changes of δ
-    of one standard deviation by causes that are one random number for all states. `errors` are the
+    `x`, `y`, `depth`, `spline` and `in_root` are the table of a `ResponseSpline`. The last of
+    `parameters` is the distance of a target. `noise` is the standard deviation of δ of a reading by
+    the noise budget of the design, else `NOISE`. `common` (states,) are changes of δ of one
+    standard deviation by causes that are one random number for all states. `errors` are the
     relative errors of δ by the table. `unread` (x, y, depth, states) is True where the converter
     cannot read.
     """
@@ -158,7 +159,7 @@ class ForwardModel(ResponseSpline):
 
     @property
     def common_noise(self) -> FloatArray:
-        """Standard deviation (states,) of δ by all common causes."""
+        """Standard deviation of δ (states,) by all common causes."""
         return np.sqrt(np.sum(np.square(self.common), axis=0)) if self.common else np.zeros(len(self.states))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
@@ -178,15 +179,24 @@ class ForwardModel(ResponseSpline):
         return self._with(kept, coefficients, common, unread)
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Compute δ (…, states) at points inside the table."""
+        """Compute the ratio δ (…, states) at `points` in m.
+
+        The points have the shape (…, 3).
+        """
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Slopes (…, states, unknowns) of `delta` in 1/m."""
+        """Compute the slopes of `delta` at `points` in 1/m.
+
+        The shape is (…, states, unknowns).
+        """
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute `delta` and `jacobian` without checks, for solvers."""
+        """Compute `delta` and `jacobian` without checks, for solvers.
+
+        The `points`, of shape (…, 3) in m, must be in the table.
+        """
         slopes = [self.values_at(points, axis) for axis in range(self.unknowns)]
         return self.values_at(points), np.stack(slopes, axis=-1)
 

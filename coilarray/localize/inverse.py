@@ -52,12 +52,13 @@ _BLOCK = 1000  # readings solved together, some 10 MB
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """Position in m that explains a reading, with its uncertainty.
+    """Position `x`, `y`, `depth` in m that explains a reading.
 
-    `information` is the Fisher information in 1/m². If `gaussian`, χ² rises at the ends of the axes
-    of its ellipsoid by the expected amount within a factor of 2, with all ends in the table.
-    Otherwise the region follows from `deviance`. `border` are coordinates on the border of the
-    table.
+    `information` is the Fisher information in 1/m², and `chi_square` belongs to the residuals. If
+    `gaussian`, χ² rises at the ends of the axes of its ellipsoid by the expected amount within a
+    factor of 2, with all ends in the table. Otherwise the region follows from `deviance`. `border`
+    are coordinates on the border of the table, `free` the numbers of the unknowns, and `unread` the
+    states that the converter cannot read there.
     """
 
     x: float
@@ -77,7 +78,7 @@ class Mode:
 
     @property
     def covariance(self) -> FloatArray:
-        """Inverse of the information in m², see `covariance_of`."""
+        """Inverse of the information in m², shape (unknowns, unknowns)."""
         return covariance_of(self.information)
 
     @property

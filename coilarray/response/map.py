@@ -108,9 +108,9 @@ def response_map(
         Design with an indentation. The material of its indenter and its plates count, see the
         notes.
     depths, x, y : array_like, shape (n,), optional
-        Depths and positions of the indenter in m, positions from the map's origin. By default they are
-        given in the design. A depth below 0 is a height above the sheets, where only the material of an
-        indenter counts.
+        Depths and positions of the indenter in m, positions from the map's origin. By default they
+        are given in the design. A depth below 0 is a height above the sheets, where only the
+        material of an indenter counts.
     imperfections : Imperfections, optional
         Deviations of the experiment from the design, its circuit included. None by default.
     accuracy : float, "auto", MapAccuracy or None

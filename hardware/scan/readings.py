@@ -51,8 +51,9 @@ class RawScan:
     """One pass over all states.
 
     `sequence` is counted by the board since the stream began. `time` is the start in s by the
-    board's clock, and `received` the arrival in s since the epoch. `boot` changes when the board
-    restarts.
+    board's clock, and `received` the arrival in s since the epoch. `configuration`
+    is `ScanSettings.hash`, `boot` changes when the board restarts, and `samples` are in the order of
+    the states.
     """
 
     sequence: int
@@ -67,8 +68,9 @@ class RawScan:
 class Identity:
     """Identity of the board at a port.
 
-    `kind` is a description such as "XMC 2Go, firmware 1.0". `manufacturer` and `device` are
-    registers of the converter. `boot` is the number of the board's session.
+    `kind` is a description such as "XMC 2Go, firmware 1.0". Outputs tell if it is `emulated`.
+    `manufacturer` and `device` are registers of the converter. `boot` is the number of the board's
+    session.
     """
 
     kind: str
@@ -226,7 +228,10 @@ class StateReading:
 
 @dataclass(frozen=True)
 class ScanReading:
-    """One scan with the readings of its `states`."""
+    """One scan with the readings of its `states`.
+
+    `sequence`, `time`, `received` and `boot` are copied from its `RawScan`. `temperature` is in °C.
+    """
 
     sequence: int
     time: float

@@ -72,10 +72,10 @@ _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 class StateTime:
     """Times of the steps of one state, in s.
 
-    `discarded` are conversions with their transfers, and `control` are all transfers except
-    `result`. With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and
-    reading take 293.6 ms. Gast & Zimmermann (2020) print 293.5 ms, which supports these settings
-    but does not prove them.
+    `wake`, `settle` and `conversion` are the converter's own. `discarded` are conversions with
+    their transfers, and `control` are all transfers except `result`. With RCOUNT 0xFFFF and the
+    internal clock by two, six states of waking, converting and reading take 293.6 ms. Gast &
+    Zimmermann (2020) print 293.5 ms, which supports these settings but does not prove them.
     """
 
     wake: float
