@@ -90,7 +90,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file completely or not at all. Raises OutputError."""
+    """Write a file completely or not at all."""
     write_atomically(path, lambda temporary: temporary.write_bytes(data))
 
 
@@ -151,7 +151,7 @@ def keep_results(folder: str | Path | None = None) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and its missing parents. Raises OutputError."""
+    """Make a folder and its missing parents."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

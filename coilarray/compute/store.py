@@ -69,7 +69,7 @@ class Store:
             return None
 
     def put(self, key: str, value: Any) -> None:
-        """Keep a JSON value under a key. Raises OutputError."""
+        """Keep a JSON value under a key."""
         path = self._path(key, "json")
         make_folder(path.parent)
         write_bytes(path, json.dumps(value).encode())

@@ -134,7 +134,7 @@ class Location:
 
     @property
     def best(self) -> Mode:
-        """Most likely mode. Raises LocalizeError if there is none."""
+        """Most likely mode, or a LocalizeError without modes."""
         if not self.modes:
             raise LocalizeError(f"there is no position: {self.reason}")
         return self.modes[0]

@@ -206,7 +206,7 @@ class ChipDriver:
         return all((self.bus.read(address) ^ value) & _mask(address) == 0 for address, value in pairs)
 
     def close(self) -> None:
-        """Close both buses. Never raises."""
+        """Close both buses, and never raise."""
         for port in (self.bus, self._switches):
             with contextlib.suppress(Exception):
                 if port is not None:

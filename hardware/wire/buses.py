@@ -108,7 +108,7 @@ class RegisterBus(Protocol):
         """Free a bus that a chip holds low."""
 
     def close(self) -> None:
-        """Close the bus. Never raises."""
+        """Close the bus, and never raise."""
 
 
 class SwitchChain(Protocol):
@@ -122,7 +122,7 @@ class SwitchChain(Protocol):
         """
 
     def close(self) -> None:
-        """Close the port. Never raises."""
+        """Close the port, and never raise."""
 
 
 class Clock(Protocol):

@@ -89,7 +89,7 @@ class LinuxRegisterBus:
             self._transfer(self._library.i2c_msg.read(_START_BYTE, 1))
 
     def close(self) -> None:
-        """Close the bus. Never raises."""
+        """Close the bus, and never raise."""
         with contextlib.suppress(Exception):
             self._bus.close()
 
@@ -133,7 +133,7 @@ class SpiSwitchChain:
         return bytes(returned) if self._readback else None
 
     def close(self) -> None:
-        """Close the port. Never raises."""
+        """Close the port, and never raise."""
         with contextlib.suppress(Exception):
             self._port.close()
 
@@ -287,7 +287,7 @@ class Ft232hSwitchChain:
         return int(back, 2).to_bytes(len(words), "big")
 
     def close(self) -> None:
-        """Close the adapter. Never raises."""
+        """Close the adapter, and never raise."""
         _close(self._controller)
 
     def _commands(self, bits: Iterable[bool]) -> Iterator[int]:

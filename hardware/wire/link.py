@@ -216,7 +216,7 @@ class Session:
         return NoAnswer(otherwise) if self._foreign < self.times.foreign else self._not_a_board()
 
     def close(self) -> None:
-        """End the session and close the port. Never raises."""
+        """End the session and close the port, and never raise."""
         self._port.close()
         self.end = self.end or DeviceLost(f"{self.name} was closed.")
 

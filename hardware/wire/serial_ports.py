@@ -118,7 +118,7 @@ class OpenSerialPort:
                 raise NoAnswer(f"{self._name} took no bytes for {_WRITE_TIMEOUT:g} s.") from None
 
     def close(self) -> None:
-        """Close the port. Never raises."""
+        """Close the port, and never raise."""
         with suppress(Exception):
             self._port.close()
 
