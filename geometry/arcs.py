@@ -127,7 +127,7 @@ class Arc:
         return replace(self, first=self.first + count, last=self.last + count)
 
     def points(self, line: FloatArray) -> tuple[Point, Point, Point]:
-        """Begin, middle and end in m of the arc."""
+        """Begin, middle and end in m of the arc of a `line`."""
         (x0, y0), (x1, y1) = line[[self.first, self.last]].tolist()
         middle = (x0 + x1 + self.bulge * (y1 - y0)) / 2, (y0 + y1 - self.bulge * (x1 - x0)) / 2
         return (x0, y0), middle, (x1, y1)

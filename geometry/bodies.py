@@ -312,7 +312,7 @@ class FinitePlate:
         return np.array([cos * along - sin * across, sin * along + cos * across, normal])
 
     def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
-        """Transform points (n, 2) of the mid-plane to the board."""
+        """Transform points (n, 2) in m of the mid-plane to the board."""
         return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
 
     def lifted(self, height: float) -> FinitePlate:

@@ -361,7 +361,7 @@ class Spiral(Winding):
         return self._on_rays(np.arange(self.sides), np.full(self.sides, self.diameter / 2))
 
     def rim(self, step: int) -> FloatArray:
-        """Corner number `step` of the outermost turn in m."""
+        """Corner (2,) number `step` of the outermost turn in m."""
         apothem = self.diameter / 2 - self.width / 2
         return np.asarray(self._on_rays(np.array([step]), np.array([apothem]))[0])
 
@@ -484,7 +484,7 @@ class RoundedSpiral(Winding):
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
     def rim(self, step: int) -> FloatArray:
-        """Start in m of side `step` of the outermost turn.
+        """Start (2,) in m of side `step` of the outermost turn.
 
         It is the middle of the side, or its beginning if turns start there.
         """
@@ -493,9 +493,9 @@ class RoundedSpiral(Winding):
         return np.asarray(self._foot(np.array([step]), np.array([self.width / 2]))[0])
 
     def outwards(self, step: int) -> FloatArray:
-        """Outward direction at the start of side `step`.
+        """Outward unit vector (2,) at the start of side `step`, dimensionless.
 
-        It is a unit vector, shape (2,): the normal of the side if turns start in its middle,
+        It is the normal of the side if turns start in its middle,
         otherwise between the normals of both sides at its beginning.
         """
         sides = np.array([step - 1, step] if self._starts_at_corner else [step])

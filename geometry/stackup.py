@@ -183,7 +183,7 @@ class Stackup:
         return z_top - self.copper_thickness[i], z_top
 
     def centre(self, name: str) -> float:
-        """Height in m of a copper layer's middle plane."""
+        """Height in m of the middle plane of copper layer `name`."""
         bottom, top = self.span(name)
         return 0.5 * (bottom + top)
 

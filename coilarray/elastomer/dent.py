@@ -102,8 +102,8 @@ class Dent:
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
         """Upward displacement of faces in m, or a radial derivative.
 
-        The shape is (…, sheets + 1). The displacement is a cubic spline, level on the axis and zero
-        beyond `extent`.
+        `radius` (…,) is in m, and the shape is (…, sheets + 1). The displacement is a cubic spline,
+        level on the axis and zero beyond `extent`.
         """
         level, straight = (np.zeros(self.displacement.shape[1]) for _ in range(2))
         spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))

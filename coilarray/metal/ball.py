@@ -309,9 +309,10 @@ def multipole_response(alpha: ComplexArray, returned: FloatArray | ComplexArray)
 
 
 def polarisabilities(radius: float, material: Material, frequencies: FloatArray, orders: int) -> ComplexArray:
-    """Polarisabilities α_l of a ball, shape (f, orders).
+    """Polarisabilities α_l of a ball, dimensionless, shape (f, orders).
 
-    A multipole is α_l a^(2l+1) times the field that excites it, for l from 1. r_l follows from the
+    The `radius` is in m, the `material` that of the ball, and the `frequencies` (f,) are in Hz. A
+    multipole is α_l a^(2l+1) times the field that excites it, for l from 1. r_l follows from the
     downward continued fraction r_l = 2l + 1 + x²/r_(l+1), which overflows at no skin depth.
     """
     order = np.arange(1, orders + 1)

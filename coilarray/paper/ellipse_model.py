@@ -133,7 +133,7 @@ class CoilEllipses:
 
 @dataclass(frozen=True)
 class EllipseModel:
-    """Coils in the order of their row, and their ellipses."""
+    """Ellipses of the `coils`, in the order of their row."""
 
     coils: tuple[CoilEllipses, ...]
 

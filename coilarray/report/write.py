@@ -39,7 +39,7 @@ class Report:
     of ``report.json``. `coupling` is the result of `coilarray.couple_design`. `rendering_problem`
     is the reason why the board's picture is a drawing, None if it is rendered. `summary` is the
     table of `coilarray.report.summary.summary_table`, and `verdicts` has a line for each exceeded
-    limit.
+    limit. `sections` are those of the page.
     """
 
     page: Path

@@ -223,7 +223,7 @@ class Plan(Table):
 
 
 def load_plan(name_or_path: str | Path) -> Plan:
-    """Read a calibration plan by path or bundled name.
+    """Read the calibration plan `name_or_path`, bundled or a file.
 
     Raises GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not
     allowed, in one line.

@@ -58,8 +58,9 @@ _MOST_EVALUATIONS = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class Optimization:
-    """Result of an optimization towards a `goal`.
+    """Result of an optimization of a design `file` towards a `goal`.
 
+    `axes` are its variables, and `start_inside` tells whether the design lies within their bounds.
     `trials` are of the search, then of earlier runs and of the local solver, and `found` of them
     were known at the start. `front` are the trials that beat the start by the first objective, with
     one objective the best alone, empty if no trial keeps all bounds. `polish_problem` is the reason

@@ -138,9 +138,9 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
 def load_tolerances(path: str | Path | None = None) -> Tolerances:
     """Read a tolerance file (TOML), by default typical values.
 
-    Tables that are missing in the file have typical values and are marked as assumed, unless it has
-    ``others = "none"``. Raises GoalError for an unreadable file, wrong TOML, or a key or value that
-    is not allowed, in one line.
+    Tables that are missing in the file at `path` have typical values and are marked as assumed,
+    unless it has ``others = "none"``. Raises GoalError for an unreadable file, wrong TOML, or a key
+    or value that is not allowed, in one line.
 
     Returns
     -------
