@@ -326,7 +326,7 @@ _NAME = re.compile(r"[A-Za-z0-9_.+][A-Za-z0-9_.+-]*")
 # Sheets of paper, landscape, and the sides of the largest sheet that KiCad takes, in mm.
 _PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 _LARGEST_SHEET = 1219
-# Least distance of the board from the sheet's edges in mm; A4's title block is 34 mm high.
+# Least distance of the board from the sheet's edges in mm. A4's title block is 34 mm high.
 _SHEET_MARGIN = 40
 # KiCad has no board of one copper layer: below it, this much laminate in m and an empty layer.
 _BACKING = 1.5e-3
@@ -344,27 +344,25 @@ def write_kicad(
 ) -> tuple[Path, ...]:
     """Write a KiCad project folder for KiCad 6 and later.
 
-    It was tried with 6.0.11 and 9.0.2.
-
-    `path` is the folder, made completely or not at all. In an existing folder the files of the project are replaced,
-    and all other files stay. `name`, the name of the project, has letters, digits and ``_ . + -``, with
-    ``-`` not first. `rules` are the limits of KiCad's own check. `title` stands on the sheet, by default the name.
-    `check` is called with the path of the finished board before any file is moved to its place. If it raises, nothing
-    is changed.
+    It was tried with 6.0.11 and 9.0.2. In an existing folder the files of the project are replaced,
+    and all other files stay. `name`, the name of the project, has letters, digits and ``_ . + -``,
+    with ``-`` not first. `rules` are the limits of KiCad's own check. `title` stands on the sheet,
+    by default the name. `check` is called with the path of the finished board before any file is
+    moved to its place. If it raises, nothing is changed.
 
     Returns ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint
-    ``<name>.pretty/<coil>.kicad_mod`` for every coil shape and set of layers. Raises OutputError if the path cannot be
-    written, the name is not allowed, the board is larger than any sheet, or KiCad cannot hold the copper layers: more
-    than 32, an odd number above one, or refused names.
+    ``<name>.pretty/<coil>.kicad_mod`` for every coil shape and set of layers. Raises OutputError if
+    the path cannot be written, the name is not allowed, the board is larger than any sheet, or
+    KiCad cannot hold the copper layers: more than 32, an odd number above one, or refused names.
 
-    The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid. KiCad's y points
-    down. Lengths are rounded to 1 nm. Each coil is a net with its name. Its path consists of tracks and vias, and its
-    ends are the pads 1 and 2 of a footprint whose reference is the coil's name. The same design gives the same bytes.
+    The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid.
+    KiCad's y points down. Lengths are rounded to 1 nm. Each coil is a net with its name. Its path
+    consists of tracks and vias, and its ends are the pads 1 and 2 of a footprint whose reference is
+    the coil's name. The same design gives the same bytes.
 
-    A board of one copper layer gets an empty second layer, B.Cu, because KiCad requires two.
-
-    With blind holes, a terminal on an inner layer is a pad on that layer. KiCad 9 warns of it ("SMD pad has no outer
-    layers"), because nothing can be soldered there.
+    A board of one copper layer gets an empty second layer, B.Cu, because KiCad requires two. With
+    blind holes, a terminal on an inner layer is a pad on that layer. KiCad 9 warns of it ("SMD pad
+    has no outer layers"), because nothing can be soldered there.
 
     >>> from coilarray.geometry import PlatedHole, Placement, path_coil
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
@@ -455,7 +453,7 @@ def board_text(array: Array, name: str, title: str) -> str:
 
 
 def _sheet(array: Array, name: str, layers: dict[str, str]) -> tuple[tuple[str, ...], Drawing]:
-    """Choose the smallest sheet and centre the board on it. The sheet is named as in KiCad."""
+    """Choose the smallest sheet and centre the board on it."""
     x_min, y_min, x_max, y_max = (1e3 * edge for edge in array.bounds)
     width, height = x_max - x_min + 2 * _SHEET_MARGIN, y_max - y_min + 2 * _SHEET_MARGIN
     if max(width, height) > _LARGEST_SHEET:
@@ -493,7 +491,8 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
             epsilon = node("epsilon_r", repr(float(slabs[k][1])))
             lines.append(_stackup_layer(f"dielectric {k + 1}", kind, node("thickness", length(slabs[k][0])), epsilon))
     lines += [_stackup_layer(f"B.{layer}", f"Bottom {kind}") for layer, kind in reversed(outer)]
-    # no (dielectric_constraints yes): it would put permittivities into KiCad's job file, and order impedance control
+    # no (dielectric_constraints yes): it would put permittivities into KiCad's job file, and order
+    # impedance control
     return block("stackup", (), lines)
 
 
@@ -526,12 +525,11 @@ def _edge(array: Array, drawing: Drawing) -> str:
 
 
 def _project_text(array: Array, name: str, rules: FabRules) -> str:
-    """Text of a ``.kicad_pro`` file.
+    """Text of a ``.kicad_pro`` file, JSON with KiCad's own severities.
 
-    The first coil gives the sizes that KiCad offers for new tracks and vias.
-
-    The text is JSON without severities, so KiCad's own severities hold. KiCad has no limit for turns of one net, so
-    `FabRules.min_gap` holds between nets only. The distance of foreign copper to a hole's wall has the same limit.
+    The first coil gives the sizes that KiCad offers for new tracks and vias. KiCad has no limit for
+    turns of one net, so `FabRules.min_gap` holds between nets only. The distance of foreign copper
+    to a hole's wall has the same limit.
     """
 
     def in_mm(metres: float) -> float:

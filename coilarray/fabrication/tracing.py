@@ -1,4 +1,4 @@
-"""Coils of a board, found by following its nets from end to end, and the array of them."""
+"""Coils of a board, found by following its nets."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from coilarray.geometry.stackup import Stackup
 LEAST_TURNS = 0.9
 """Number of turns from which a net counts as a coil.
 
-A single loop lacks the space between its two leads. A track that goes out and comes back beside itself is a narrow
-loop, and counts.
+A single loop lacks the space between its two leads. A track that goes out and comes back beside
+itself is a narrow loop, and counts.
 """
 
 _SHOWN = 12  # names in a message
@@ -48,9 +48,9 @@ _LONGEST_WHY = 200  # characters of a reason
 class Tracing:
     """Coils and other nets of a board.
 
-    `coils`: coils in the order of the wanted nets; if no nets were named, coils with a net come first, in the order of
-    their names with numbers counted, then coils without a net in the order of the file. `left_out`: nets with tracks
-    that are not coils, with the reason.
+    Coils come in the order of the wanted nets. Without wanted nets, coils with a net come first, by
+    their names with numbers counted, then coils without a net in the order of the file. `left_out`
+    has nets with tracks that are not coils, with the reason.
     """
 
     coils: tuple[TracedCoil, ...]
@@ -60,17 +60,15 @@ class Tracing:
 def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracing:
     """Find the coils of a board.
 
-    `nets` are the names of the nets that are coils. By default every net, and every piece of copper without a net, is a
-    coil if it is a single path from end to end with at least `LEAST_TURNS` turns. The others are left out.
+    `nets` are the names of the nets that are coils. By default every net, and every piece of copper
+    without a net, is a coil if it is a single path from end to end with at least `LEAST_TURNS`
+    turns. Raises BoardError with file, line and position for a wanted net that is not a coil, or if
+    there is no coil at all.
 
-    Raises BoardError with file, line and position. With `nets`, it is raised if a net is unknown, has no track,
-    branches, is closed, comes in several pieces, crosses itself, has a pad or hole across its turns, has copper that is
-    not a track, or is touched by copper without a net. Without `nets`, it is raised if there is no coil at all.
-
-    The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end has a numbered pad,
-    the current enters there, but a lone pad 2 is the end. If neither end has a number, or both have the same, it enters
-    at the end whose track comes first in the file. Pads and holes are conductors too. A net is not a coil if a pad or
-    hole joins its turns.
+    The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end
+    has a numbered pad, the current enters there, but a lone pad 2 is the end. If neither end has a
+    number, or both have the same, it enters at the end whose track comes first in the file. Pads
+    and holes are conductors too. A net is not a coil if a pad or hole joins its turns.
     """
     found: dict[str | None, _NetCopper] = {}
     for kind in ("tracks", "holes", "pads", "areas"):
@@ -120,7 +118,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
 
 @dataclass(frozen=True, eq=False)
 class _NetCopper:
-    """Copper of one net, in file order. Each kind is listed apart."""
+    """Copper of one net by kind, in file order."""
 
     tracks: list[Track] = field(default_factory=list)
     holes: list[Hole] = field(default_factory=list)
@@ -134,13 +132,16 @@ class _NetCopper:
 
     @property
     def stands(self) -> list[Copper]:
-        """Copper that may join paths but is no path itself. It is holes, pads, and tracks without a length."""
+        """Copper that may join paths but is no path itself.
+
+        It is holes, pads, and tracks without a length.
+        """
         dots = [track for track in self.tracks if dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
 
 
 def _drawn(nameless: _NetCopper) -> str:
-    """Hint at copper that could be a coil. It lacks a net, or is not drawn as tracks."""
+    """Hint at copper without a net or tracks."""
     hint = ""
     if nameless.tracks:
         count_, first = len(nameless.tracks), nameless.tracks[0].where
@@ -181,7 +182,10 @@ def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil
 def _trace_nameless(
     nameless: _NetCopper, named: Mapping[str, _NetCopper], coils: list[TracedCoil], left_out: dict[str, str]
 ) -> None:
-    """Add the pieces of copper without a net. Coils get new names. Other copper is named by its place."""
+    """Add the pieces of copper without a net.
+
+    Coils get new names. Other copper is named by its place.
+    """
     graph = track_graph(nameless.tracks, nameless.holes, nameless.pads)
     pieces = graph.components()
     if not pieces:
@@ -210,7 +214,10 @@ def _trace_nameless(
 
 
 def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]:
-    """Holes and pads without a net that join several pieces. `own` are the ids of each piece's tracks."""
+    """Holes and pads without a net that join several pieces.
+
+    `own` are the ids of each piece's tracks.
+    """
     piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
     tracks = [track for track in nameless.tracks if id(track) in piece_of]
     tree = shapely.STRtree([shape for track in tracks for shape in copper_of(track).values()])
@@ -226,7 +233,7 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _too_few_turns(coil: TracedCoil) -> str:
-    """Reason why a path is not a coil. It is empty if the path winds."""
+    """Reason why a path is not a coil, or ""."""
     turns = abs(coil.turns)
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
 
@@ -237,7 +244,7 @@ _OVERLAP = 1e-6  # m: copper that meets by less only touches
 
 
 def copper_of(item: Copper) -> dict[str, BaseGeometry]:
-    """Return the copper of an item. It is in m, for each of the item's layers."""
+    """Return the copper of an item in m by layer."""
     if isinstance(item, Track):
         return {item.layer: shapely.LineString((item.start, item.end)).buffer(item.width / 2)}
     if isinstance(item, Hole):
@@ -248,7 +255,10 @@ def copper_of(item: Copper) -> dict[str, BaseGeometry]:
 
 
 class Obstacles:
-    """Copper that no coil may touch. `whose` is its owner in messages: "without a net", "of net A"."""
+    """Copper that no coil may touch.
+
+    `whose` is its owner in messages: "without a net", "of net A".
+    """
 
     def __init__(self, copper: Iterable[Copper], whose: str = "without a net") -> None:
         self._whose = whose
@@ -273,9 +283,9 @@ class Obstacles:
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
     """Raise BoardError if pads or holes join stretches.
 
-    The stretches belong to a path. They are pads or holes of the coil's own net, each with all that overlap it. Along
-    the path the stretches within a pad's copper must follow each other. Outside the copper the path may run no longer
-    than its width there, which is a bend beside the pad. `what` is the coil in messages.
+    Pads or holes of the coil's own net count with all that overlap them. Along the path the
+    stretches within a pad's copper must follow each other. Outside the copper the path may run no
+    longer than its width there, which is a bend beside the pad. `what` is the coil in messages.
     """
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
@@ -311,7 +321,7 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """Straight piece of a path. It begins `begin` m along the path."""
+    """Straight piece of a path from `begin` (m) along it."""
 
     layer: str
     line: shapely.LineString
@@ -328,10 +338,7 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
 
 
 def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[float, float]:
-    """Begin and end of a segment's overlap.
-
-    The overlap is with a shape. They are measured along the path. On this part the segment's copper meets the shape.
-    """
+    """Begin and end (m) of a segment within a shape."""
     part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))
     return segment.begin + float(along.min()), segment.begin + float(along.max())
@@ -359,9 +366,9 @@ _MARGIN = 2e-3
 class TracedArray:
     """Array made from a board, with its assumed values.
 
-    `array`: coils that are equal but for a shift share one `Coil`. `assumed`: dotted keys of the design whose values
-    are assumed, with the reason; ``coils.*.…`` stands for all shapes, ``coils.NAME.…`` for the shape of the coil NAME.
-    `notes`: sentences about omissions and simplifications.
+    Coils that are equal but for a shift share one `Coil`. `assumed` has dotted keys of the design
+    with the reason. ``coils.*.…`` is a key of all shapes. `notes` are sentences about omissions and
+    simplifications.
     """
 
     array: Array
@@ -372,12 +379,10 @@ class TracedArray:
 def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
     """Place traced coils on the board's stack-up.
 
-    There must be at least one coil. Raises BoardError if a coil is impossible, because a pad is no larger than its hole
-    or a line touches itself.
-
-    A coil's origin is the centre of the area that its path runs around. The gap is the usual distance of its turns, see
-    `turn_gap`. Without turns beside each other it is the trace width. A coil has one size of via and one size of
-    terminal. If the board has several, the commonest is taken, with a note.
+    A coil's origin is the centre of the area that its path runs around. The gap is the usual
+    distance of its turns, see `turn_gap`. Without turns beside each other it is the trace width. A
+    coil has one size of via and one size of terminal. If the board has several, the commonest is
+    taken, with a note.
     """
     assumed = {**board.assumed, "coils.*.via.plating_um": f"board files do not say; usual, {_PLATING * 1e6:g} µm"}
     notes = [*board.notes]
@@ -426,7 +431,7 @@ def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> S
 
 
 def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
-    """Return a placement of a known shape. None if the traced coil has another shape."""
+    """Return a placement of a known shape, or None."""
     coil = shape.coil
     if [len(line) for line in coil.lines] != [len(line) for line in traced.lines]:
         return None
@@ -441,7 +446,7 @@ def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
 
 
 def _placed(traced: TracedCoil, assumed: dict[str, str]) -> Placement:
-    """Return a placement with a new coil. The coil is made from a traced coil."""
+    """Return a placement with a new coil."""
     origin = _on_grid(np.array(traced.centre))
     measured = turn_gap(traced.lines, traced.layers, traced.widths)
     gap = _GAP_GRID if measured is None else max(round(measured / _GAP_GRID), 1) * _GAP_GRID
@@ -465,7 +470,7 @@ def _via(traced: TracedCoil) -> PlatedHole:
 
 
 def _terminal(traced: TracedCoil) -> PlatedHole | None:
-    """Return the hole at both ends. None if an end has no hole."""
+    """Return the hole at both ends, or None."""
     holes = [end for end in traced.ends if isinstance(end, Hole)]
     return _commonest(traced, holes) if len(holes) == len(traced.ends) else None
 
@@ -513,12 +518,11 @@ def _with_margin(array: Array, board: BoardCopper, assumed: dict[str, str], note
 
 
 def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
-    """Median gap in m of parallel traces.
+    """Median gap in m of parallel traces, weighted by length.
 
-    The traces run side by side. The gap is measured edge to edge and weighted by length. The current of both traces has
-    the same direction. `lines` are centre lines, each of shape (n, 2), and `widths` are the widths of their segments,
-    each of shape (n − 1,), in m. None if no two traces of a layer run so. Leads, opposite sides of a loop and the legs
-    of a hairpin do not count.
+    The gap is measured edge to edge between traces of a layer with the same direction of the
+    current. `lines` (n, 2) and `widths` (n − 1,) are in m. None if no two traces run so. Leads,
+    opposite sides of a loop and the legs of a hairpin do not count.
 
     >>> there_and_back = np.array([[0, 0], [9, 0], [9, 5], [-1, 5], [-1, 1], [8, 1.0]]) * 1e-3
     >>> round(turn_gap([there_and_back], ["L1"], [np.full(5, 0.2e-3)]) * 1e3, 6)
@@ -550,7 +554,8 @@ def _nearest(
 ) -> float | None:
     """Distance from segment i to the nearest parallel trace.
 
-    It is measured from the middle of the segment, to either side, to traces with the same direction.
+    It is measured from the middle of the segment, to either side, to traces with the same
+    direction.
     """
     parallel = along @ along[i] > _ALONG
     parallel[i] = False

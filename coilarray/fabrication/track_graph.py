@@ -1,4 +1,4 @@
-"""Graph of tracks with nodes and edges, and the path of a connected piece from end to end."""
+"""Graph of tracks, and the path of a connected piece."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ _FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which i
 class TrackNode:
     """Place in m where ends of tracks meet.
 
-    It is the centre of its hole or pad, otherwise the first end that lies there. `hole` joins its layers, `pad` is the
-    pad of a footprint on which it lies, and `edges` are the indices of the edges that end here.
+    It is the centre of its hole or pad, otherwise the first end that lies there. `edges` are the
+    indices of the edges that end here.
     """
 
     x: float
@@ -70,7 +70,7 @@ class TrackGraph:
     edges: tuple[TrackEdge, ...]
 
     def components(self) -> list[list[int]]:
-        """Return the indices of connected edges, piece by piece. The pieces are in the order of their tracks."""
+        """Return the indices of connected edges, by tracks."""
         piece = groups(max(self.nodes, default=-1) + 1, (edge.ends for edge in self.edges))
         found: dict[int, list[int]] = {}
         for index, edge in enumerate(self.edges):
@@ -80,7 +80,7 @@ class TrackGraph:
 
 @dataclass(frozen=True)
 class _Piece:
-    """Part of a track between two places. `track` is the index of the whole track."""
+    """Part of the track of index `track` between two places."""
 
     layer: str
     start: Point
@@ -102,11 +102,11 @@ class _Stand:
 def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[SurfacePad]) -> TrackGraph:
     """Join tracks at their ends, at holes and at pads.
 
-    The tracks belong to one net or to no net. A track is divided wherever another track's end, a hole or a pad lies on
-    its centre line to within `JOINED`. Parts that then lie on each other count once, with the larger width. Tracks that
-    overlap lengthwise thus become one path, and a track that ends on the middle of another track gives a node of three
-    edges. A loose end, where nothing else stands or ends, is continued to the centre of the hole or pad in which it
-    lies, or to another loose end that its round cap reaches.
+    A track is divided wherever another track's end, a hole or a pad lies on its centre line to
+    within `JOINED`. Parts that then lie on each other count once, with the larger width. Tracks
+    that overlap lengthwise thus become one path, and a track that ends on the middle of another
+    track gives a node of three edges. A loose end is continued to the centre of the hole or pad in
+    which it lies, or to another loose end that its round cap reaches.
 
     >>> tracks = [
     ...     Track("F.Cu", (0, 0), (6e-3, 0), 2e-4, "A", "file:1"),
@@ -127,7 +127,10 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
 
 
 def require_followable(tracks: Sequence[Track]) -> None:
-    """Refuse tracks whose bounds overlap so often that following them takes minutes."""
+    """Refuse tracks that would take minutes to follow.
+
+    Their bounds overlap too often.
+    """
     ends = np.array([(track.start, track.end) for track in tracks]).reshape(-1, 2, 2)
     lines = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
     points: npt.NDArray[np.object_] = np.asarray(shapely.points(ends.reshape(-1, 2)))
@@ -165,7 +168,7 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
-    """Copper from loose ends to overlapping copper. The loose ends overlap a pad or another loose end."""
+    """Copper from loose ends to pads or other ends."""
     ends = [(piece, at) for piece in pieces for at in (piece.start, piece.end)]
     places = [*((piece.layer, at) for piece, at in ends), *((stand.layer, stand.at) for stand in stands)]
     joined = {k for pair in _close_pairs(places, JOINED) for k in pair}
@@ -196,7 +199,7 @@ def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]
 
 
 def _close_pairs(places: Sequence[tuple[str, Point]], distance: float) -> list[tuple[int, int]]:
-    """Pairs of close places. Pairs i < j are at most `distance` in m apart. Both places are on one layer."""
+    """Pairs i < j of places at most `distance` (m) apart."""
     points = _points(places)
     pairs = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance).T.tolist()
     return [(i, j) for i, j in pairs if i < j and places[i][0] == places[j][0]]
@@ -207,7 +210,7 @@ def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
 
 
 def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
-    """Make the graph of pieces. The pieces meet at stands and ends."""
+    """Graph of pieces that meet at stands and ends."""
     places = [
         *((stand.layer, stand.at) for stand in stands),
         *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),
@@ -245,11 +248,10 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
 class TracedCoil:
     """Net that is one path from end to end.
 
-    `name`: name of the net, or "coil1", "coil2", … if the board names no net. `lines` (n, 2): centre lines in m, in the
-    direction of the current, each on one layer. `layers`: copper layer of each line. `widths` (n − 1,): width of every
-    segment in m. `vias`: holes between consecutive lines. `ends`: nodes at the beginning and at the end of the path.
-    `passed`: holes along the path that lead to no other layer. `where`: place of its first track, "file:line". `net`:
-    its net; none if the board names no net.
+    `name` is "coil1", "coil2", … if the board names no net, and `net` then None. `lines` (n, 2) run
+    in the direction of the current, each on one of `layers`, with `widths` (n − 1,). `vias` join
+    them. `passed` are holes along the path that lead to no other layer. `where` is the place of its
+    first track, "file:line".
     """
 
     name: str
@@ -269,7 +271,7 @@ class TracedCoil:
 
     @property
     def path(self) -> FloatArray:
-        """All lines joined, without the vias, in m. The array has the shape (n, 2)."""
+        """All lines joined (n, 2), without the vias, in m."""
         return np.vstack([self.lines[0][:1], *(line[1:] for line in self.lines)])
 
     @property
@@ -279,7 +281,10 @@ class TracedCoil:
 
     @property
     def centre(self) -> Point:
-        """Centre in m of the area enclosed by the path. It is the middle of its bounds if the path encloses no area."""
+        """Centre in m of the area enclosed by the path.
+
+        It is the middle of its bounds if the path encloses no area.
+        """
         path = self.path
         if _runs_around_nothing(path):
             x, y = 0.5 * (path.min(axis=0) + path.max(axis=0))
@@ -292,10 +297,10 @@ class TracedCoil:
 
     @cached_property
     def poles(self) -> tuple[Pole, ...]:
-        """Places about which the path winds, with their turns.
+        """Places about which the path winds, most turns first.
 
-        The place with the most turns comes first. With several places, the way from one to the next is no turn of
-        either. A single loop has its centre as a pole. So has a meander, whose bends are no turns. The pole has 0 turns
+        With several places, the way from one place to the next is no turn of either. A single loop
+        has its centre as a pole. So has a meander, whose bends are no turns. The pole has 0 turns
         if the path runs around nothing.
         """
         found = find_turns(FlatPath.of_lines(self.lines, self.widths))
@@ -343,9 +348,8 @@ def natural_order(name: str) -> list[tuple[bool, int, str]]:
 def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> TracedCoil:
     """Follow a connected piece of copper from end to end.
 
-    It is given by the indices of its edges. The first end is as in `trace_coils`. `name` is the name of the coil, and
-    `what` the piece in messages: "net A". The graph was made from `tracks`. Raises BoardError if a piece branches, is
-    closed or crosses itself.
+    `piece` has the indices of its edges. The first end is as in `trace_coils`. `what` is the piece
+    in messages: "net A". Raises BoardError if a piece branches, is closed or crosses itself.
     """
     numbers = list(dict.fromkeys(node for index in piece for node in graph.edges[index].ends))
     for number in numbers:
@@ -374,7 +378,7 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
             )
 
     def precedence(number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
-        """Sort key of an end: numbered pads first, by number, then the place in the file."""
+        """Sort key of an end: numbered pads, then file order."""
         edge, pad_number = graph.edges[graph.nodes[number].edges[0]], _pad_number(graph, number)
         return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
 
@@ -410,7 +414,10 @@ def _pad_number(graph: TrackGraph, number: int) -> str:
 def _traced(
     name: str, graph: TrackGraph, first: int, steps: Sequence[tuple[TrackEdge, int]], tracks: Sequence[Track]
 ) -> TracedCoil:
-    """Make the traced coil of a path. Each edge comes with its next node, from the `first` node on."""
+    """Make the coil of a path from its `first` node.
+
+    Each edge comes with its next node.
+    """
     lines, layers, widths, vias = [], [], [], []
     passed: list[Hole] = []
     at = first
