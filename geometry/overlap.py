@@ -15,14 +15,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry.arcs import place_in_mm
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.copper import MITRE_LIMIT, simple_outline, trace_outline
-from coilarray.geometry.rules import (
-    KEPT_WITHIN,
-    TRACE_DETOUR,
-    FabRules,
-    clearances,
-    trace_to_itself,
-    trace_to_trace,
-)
+from coilarray.geometry.rules import KEPT_WITHIN, TRACE_DETOUR, FabRules, clearances, trace_to_itself, trace_to_trace
 from coilarray.geometry.stackup import Stackup
 
 _NO_GAP = FabRules(min_gap=0.0)

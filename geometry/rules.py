@@ -316,13 +316,7 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
 
 
 def _margin(
-    rule: str,
-    layer: str,
-    feature: str,
-    value: float,
-    limit: float,
-    place: npt.ArrayLike | None = None,
-    unit: str = "m",
+    rule: str, layer: str, feature: str, value: float, limit: float, place: npt.ArrayLike | None = None, unit: str = "m"
 ) -> Margin:
     x, y = (None, None) if place is None else np.asarray(place, dtype=np.float64).tolist()
     margin = limit - value if rule in _LARGEST else value - limit

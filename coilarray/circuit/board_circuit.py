@@ -48,10 +48,7 @@ _KEPT: Recent[Any] = Recent(8)  # windings and circuits of the last designs
 
 
 def board_circuit(
-    design: Design | DesignFile,
-    *,
-    accuracy: Accuracy = "full",
-    progress: Progress | None = None,
+    design: Design | DesignFile, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> BoardCircuit:
     """Return the circuit of a design, always the same object."""
     design = design_of(design)

@@ -161,10 +161,7 @@ BROKEN = ("none", "frequency", "R_p", "amplitude", "Q")
 
 
 def decisive_limits(
-    frequency: npt.ArrayLike,
-    parallel_resistance: npt.ArrayLike,
-    quality_factor: npt.ArrayLike,
-    code: int | None = None,
+    frequency: npt.ArrayLike, parallel_resistance: npt.ArrayLike, quality_factor: npt.ArrayLike, code: int | None = None
 ) -> list[tuple[FloatArray, FloatArray | float, FloatArray | float]]:
     """Return values and ranges of the limits in `BROKEN`."""
     f, R_p, Q = (np.asarray(one, dtype=np.float64) for one in (frequency, parallel_resistance, quality_factor))
@@ -179,10 +176,7 @@ def decisive_limits(
 
 
 def broken_limit(
-    frequency: npt.ArrayLike,
-    parallel_resistance: npt.ArrayLike,
-    quality_factor: npt.ArrayLike,
-    code: int | None = None,
+    frequency: npt.ArrayLike, parallel_resistance: npt.ArrayLike, quality_factor: npt.ArrayLike, code: int | None = None
 ) -> IntArray:
     """Return the place in `BROKEN` of the first broken limit.
 

@@ -14,14 +14,7 @@ import xarray as xr
 from coilarray.circuit.board_circuit import BoardCircuit, board_circuit
 from coilarray.circuit.converter_limits import LARGEST_SHARE_OF_SELF_RESONANCE
 from coilarray.circuit.coupling import provenance
-from coilarray.circuit.network import (
-    StateResult,
-    impedances,
-    loaded_quality,
-    resonate,
-    self_resonance_of,
-    solve_state,
-)
+from coilarray.circuit.network import StateResult, impedances, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.circuit.readability import RESONATOR, readability
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
@@ -183,11 +176,7 @@ def scan_design(
     scan = xr.Dataset(
         variables(*rows) | readability(design, states, at, at),
         coords={"state": [state.name for state in plan], "coil": names, "other": names},
-        attrs={
-            **provenance(design),
-            "ac_resistance_frequency_Hz": middle,
-            "left_out": "; ".join(network.left_out),
-        },
+        attrs={**provenance(design), "ac_resistance_frequency_Hz": middle, "left_out": "; ".join(network.left_out)},
     )
     tell(steps)
     return scan

@@ -262,10 +262,7 @@ def susceptance_slope(network: Network, state: ScanState, frequency: float) -> f
 
 
 def _solve_with_tank(
-    network: Network,
-    wiring: _Wiring,
-    frequencies: FloatArray,
-    inductances: FloatArray | ComplexArray,
+    network: Network, wiring: _Wiring, frequencies: FloatArray, inductances: FloatArray | ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Solve a state, with the admittances of the tank too."""
     switches, state = network.switches, wiring.state

@@ -28,8 +28,7 @@ def impedance(
         typer.Option("--from-MHz", help="Lowest frequency of the sweep; a tenth of the resonance by default."),
     ] = None,
     to_mhz: Annotated[
-        float | None,
-        typer.Option("--to-MHz", help="Highest frequency; above resonance and self-resonance by default."),
+        float | None, typer.Option("--to-MHz", help="Highest frequency; above resonance and self-resonance by default.")
     ] = None,
     points: Annotated[
         int,

@@ -84,10 +84,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 }
 """Every command by name, with ``board`` or ``paper``."""
 
-_FAMILIES = {
-    "board": "Read out a board, real or emulated.",
-    "paper": "Evaluate maps as Gast & Zimmermann (2020) did.",
-}
+_FAMILIES = {"board": "Read out a board, real or emulated.", "paper": "Evaluate maps as Gast & Zimmermann (2020) did."}
 """First words of commands, and their help."""
 _ORDERLY = {"board", "studio"}  # which bring boards to rest and end sessions, however long that takes
 

@@ -100,7 +100,4 @@ def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:
     from coilarray.localize.forward import table_for
 
     store = open_store()
-    return store.dataset(
-        ("readable positions", design.digest),
-        lambda: table_for(design, progress=progress),
-    )
+    return store.dataset(("readable positions", design.digest), lambda: table_for(design, progress=progress))

@@ -136,8 +136,7 @@ Cluster = Annotated[
     typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Dask scheduler; its workers compute instead."),
 ]
 Cache = Annotated[
-    Path | None,
-    typer.Option("--cache", metavar="DIR", help="Folder of stored results; the user's cache by default."),
+    Path | None, typer.Option("--cache", metavar="DIR", help="Folder of stored results; the user's cache by default.")
 ]
 Depths = Annotated[
     str | None, typer.Option("--depth-mm", help="Depths, such as 0.5,1 or START:STOP:COUNT; the design's by default.")

@@ -214,11 +214,7 @@ class Backing:
         return layer_waves(self.layers, wavenumbers, 2 * math.pi * self.frequency).reflection
 
     def between(
-        self,
-        wavenumbers: FloatArray,
-        thicknesses: Sequence[float],
-        permeabilities: Sequence[float],
-        lift: float = 0.0,
+        self, wavenumbers: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float], lift: float = 0.0
     ) -> tuple[ComplexArray, ComplexArray]:
         """Multiple reflections between the backing and sheets above it.
 
@@ -230,11 +226,7 @@ class Backing:
         return often, often * back
 
     def arriving(
-        self,
-        wavenumbers: FloatArray,
-        thicknesses: Sequence[float],
-        permeabilities: Sequence[float],
-        lift: float = 0.0,
+        self, wavenumbers: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float], lift: float = 0.0
     ) -> list[ComplexArray]:
         """Part of the waves (k,) of each of the `seen` at flat sheets."""
         often, _ = self.between(wavenumbers, thicknesses, permeabilities, lift)

@@ -319,9 +319,7 @@ def representative_segments(path: Conductor, accuracy: Accuracy) -> tuple[IntArr
 
 def _require_memory(paths: int, pairs: int) -> None:
     require_memory(
-        BYTES_A_PAIR * pairs + 8.0 * paths**2,
-        f"the inductance matrix of {paths} paths",
-        "compute it in pieces",
+        BYTES_A_PAIR * pairs + 8.0 * paths**2, f"the inductance matrix of {paths} paths", "compute it in pieces"
     )
 
 

@@ -353,7 +353,7 @@ def _kind(item: Copper) -> str:
 
 
 SAME_SHAPE = 2e-9
-"""Agreement in m of points and widths for coils of one shape, but for a shift. Board files round to 1 nm."""
+"""Agreement in m of points and widths of equal coils; board files round to 1 nm."""
 
 _GRID = 1e-9  # m: resolution of board files
 _GAP_GRID = 1e-6  # m: to which the gap of the turns is given

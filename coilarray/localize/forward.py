@@ -232,10 +232,7 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
 
 
 def whitening_of(
-    model: ForwardModel,
-    noise: npt.ArrayLike | None,
-    delta: FloatArray | None = None,
-    points: FloatArray | None = None,
+    model: ForwardModel, noise: npt.ArrayLike | None, delta: FloatArray | None = None, points: FloatArray | None = None
 ) -> Whitening:
     """Return the whitening of differences from the model.
 

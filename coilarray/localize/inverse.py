@@ -152,10 +152,7 @@ def location_lines(location: Location) -> list[str]:
     ['nothing pressed: nothing is pressed.']
     """
     first = f"{location.verdict}: {location.reason}" if location.reason else location.verdict
-    return [
-        first,
-        *(f"{'located' if k == 0 else 'may also be'}: {mode_text(m)}" for k, m in enumerate(location.modes)),
-    ]
+    return [first, *(f"{'located' if k == 0 else 'may also be'}: {mode_text(m)}" for k, m in enumerate(location.modes))]
 
 
 def mode_text(mode: Mode) -> str:

@@ -27,13 +27,7 @@ from coilarray.metal.half_body import EddyBody
 from coilarray.metal.layered_air import LayeredAir
 from coilarray.metal.magnetic_plates import magnetic_changes, magnetic_currents, require_skin
 from coilarray.metal.plate_mesh import Footprint, inscribed_radius, plate_meshes
-from coilarray.metal.surface_impedance import (
-    ModelError,
-    model_error,
-    own_share,
-    surface_impedance,
-    with_rim,
-)
+from coilarray.metal.surface_impedance import ModelError, model_error, own_share, surface_impedance, with_rim
 
 LARGEST_ERROR = 0.1  # relative error of ΔL by the model beyond which a plate is refused
 _OF_SPREAD = 0.5  # share of the impedance's error at twice the chosen wavenumber that all waves together make

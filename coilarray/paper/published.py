@@ -83,10 +83,7 @@ def difference_from_published(design: Design) -> str:
 
 
 def undetermined_levels(
-    coil: CoilEllipses,
-    delta: npt.ArrayLike,
-    x: tuple[float, float] = (-_X, _X),
-    y: tuple[float, float] = (-_Y, _Y),
+    coil: CoilEllipses, delta: npt.ArrayLike, x: tuple[float, float] = (-_X, _X), y: tuple[float, float] = (-_Y, _Y)
 ) -> npt.NDArray[np.bool_]:
     """Test which levels δ (n,) of a coil are undetermined.
 

@@ -50,11 +50,7 @@ def plus(change: ChangeOverFrequency, by: FloatArray | ComplexArray) -> ChangeOv
 
 
 def through_circuit(
-    network: Network,
-    flats: Sequence[Resonance],
-    change: ChangeOverFrequency,
-    *,
-    at_own_frequency: bool = False,
+    network: Network, flats: Sequence[Resonance], change: ChangeOverFrequency, *, at_own_frequency: bool = False
 ) -> dict[str, FloatArray]:
     """Solve every state with every change, from its resonance.
 
@@ -116,12 +112,7 @@ def dent_changes(
 
 
 def _over_backing(
-    source: Source,
-    pressed: Experiment,
-    backing: Backing | None,
-    mesh: LayerMesh,
-    keep: Keep,
-    progress: Progress | None,
+    source: Source, pressed: Experiment, backing: Backing | None, mesh: LayerMesh, keep: Keep, progress: Progress | None
 ) -> FloatArray | ComplexArray:
     """Compute the changes (cases, n, n) in H over backing."""
     blocks = [slice(*block) for block in ranges(len(pressed.points), _POSITIONS)]

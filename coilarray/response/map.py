@@ -55,15 +55,7 @@ from coilarray.response.setup import (
     wedge_inductance,
 )
 
-__all__ = [
-    "Imperfections",
-    "MapAccuracy",
-    "Reach",
-    "inductance_changes",
-    "respond",
-    "response_dataset",
-    "response_map",
-]
+__all__ = ["Imperfections", "MapAccuracy", "Reach", "inductance_changes", "respond", "response_dataset", "response_map"]
 
 Reach = float | Literal["auto"] | None
 """Coils that count at a position, see `response_map`."""

@@ -50,11 +50,7 @@ _Compared = dict[str, Any]
 
 
 def compare_responses(
-    measured: xr.Dataset,
-    simulated: xr.Dataset,
-    *,
-    largest_shift: float | None = None,
-    progress: Progress | None = None,
+    measured: xr.Dataset, simulated: xr.Dataset, *, largest_shift: float | None = None, progress: Progress | None = None
 ) -> xr.Dataset:
     """Compare a measured response with a simulated one.
 

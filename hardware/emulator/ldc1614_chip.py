@@ -8,13 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coilarray.hardware.chips.ldc1614 import (
-    BUS_RATE,
-    CHANNELS,
-    READ_BITS,
-    SLOWEST_BUS_RATE,
-    WRITE_BITS,
-)
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, CHANNELS, READ_BITS, SLOWEST_BUS_RATE, WRITE_BITS
 from coilarray.hardware.chips.ldc1614_registers import Register, registers
 from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroundings
 from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock
@@ -57,12 +51,7 @@ class Ldc1614:
     """One converter."""
 
     def __init__(
-        self,
-        clock: Clock,
-        surroundings: Surroundings,
-        *,
-        misuse: Misuse | None = None,
-        seed: int = 0,
+        self, clock: Clock, surroundings: Surroundings, *, misuse: Misuse | None = None, seed: int = 0
     ) -> None:
         self.clock, self.surroundings = clock, surroundings
         self.misuse = misuse or Misuse(strict=True)

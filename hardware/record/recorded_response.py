@@ -53,11 +53,7 @@ _WHEN = {
 
 
 def recorded_response(
-    recording: Recording,
-    *,
-    capacitances: Capacitances = None,
-    clock: float | None = None,
-    partial: bool = False,
+    recording: Recording, *, capacitances: Capacitances = None, clock: float | None = None, partial: bool = False
 ) -> xr.Dataset:
     """Return the measured response of a campaign.
 

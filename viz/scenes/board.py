@@ -67,11 +67,7 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
 
 
 def scene_of_board(
-    array: Array,
-    *,
-    layers: Sequence[str] | None = None,
-    box: Box | None = None,
-    name_heights: npt.ArrayLike = 0.0,
+    array: Array, *, layers: Sequence[str] | None = None, box: Box | None = None, name_heights: npt.ArrayLike = 0.0
 ) -> Scene:
     """Scene of a board: laminate, copper, barrels, names, rulers.
 

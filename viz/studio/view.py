@@ -126,8 +126,7 @@ class SceneView:
             bounds, size = self._scene.bounds, self._size
             room = max(0.0, _RULER / size[0] - (1.0 - FILLED) / 2)
             set_camera(
-                self._plotter,
-                aim(bounds, size, self._side if self._aimed is None else self._camera(), room, room),
+                self._plotter, aim(bounds, size, self._side if self._aimed is None else self._camera(), room, room)
             )
             self._aimed = self._camera()
 

@@ -12,15 +12,7 @@ import typer
 
 from coilarray.cli.board.measure import RUN, print_recording, recorded_session
 from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, opened_board
-from coilarray.cli.shared import (
-    AsJson,
-    DesignArgument,
-    Resume,
-    check_file,
-    from_map_origin,
-    print_result,
-    progress_bar,
-)
+from coilarray.cli.shared import AsJson, DesignArgument, Resume, check_file, from_map_origin, print_result, progress_bar
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -43,8 +35,7 @@ def campaign(
         typer.Option(help="File (TOML) with grid, sequence and stage of the campaign; those of the design by default."),
     ] = None,
     yes: Annotated[
-        bool,
-        typer.Option("--yes", help="Move a G-code stage without asking; not at the first use of its port."),
+        bool, typer.Option("--yes", help="Move a G-code stage without asking; not at the first use of its port.")
     ] = False,
     ignore_self_test: Annotated[
         bool, typer.Option("--ignore-self-test", help="Continue even if the self-test fails.")

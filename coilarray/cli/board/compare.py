@@ -48,10 +48,7 @@ def compare(
     largest_shift_mm: Annotated[
         float | None,
         shared.number_option(
-            ("--largest-shift-mm",),
-            0,
-            1000,
-            "Largest shift to try; the spacing of the measured positions by default.",
+            ("--largest-shift-mm",), 0, 1000, "Largest shift to try; the spacing of the measured positions by default."
         ),
     ] = None,
     out: Annotated[

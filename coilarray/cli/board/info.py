@@ -36,10 +36,7 @@ _SEALED = (".toml", ".csv")
 
 
 def info(
-    run: Annotated[
-        Path,
-        typer.Argument(metavar="RUN", help="Recording of a board; with --verify other files."),
-    ],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording of a board; with --verify other files.")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File to convert to: .nc (netCDF) or .csv; none by default.")
     ] = None,

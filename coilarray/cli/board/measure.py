@@ -11,13 +11,7 @@ import typer
 
 from coilarray.cli.board.info import reading_cells, summary_parts
 from coilarray.cli.board.options import BoardOptions, board_command, marked, opened_board, print_marked
-from coilarray.cli.shared import (
-    AsJson,
-    DesignArgument,
-    Resume,
-    check_file,
-    progress_bar,
-)
+from coilarray.cli.shared import AsJson, DesignArgument, Resume, check_file, progress_bar
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:

@@ -30,8 +30,7 @@ _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 def self_test(
     design: DesignArgument = None,
     only_list: Annotated[
-        bool,
-        typer.Option("--list", help="Only list the ports of this computer, and say what answers at --port."),
+        bool, typer.Option("--list", help="Only list the ports of this computer, and say what answers at --port.")
     ] = False,
     find_drives: Annotated[
         bool,
@@ -79,10 +78,7 @@ def self_test(
         with open_board(options.port, design=opened, wiring=wired) as board:
             record, line = _record(board), board.line
     else:
-        with (
-            progress_bar("self-test") as progress,
-            opened_board(options, opened, real_time=False) as (board, settings),
-        ):
+        with progress_bar("self-test") as progress, opened_board(options, opened, real_time=False) as (board, settings):
             if find_drives:
                 drives = drive_codes.find_drives(board.reader, settings)
                 states = tuple(replace(state, drive=drives[state.name].code) for state in settings.states)

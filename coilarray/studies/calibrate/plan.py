@@ -71,9 +71,7 @@ class Unknown(Table):
     """
 
     entry: Annotated[
-        list[str],
-        Field(min_length=1),
-        BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+        list[str], Field(min_length=1), BeforeValidator(lambda value: [value] if isinstance(value, str) else value)
     ]
     """Dotted key of the design, or several that share one value."""
     low: float

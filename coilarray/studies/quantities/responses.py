@@ -21,13 +21,7 @@ from coilarray.response.interpolation import even_row
 from coilarray.response.target import FACTOR, ranges_of
 from coilarray.studies.quantities.coils import COIL, coil_or
 from coilarray.studies.quantities.evaluation import Evaluation
-from coilarray.studies.quantities.quantity import (
-    Option,
-    Quantity,
-    read_number,
-    read_positive,
-    read_rectangle,
-)
+from coilarray.studies.quantities.quantity import Option, Quantity, read_number, read_positive, read_rectangle
 
 _STEPS = 8  # positions of a line in the thickness of all sheets
 # Against half the spacing and twice the depths the medians of σ_x are accurate to 1 % and the

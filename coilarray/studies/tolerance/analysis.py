@@ -247,12 +247,7 @@ def check_analysis(
 
 
 def _asked(
-    design: Design,
-    tolerances: Tolerances,
-    quantities: Sequence[str],
-    samples: int,
-    seed: int,
-    accuracy: Accuracy,
+    design: Design, tolerances: Tolerances, quantities: Sequence[str], samples: int, seed: int, accuracy: Accuracy
 ) -> tuple[Sequence[Contributor], Outputs, list[Limit], FloatArray]:
     """Check an analysis, and return contributors, outputs, limits and errors."""
     if 0 < samples < LEAST_SAMPLES:
