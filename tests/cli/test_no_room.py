@@ -30,7 +30,7 @@ WRITES = [
     (True, "view", "starter", "--out", "v.vtm"),
     (True, "view", "bare.toml", "--spacing-mm", "4", "--out", "f.nc"),
     (False, "impedance", "bare.toml", "--out", "i.csv"),
-    (True, "optimize", "starter", *SPAN, "--goal", "minimize span_mm", "--trials", "3"),
+    (False, "optimize", "starter", *SPAN, "--goal", "minimize span_mm", "--trials", "3"),
     (True, "tolerance", "starter", "-q", "span_mm", "--samples", "8", "--out", "t.json", "--workers", "1"),
     (True, "board", "measure", *BOARD, "--scans", "5", "--out", "run.sqlite"),
     (True, "report", "bare.toml", "--out", "folder"),
@@ -80,7 +80,8 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, case):
         with file_limit(size):
             line = refused(capsys, *command)
         assert "cannot write" in line or "cannot use" in line or "cannot read" in line
-        assert {path: data for path, data in content().items() if path.name != "study.lock"} == before
+        # points of a search are kept one by one, and the same command goes on from them
+        assert {path: data for path, data in content().items() if path.stem != "points"} == before
 
 
 def test_a_full_disk_ends_in_one_line_and_what_was_there_stays(capsys):

@@ -8,7 +8,6 @@ import re
 import struct
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
-from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import urlsplit
 
@@ -316,12 +315,3 @@ def test_the_emulated_board_is_watched_until_it_is_stopped(monkeypatch, tmp_path
     assert list(frames[0].delta) == [f"coil{k}" for k in range(1, 7)]
     assert set(frames[0].delta.values()) == {None}  # the baseline is not there yet
     assert frames[0].temperature == 25.0
-
-
-def test_the_folder_is_that_of_the_design(monkeypatch, tmp_path):
-    (tmp_path / "designs").mkdir()
-    (tmp_path / "designs" / "mine.toml").touch()
-    monkeypatch.chdir(tmp_path)
-    assert command._folder("designs/mine.toml", None) == (tmp_path / "designs").resolve()
-    assert command._folder("designs/mine.toml", Path()) == tmp_path.resolve()
-    assert command._folder("starter", None) == command._folder(None, None) == tmp_path.resolve()
