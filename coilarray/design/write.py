@@ -19,6 +19,7 @@ from coilarray.design.keys import MM, entry_of, sections_of
 from coilarray.design.model import Design, DesignFile, build_design_file, design_of
 from coilarray.design.tables import SCHEMA, CircuitTable, Document, ReadoutTable, StateTable
 from coilarray.geometry import Array, FinitePlate, Plate, Sheet
+from coilarray.geometry.answers import CurrentPaths
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # A list of plain values as tomli-w writes it, one value per line.
@@ -111,10 +112,11 @@ def _before_connector(array: Array) -> tuple[Array, dict[str, Any] | None]:
     return before, ConnectorTable.entries_of(led.connector)
 
 
-def as_file(design: Design | DesignFile) -> DesignFile:
-    """Return a design with a document."""
-    if isinstance(design, DesignFile):
-        return design
+def as_file(given: Design | DesignFile | CurrentPaths) -> DesignFile:
+    """Return a design, or coils, with a document."""
+    if isinstance(given, DesignFile):
+        return given
+    design = design_of(given)
     return replace(build_design_file(design_document(design), design.name), design=design)
 
 

@@ -29,6 +29,7 @@ from coilarray.design.vary import vary
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError, GoalError
+from coilarray.geometry import Array
 from coilarray.studies.points import evaluate_points
 from coilarray.studies.quantities import Request, request
 
@@ -171,7 +172,7 @@ class Sweep:
 
 
 def sweep(
-    design: Design | DesignFile,
+    design: Design | DesignFile | Array,
     entries: Mapping[str, Sequence[Any]],
     quantities: Sequence[str | Mapping[str, Any]],
     *,
@@ -186,7 +187,7 @@ def sweep(
 
     Parameters
     ----------
-    design : Design or DesignFile
+    design : Design, DesignFile or Array
         Design to vary.
     entries : mapping of str to sequence
         Values of each entry by its dotted key, in the unit of the key.
@@ -231,7 +232,7 @@ def sweep(
 
 
 def plan_sweep(
-    design: Design | DesignFile,
+    design: Design | DesignFile | Array,
     axes: Sequence[Axis],
     quantities: Sequence[str | Mapping[str, Any]],
     samples: int | None = None,

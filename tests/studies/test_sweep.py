@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from coilarray import load_design
+from coilarray import Design, load_design, sweep
 from coilarray.compute.workers import open_executor
 from coilarray.design.vary import vary
-from coilarray.errors import GoalError
+from coilarray.errors import DesignError, GoalError
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import MOST_POINTS, Axis, parse_axis, plan_sweep, run_sweep
 
@@ -176,3 +176,11 @@ def test_a_coil_that_only_some_designs_have_is_allowed(starter):
     assert math.isnan(few)
     assert enough > 0
     assert result.reason.values[0] == "the design starter has no coil 'coil3'; there are coil1, coil2."
+
+
+def test_an_array_is_swept_as_a_design_of_it():
+    array = load_design("starter").array
+    found, expected = (sweep(each, {"array.pitch_mm": [12, 14]}, ["span_mm"]) for each in (array, Design(array)))
+    assert found.span_mm.values.tolist() == expected.span_mm.values.tolist()
+    with pytest.raises(DesignError, match="Array"):
+        sweep("starter", {"array.pitch_mm": [12]}, ["span_mm"])
