@@ -47,7 +47,7 @@ def export(
         raise OutputError(f"--out must be a folder, as kicad has several files; got {target}.")
     else:
         shared.check_folder(target)
-        shared.require_new(target, force=force)
+    shared.require_new(target, force=force)
     exported = write(opened, target, to, sheets=not no_sheets, allow_faults=allow_violations)
     written, faults = exported.files, exported.net_faults
     sizes = [path.stat().st_size for path in written]

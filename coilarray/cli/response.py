@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -83,10 +84,14 @@ def response(
     imperfections = _experiment(experiment or ())
     counted: Reach = None if reach == "all" else "auto"
     if reach not in ("all", "auto"):
-        try:
+        from coilarray.response.map import LARGEST_ERROR, LEAST_ERROR
+
+        with suppress(ValueError):
             counted = float(reach)
-        except ValueError:
-            raise ElastomerError(f"--reach must be all, auto or a relative error of δ; got {reach!r}.") from None
+        if not isinstance(counted, float) or not LEAST_ERROR <= counted <= LARGEST_ERROR:
+            raise ElastomerError(
+                f"--reach must be all, auto or {LEAST_ERROR:g} to {LARGEST_ERROR:g}, an error of δ; got {reach!r}."
+            )
     from coilarray.circuit.readability import reading_lines
     from coilarray.report.figures import map_outlines
     from coilarray.report.response_tables import path_drive_table, response_table

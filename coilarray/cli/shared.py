@@ -45,9 +45,19 @@ def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *
             return None
         if suffixes:
             check_file(names[0], path, suffixes)
+        if path is not None and source is not None and source.name == "DEFAULT" and not _is_own(path):
+            raise OutputError(f"{path} exists and is not from coilarray; name another file with {names[0]}.")
         return path
 
     return typer.Option(*names, help=text, callback=check)
+
+
+def _is_own(path: Path) -> bool:
+    """Test whether a file under a default name may be replaced: netCDF, or sealed as a calibration is."""
+    if not path.is_file():
+        return True
+    content = path.read_bytes()
+    return content.startswith((b"\x89HDF", b"CDF")) or b"\n# coilarray checksum " in content
 
 
 def number_option(names: Sequence[str], low: float, high: float, text: str, *, above: bool = False) -> Any:

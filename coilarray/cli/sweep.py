@@ -47,9 +47,9 @@ def sweep(
     same command resumes an interrupted sweep and no point is computed twice. A point that gives no
     design is empty in the file, with the reason. Values are in the unit of their name. Points that
     break fabrication rules are marked by fab_broken in the file and by crosses in the plot, points
-    that no LDC1614 reads by converter_unread. They are left out of the table and are never the
-    best. With --goal the quantities of the goal are computed too, and the best points are printed.
-    The entries that the goal varies are the default of --vary.
+    that no LDC1614 reads by converter_unread. They are left out of the table, unless there are no
+    others, and are never the best. With --goal the quantities of the goal are computed too, and the
+    best points are printed. The entries that the goal varies are the default of --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out
     sweep.nc --plot sweep.png

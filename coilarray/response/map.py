@@ -73,7 +73,8 @@ _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances for the circuit, and a copy on the way
 _BYTES_OF_METAL = 80.0  # more with a metal indenter: complex changes, their copies, and two variables
 _BYTES_OF_PLATES = 200.0  # more with plates: the same at some four frequencies
-_ERRORS = (1e-4, 0.1)  # of the peak. The linear model leaves out up to 4e-5 (tests/response/test_near_response.py)
+LEAST_ERROR, LARGEST_ERROR = 1e-4, 0.1
+"""Errors of δ that may leave out far coils, relative to the peak. The linear model leaves out 4e-5."""
 _AUTO_VALUES = 5_000_000  # of the inductance changes. Above, "auto" leaves far coils out
 _AUTO_ERROR = 1e-3
 _OVER_FREQUENCY = 1e-4  # error of the change by dents beside plates between the computed frequencies
@@ -469,9 +470,9 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, metal: bool) -> f
         return 0.0 if metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
         return 0.0
-    if not (isinstance(reach, int | float) and _ERRORS[0] <= reach <= _ERRORS[1]):
+    if not (isinstance(reach, int | float) and LEAST_ERROR <= reach <= LARGEST_ERROR):
         raise ElastomerError(
-            f'accuracy must be None, "auto" or the error of δ, {_ERRORS[0]:g} to {_ERRORS[1]:g} of the peak; '
+            f'accuracy must be None, "auto" or the error of δ, {LEAST_ERROR:g} to {LARGEST_ERROR:g} of the peak; '
             f"got {reach}."
         )
     if metal:

@@ -223,6 +223,20 @@ def test_a_page_of_the_user_is_not_replaced_by_a_report(capsys):
     assert Path("report.html").read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.parametrize(
+    ("command", "file"),
+    [
+        ("response starter", "response.nc"),
+        ("board calibrate run.sqlite", "board.toml"),
+        ("export starter --to svg", "starter.svg"),
+    ],
+)
+def test_a_file_of_the_user_is_not_replaced_under_a_default_name(capsys, command, file):
+    Path(file).write_text("mine", encoding="utf-8")
+    assert f"{file} exists" in refused(capsys, *command.split())
+    assert Path(file).read_text(encoding="utf-8") == "mine"
+
+
 @pytest.mark.slow
 def test_matrices(capsys):
     data = answer(capsys, "impedance", "starter", "--points", "2")

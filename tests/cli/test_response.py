@@ -169,8 +169,8 @@ test_mistakes_are_one_line_and_leave_nothing = mistakes(
     (("--experiment", "seed=0.5"), "--experiment seed must be a whole number; got 0.5"),
     (("--experiment", "thickness_error_mm.foam=1"), "names the sheet 'foam'; there are base, magnetic"),
     (("--experiment", "drift=1", "--experiment", "drift=2"), "--experiment must name drift once"),
-    (("--reach", "near"), "--reach must be all, auto or a relative error of δ; got 'near'"),
-    (("--reach", "1e-5"), "0.0001 to 0.1 of the peak; got 1e-05"),
+    (("--reach", "near"), "--reach must be all, auto or 0.0001 to 0.1, an error of δ; got 'near'"),
+    (("--reach", "1e-5"), "--reach must be all, auto or 0.0001 to 0.1, an error of δ; got '1e-5'"),
 )
 
 
