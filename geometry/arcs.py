@@ -53,7 +53,17 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
     radius, turn = arc_size(start, middle, end)
     if turn == 0:
         return np.array([start, end])
-    return arc_pieces(start, middle, end, math.ceil(abs(turn) / chord_angle(radius, error)))
+    count = math.ceil(abs(turn) / chord_angle(radius, error))
+    # Both inner points of three pieces on a small radius may lie farther out than their chords lie inside.
+    if count == 3 and radius * _inner_ratio(count, abs(turn) / count) - radius > error:
+        count = 4
+    return arc_pieces(start, middle, end, count)
+
+
+def _inner_ratio(pieces: int, angle: float) -> float:
+    """Radius of the inner points over the arc's, the positive root in `arc_points`."""
+    inside, area = pieces - 2, pieces * angle / math.sin(angle)
+    return (math.sqrt(1 + inside * area) - 1) / inside
 
 
 def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
@@ -74,9 +84,7 @@ def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArra
     radius, turn = arc_size(start, middle, end)
     pieces = max(_LEAST_PIECES, count)
     angles = math.atan2(*(a - centre)[::-1]) + turn * np.linspace(0, 1, pieces + 1)
-    angle = abs(turn) / pieces
-    inside, area = pieces - 2, pieces * angle / math.sin(angle)
-    inner = radius * ((math.sqrt(1 + inside * area) - 1) / inside)  # the positive root in `arc_points`
+    inner = radius * _inner_ratio(pieces, abs(turn) / pieces)
     points = centre + inner * np.column_stack((np.cos(angles), np.sin(angles)))
     points[0], points[-1] = a, c
     return np.asarray(points)

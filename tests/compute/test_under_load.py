@@ -173,7 +173,7 @@ def write_inputs(folder):
 @pytest.mark.parametrize(("command", "targets", "writing"), [
     ("view flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc", "f.nc", False),
     ("impedance small.toml --points 2 --out i.csv", "i.csv", True),
-    ("export small.toml --to gerber --out g.zip", "g.zip", True),
+    ("export small.toml --to gerber --out g.zip --force", "g.zip", True),
     ("export small.toml --to kicad --out k --force", "k/starter.kicad_pcb", True),
 ])  # fmt: skip
 def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, command, targets, writing):
