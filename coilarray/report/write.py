@@ -11,7 +11,7 @@ import xarray as xr
 
 from coilarray import viz
 from coilarray.circuit.coupling import provenance, terminations_of
-from coilarray.compute.files import make_folder, write_bytes, write_text
+from coilarray.compute.files import make_folder, write_bytes, write_text, writing
 from coilarray.compute.netcdf import netcdf_of
 from coilarray.compute.table import Group, Section, Table, Warn, html_card, html_table
 from coilarray.compute.threads import Progress, threads
@@ -116,8 +116,11 @@ def write_report(
     folder = Path(where)
     make_folder(folder)  # a folder that cannot be written is known before the work begins
     target = folder / "report.html"
-    if target.is_file() and _GENERATOR not in target.read_bytes()[:500]:
-        raise OutputError(f"{target} exists and is not a report of coilarray; move it, or choose another folder.")
+    if target.is_file():
+        with writing(target), target.open("rb") as earlier:
+            head = earlier.read(500)
+        if _GENERATOR not in head:
+            raise OutputError(f"{target} exists and is not a report of coilarray; move it, or choose another folder.")
     made: dict[str, Section] = {}
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:
