@@ -225,10 +225,10 @@ def chosen_states(known: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...
     return tuple(wanted)
 
 
-def require_states(states: Sequence[str], unknowns: int) -> None:
-    """Raise LocalizeError for fewer states than unknowns."""
+def require_states(states: Sequence[str], unknowns: int, holder: str = "model") -> None:
+    """Raise LocalizeError if the `holder` of the states has fewer than unknowns."""
     if len(states) < unknowns:
-        raise LocalizeError(f"{unknowns} unknowns need at least as many states; the model has {', '.join(states)}.")
+        raise LocalizeError(f"{unknowns} unknowns need at least as many states; the {holder} has {', '.join(states)}.")
 
 
 def whitening_of(

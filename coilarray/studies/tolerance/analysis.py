@@ -35,7 +35,7 @@ from coilarray.design.model import Design, DesignFile, build_design
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
-from coilarray.localize.forward import ForwardModel, forward_model, table_for, table_grid, whitening_of
+from coilarray.localize.forward import ForwardModel, forward_model, require_states, table_for, table_grid, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import locate_all
 from coilarray.response.interpolation import PARAMETERS
@@ -293,7 +293,7 @@ def _check_places(design: Design, outputs: Outputs) -> None:
                 raise LocalizeError(
                     f"{name} must be {low:g} to {high:g} mm, in the table of {design.name}; got {value * 1e3:g}."
                 )
-    require_states([state.name for state in design.plan], len(PARAMETERS))
+    require_states([state.name for state in design.plan], len(PARAMETERS), "scan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,15 +369,9 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
     `largest` in m.
     """
     points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
-    require_states(model.states, model.unknowns)
+    require_states(model.states, model.unknowns, "scan")
     information = fisher_information(model, points, positions.noise)
     return Shifts(model, points, positions.noise, tuple(_determined(one, largest) for one in information))
-
-
-def require_states(states: Sequence[str], unknowns: int) -> None:
-    """Raise LocalizeError if there are fewer states than unknowns."""
-    if len(states) < unknowns:
-        raise LocalizeError(f"{unknowns} unknowns need at least as many states; the scan has {', '.join(states)}.")
 
 
 def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
