@@ -24,8 +24,8 @@ from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.link import LinkTimes
-from coilarray.hardware.wire.serial_ports import open_serial_port
+from coilarray.hardware.wire.ports import open_serial_port
+from coilarray.hardware.wire.protocol import LinkTimes
 
 RATE = 100.0  # scans/s
 SCANS = 2000

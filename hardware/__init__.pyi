@@ -3,9 +3,8 @@
 from .board.connect import Board, open_board
 from .board.self_test import SelfTest, self_test
 from .chips.ldc1614 import code_to_frequency, inductance_from_frequency, settle_count
-from .scan.design_settings import design_settings
 from .scan.readings import Reader, read_scan
-from .scan.settings import ConverterClock, ScanSettings, Sensor, scan_settings
+from .scan.settings import ConverterClock, ScanSettings, Sensor, design_settings, scan_settings
 from .scan.wiring import Wiring, load_wiring
 
 __all__ = [

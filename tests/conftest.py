@@ -151,4 +151,4 @@ def _signals_of_a_terminal():
 @pytest.fixture
 def patient_writing(monkeypatch):
     """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
-    monkeypatch.setattr("coilarray.hardware.wire.serial_ports._WRITE_TIMEOUT", PATIENCE)
+    monkeypatch.setattr("coilarray.hardware.wire.ports._WRITE_TIMEOUT", PATIENCE)

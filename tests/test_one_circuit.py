@@ -13,9 +13,9 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.impedance import scan_design, sweep_design
 from coilarray.circuit.network import resonate
 from coilarray.circuit.state_sensitivity import state_sensitivity
-from coilarray.hardware.emulator.conditions import LIFTED
+from coilarray.hardware.emulator.board import LIFTED
 from coilarray.hardware.emulator.sensor_world import SensorWorld
-from coilarray.hardware.scan.design_settings import board_network
+from coilarray.hardware.scan.settings import board_network
 from coilarray.report.circuit_tables import state_table
 from coilarray.report.tables import coil_table
 from coilarray.viz.studio.numbers import circuit_of

@@ -14,7 +14,7 @@ from sphinx.errors import ExtensionError
 
 import coilarray as ca
 from coilarray.hardware import design_settings, open_board
-from coilarray.hardware.record import recording_file
+from coilarray.hardware.record import recording as recording_module
 from coilarray.hardware.record.recorded_response import recorded_series
 from coilarray.hardware.record.recorder import begin_session, open_recorder, record_stream
 from coilarray.hardware.record.recording import open_recording
@@ -109,13 +109,21 @@ def page() -> str:
     for title, origin, dataset in results():
         lines += [f"## {title}", "", f"{origin}.".replace("{doc}`", "{doc}`../python/coilarray."), ""]
         lines += [*table(dataset), ""]
-    tables = inspect.cleandoc(recording_file._TABLES)
+    tables = inspect.cleandoc(recording_module._TABLES)
     lines += [
         "## Recording",
         "",
         "`coilarray board measure --out`, `coilarray board live --out`. Raw words of the converter, never L alone;",
     ]
-    lines += [f"SQLite's `user_version` is {recording_file.SCHEMA}.", "", "```{code-block} sql", "", tables, "```", ""]
+    lines += [
+        f"SQLite's `user_version` is {recording_module.SCHEMA}.",
+        "",
+        "```{code-block} sql",
+        "",
+        tables,
+        "```",
+        "",
+    ]
     return "\n".join(lines)
 
 

@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, Any, Self
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import DirectReader
-from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
+from coilarray.hardware.chips.ldc1614 import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.readings import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
-from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain, held_signals, orderly_termination
-from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, open_ft232h
+from coilarray.hardware.wire.buses import (
+    ComputerClock,
+    LinuxRegisterBus,
+    RegisterBus,
+    SpiSwitchChain,
+    SwitchChain,
+    held_signals,
+    open_ft232h,
+    orderly_termination,
+)
 from coilarray.hardware.wire.ports import (
     EMULATOR,
     ChannelBoard,
@@ -31,7 +39,7 @@ from coilarray.hardware.wire.ports import (
 if TYPE_CHECKING:
     from coilarray.design.model import Design
     from coilarray.hardware.emulator import EmulatedBoard
-    from coilarray.hardware.wire.link import LinkTimes
+    from coilarray.hardware.wire.protocol import LinkTimes
 
 
 class Board:

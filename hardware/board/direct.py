@@ -15,8 +15,7 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import CHANNELS
-from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
+from coilarray.hardware.chips.ldc1614 import ASLEEP, CHANNELS, DEVICE, MANUFACTURER, register, registers
 from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault, ready_status
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import (

@@ -19,22 +19,24 @@ from coilarray.hardware.wire.buses import (
     SwitchFault,
     VersionMismatch,
 )
-from coilarray.hardware.wire.link import LinkTimes, Session, read_nothing
+from coilarray.hardware.wire.ports import BAUD, OpenSerialPort, choose_serial_port
 from coilarray.hardware.wire.protocol import (
     Answer,
     Heartbeat,
+    LinkTimes,
     Message,
     MessageError,
     Mode,
     ScanMessage,
+    Session,
     StreamEnd,
     StreamEndReason,
     draft_commands,
     hexadecimal,
+    read_nothing,
     read_pong,
     read_scan,
 )
-from coilarray.hardware.wire.serial_ports import BAUD, OpenSerialPort, choose_serial_port
 
 LONGEST_INTERVAL = 2147.0
 """Longest time between two scans of a stream in s: half a wrap of the board's clock."""

@@ -5,8 +5,15 @@ The chips are emulated at the level of their registers, and the coils by this pa
 
 from __future__ import annotations
 
-from coilarray.hardware.emulator.board import EmulatedBoard, emulated_board
-from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, PacedClock, VirtualClock
+from coilarray.hardware.emulator.board import (
+    Conditions,
+    Drift,
+    EmulatedBoard,
+    Oscillator,
+    PacedClock,
+    VirtualClock,
+    emulated_board,
+)
 from coilarray.hardware.emulator.ldc1614_chip import Ldc1614, UndocumentedUse
 
 __all__ = [

@@ -17,8 +17,8 @@ from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.emulator.conditions import LIFTED, ROOM_TEMPERATURE, Place
-from coilarray.hardware.emulator.conversion import Resonator
+from coilarray.hardware.emulator.board import LIFTED, ROOM_TEMPERATURE, Place
+from coilarray.hardware.emulator.ldc1614_chip import Resonator
 from coilarray.response.interpolation import (
     LEAST_POSITIONS,
     PARAMETERS,

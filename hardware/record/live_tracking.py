@@ -71,7 +71,7 @@ class LiveTracker:
     baseline_scans : int
         Number of scans without an indentation whose mean is L_0.
     budget : NoiseBudget, optional
-        Budget of the board's states, see `coilarray.hardware.scan.design_settings.board_budget`. It
+        Budget of the board's states, see `coilarray.hardware.scan.settings.board_budget`. It
         gives the changes since L_0, separate and common. The noise of a scan is measured in the
         baseline. Without a budget the measured noise is added to the noise of the model.
     noise : float, optional

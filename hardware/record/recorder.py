@@ -27,8 +27,10 @@ from coilarray.design.model import Design
 from coilarray.design.write import design_document
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import Board
-from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
-from coilarray.hardware.record.recording_file import (
+from coilarray.hardware.record.recording import (
+    GridPlace,
+    RecordedSession,
+    Recording,
     create_tables,
     insert_row,
     insert_scan,

@@ -15,8 +15,7 @@ from typing import Literal, Protocol
 
 from coilarray.circuit.converter_limits import SENSOR_FREQUENCY
 from coilarray.errors import HardwareError, require_positive
-from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, inductance_from_frequency
-from coilarray.hardware.chips.ldc1614_registers import decode
+from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, decode, inductance_from_frequency
 from coilarray.hardware.scan.settings import ScanSettings
 
 

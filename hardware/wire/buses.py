@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import importlib
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from types import FrameType
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from types import FrameType, ModuleType
 from typing import Any, Protocol
 
-from coilarray.errors import HardwareError
+from coilarray.compute.extras import import_extra
+from coilarray.errors import HardwareError, MissingDependencyError
 
 
 class DeviceLost(HardwareError):  # noqa: N818 - the field's words
@@ -145,3 +149,313 @@ class ComputerClock:
     def sleep(self, seconds: float) -> None:
         """Wait."""
         time.sleep(max(seconds, 0.0))
+
+
+DEVICES = Path("/dev")
+"""Folder of the system's devices."""
+SYSTEM = Path("/sys/class/i2c-adapter")
+"""Folder with the system's data about its I²C buses."""
+SPI_MODE = 1
+"""Mode of SPI, 0 to 3, that suits the switches, as far as is known."""
+_SPI_SPEED = 1_000_000  # Hz. The ADG739 takes 30 MHz (not verified)
+_LINUX_PURPOSE = "boards on this computer's own buses"
+_GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
+_HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}
+_START_BYTE = 0x00  # as a read: nine clocks that no chip may acknowledge
+
+
+def linux_buses() -> tuple[str, ...]:
+    """Return the names of the buses of this computer."""
+    i2c = [f"i2c:{path.name.removeprefix('i2c-')}" for path in DEVICES.glob("i2c-*")]
+    spi = [f"spi:{path.name.removeprefix('spidev')}" for path in DEVICES.glob("spidev*")]
+    return (*sorted(i2c), *sorted(spi))
+
+
+def i2c_clock(bus: int) -> float | None:
+    """Return the clock of a computer's I²C bus in Hz.
+
+    It is None if the device tree does not set it. The property is a big-endian 32-bit number.
+    """
+    for node in ("of_node", "device/of_node"):
+        with contextlib.suppress(OSError):
+            held = (SYSTEM / f"i2c-{bus}" / node / "clock-frequency").read_bytes()
+            if len(held) == 4 and any(held):
+                return float(int.from_bytes(held, "big"))
+    return None
+
+
+class LinuxRegisterBus:
+    """A `RegisterBus` through the kernel's I²C, /dev/i2c-N."""
+
+    def __init__(self, bus: int, address: int) -> None:
+        self._library = import_extra("smbus2", _LINUX_PURPOSE, package="smbus2", extra="linux")
+        self._address = address
+        self._path = DEVICES / f"i2c-{bus}"
+        with _opening(self._path):
+            self._bus: Any = self._library.SMBus(str(self._path))
+        try:
+            with _opening(self._path):
+                fcntl = importlib.import_module("fcntl")  # missing on Windows, which has no such bus either
+                fcntl.flock(self._bus.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # locks out a second program of this package
+            if not self._bus.funcs & self._library.I2cFunc.I2C:
+                raise HardwareError(f"{self._path} cannot read registers of 16 bits: it is not a full I²C bus.")
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self, register: int) -> int:
+        """Return a register."""
+        message = self._library.i2c_msg
+        answer = message.read(self._address, 2)
+        self._transfer(message.write(self._address, [register]), answer)
+        return int.from_bytes(bytes(answer), "big")
+
+    def write(self, register: int, value: int) -> None:
+        """Write a register."""
+        self._transfer(self._library.i2c_msg.write(self._address, [register, *value.to_bytes(2, "big")]))
+
+    def clear(self) -> None:
+        """Send nine clocks and a stop."""
+        with contextlib.suppress(BusFault):  # no chip answers to this
+            self._transfer(self._library.i2c_msg.read(_START_BYTE, 1))
+
+    def close(self) -> None:
+        """Close the bus, and never raise."""
+        with contextlib.suppress(Exception):
+            self._bus.close()
+
+    def _transfer(self, *messages: Any) -> None:
+        """Transfer messages and translate the system's errors."""
+        try:
+            self._bus.i2c_rdwr(*messages)
+        except OSError as error:
+            where = f"the converter at {self._address:#04x} on {self._path}"
+            if error.errno in _GONE:
+                raise DeviceLost(f"{self._path} is gone: {error.strerror}.") from None
+            if error.errno in _HELD_UP:
+                raise BusTimeout(f"{where} holds up the bus: {error.strerror}.") from None
+            raise BusFault(f"{where} does not answer: {error.strerror}.") from None
+
+
+class SpiSwitchChain:
+    """A `SwitchChain` through the kernel's SPI, /dev/spidevN.M."""
+
+    def __init__(self, bus: int, device: int, *, mode: int = SPI_MODE, readback: bool = False) -> None:
+        library: ModuleType = import_extra("spidev", _LINUX_PURPOSE, package="spidev", extra="linux")
+        self._readback = readback
+        self._path = DEVICES / f"spidev{bus}.{device}"
+        self._port: Any = library.SpiDev()
+        try:
+            with _opening(self._path):
+                self._port.open_path(str(self._path))
+                self._port.mode, self._port.bits_per_word, self._port.max_speed_hz = mode, 8, _SPI_SPEED
+        except BaseException:
+            self.close()
+            raise
+
+    def shift(self, words: bytes) -> bytes | None:
+        """Send the words while SYNC is low."""
+        try:
+            returned = self._port.xfer2(list(words))
+        except OSError as error:
+            if error.errno in _GONE:
+                raise DeviceLost(f"{self._path} is gone: {error.strerror}.") from None
+            raise SwitchFault(f"{self._path} could not send to the switches: {error.strerror}.") from None
+        return bytes(returned) if self._readback else None
+
+    def close(self) -> None:
+        """Close the port, and never raise."""
+        with contextlib.suppress(Exception):
+            self._port.close()
+
+
+@contextlib.contextmanager
+def _opening(path: Path) -> Iterator[None]:
+    """Translate the system's errors about a device into one line."""
+    try:
+        yield
+    except FileNotFoundError:
+        there = ", ".join(linux_buses()) or "none at all"
+        raise HardwareError(f"there is no {path}; ports of this kind: {there}.") from None
+    except PermissionError:
+        group = "i2c" if path.name.startswith("i2c") else "spi"
+        raise HardwareError(f"{path} may not be opened by this user; add the user to the group {group}.") from None
+    except BlockingIOError:
+        raise HardwareError(f"{path} is used by another program.") from None
+    except OSError as error:
+        raise HardwareError(f"{path} cannot be used: {error.strerror}.") from None
+
+
+I2C_SPEED = 100e3
+"""Clock of the I²C bus in Hz. The converter allows 400 kHz if the pull-ups are strong enough."""
+_FTDI_PURPOSE = "boards on an FT232H"
+_WITH_SECOND_PORT = {0x6014: "232h", 0x6010: "2232h"}  # USB product numbers
+_SECOND_PORT = 8  # its pins follow the pins of the first port, which has the I²C
+_CLOCK, _DATA, _SYNC = 0x01, 0x02, 0x04  # pins C0 to C2 of the second port: SCLK, DIN of the first device, SYNC
+_DRIVEN = _CLOCK | _DATA | _SYNC
+_BACK = 3  # number of the pin C3: DOUT of the last device
+# Commands of the engine, and the lines of I²C in its first port.
+_SET_LOW, _SET_HIGH, _GET_HIGH, _SEND = 0x80, 0x82, 0x83, 0x87
+_SCL, _SDA = 0x01, 0x02
+_CLOCKS = 9
+_HOLD = 10  # repeats of a level that lasts 5 µs, half a clock of 100 kHz
+_READ_ATTEMPTS = 4
+_USB_TIMEOUT = 500  # ms
+_NO_LIBUSB = "No backend available"  # pyftdi's message without it
+
+
+def open_ft232h(
+    url: str, address: int, *, switches: bool = True, mode: int = SPI_MODE, readback: bool = False
+) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain | None]:
+    """Open an FT232H adapter with converter and switches, if any.
+
+    The pyftdi URL is ``ftdi://ftdi:232h:SERIALNUMBER/1``. The SPI `mode` of the switches is 0 to 3.
+    With `readback` the end of their chain is wired back.
+    """
+    controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
+    idle = _SYNC | (_CLOCK if mode & 2 else 0)
+    pins = {"direction": _DRIVEN << _SECOND_PORT, "initial": idle << _SECOND_PORT} if switches else {}
+    try:
+        controller.configure(url, frequency=I2C_SPEED, **pins)
+        controller.set_retry_count(1)  # this module judges a failed transfer itself
+        controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
+        bus = Ft232hRegisterBus(controller, url, address)
+        if not switches:
+            return bus, None
+        if controller.width <= _SECOND_PORT:
+            raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
+        controller.ftdi.write_data(bytes([_SET_HIGH, idle, _DRIVEN]))  # pyftdi drives only pins that begin high
+        return bus, Ft232hSwitchChain(controller, url, mode, readback)
+    except (OSError, ValueError, usb.UsbToolsError) as error:
+        _close(controller)
+        if _NO_LIBUSB in str(error):
+            raise MissingDependencyError(
+                f"{url} cannot be opened: the library libusb 1.0 is not installed (Debian: sudo apt "
+                "install libusb-1.0-0; macOS: brew install libusb; Windows: the WinUSB driver, by Zadig)."
+            ) from None
+        raise HardwareError(f"{url} cannot be opened: {_one_line(error)}.") from None
+    except BaseException:
+        _close(controller)
+        raise
+
+
+def ft232h_adapters() -> tuple[str, ...]:
+    """Return the URLs of the adapters at this computer."""
+    try:
+        found = _library("pyftdi.ftdi").Ftdi.list_devices()
+    except Exception:  # a list of adapters does not report missing libraries
+        return ()
+    return tuple(
+        f"ftdi://ftdi:{_WITH_SECOND_PORT[device.pid]}{f':{device.sn}' if device.sn else ''}/1"
+        for device, _ in found
+        if device.pid in _WITH_SECOND_PORT
+    )
+
+
+class Ft232hRegisterBus:
+    """A `RegisterBus` of `open_ft232h`."""
+
+    def __init__(self, controller: Any, url: str, address: int) -> None:
+        self._controller, self._url, self._address = controller, url, address
+        self._port: Any = controller.get_port(address)
+        self._not_acknowledged: type[Exception] = _library("pyftdi.i2c").I2cNackError
+
+    def read(self, register: int) -> int:
+        """Return a register."""
+        with self._translated_errors():
+            answer = bytes(self._port.exchange([register], 2))
+        if len(answer) != 2:
+            raise BusTimeout(f"the adapter {self._url} returned {len(answer)} bytes of a register, not 2.")
+        return int.from_bytes(answer, "big")
+
+    def write(self, register: int, value: int) -> None:
+        """Write a register."""
+        with self._translated_errors():
+            self._port.write([register, *value.to_bytes(2, "big")])
+
+    def clear(self) -> None:
+        """Send nine clocks and a stop."""
+        clocks = [_SDA, _SDA | _SCL] * _CLOCKS
+        levels = [_SDA | _SCL, *clocks, _SDA, 0, _SCL, _SDA | _SCL]
+        commands = bytes(byte for level in levels for byte in (_SET_LOW, level, _SCL | _SDA) * _HOLD)
+        with self._translated_errors():
+            self._controller.ftdi.write_data(commands)
+
+    def close(self) -> None:
+        """Close the adapter, whose pins keep their levels."""
+        _close(self._controller)
+
+    @contextlib.contextmanager
+    def _translated_errors(self) -> Iterator[None]:
+        """Translate errors of pyftdi within a block."""
+        try:
+            yield
+        except self._not_acknowledged:
+            raise BusFault(f"the converter at {self._address:#04x} on {self._url} does not answer.") from None
+        except OSError as error:
+            raise _lost_or(BusTimeout, self._url, error) from None
+
+
+class Ft232hSwitchChain:
+    """A `SwitchChain` of `open_ft232h`."""
+
+    def __init__(self, controller: Any, url: str, mode: int, readback: bool) -> None:
+        self._controller, self._url, self._mode, self._readback = controller, url, mode, readback
+
+    def shift(self, words: bytes) -> bytes | None:
+        """Send the words while SYNC is low."""
+        bits = [bool(byte >> bit & 1) for byte in words for bit in reversed(range(8))]
+        try:
+            self._controller.ftdi.write_data(bytes(self._commands(bits)))
+            if not self._readback:
+                return None
+            levels = bytes(self._controller.ftdi.read_data_bytes(len(bits), _READ_ATTEMPTS))
+        except OSError as error:
+            raise _lost_or(SwitchFault, self._url, error) from None
+        if len(levels) != len(bits):
+            raise SwitchFault(f"the adapter {self._url} returned {len(levels)} levels of the switches' {len(bits)}.")
+        back = "".join(str(level >> _BACK & 1) for level in levels)
+        return int(back, 2).to_bytes(len(words), "big")
+
+    def close(self) -> None:
+        """Close the adapter, and never raise."""
+        _close(self._controller)
+
+    def _commands(self, bits: Iterable[bool]) -> Iterator[int]:
+        """Yield the commands of a transfer.
+
+        A level is read just before the edge at which the switches read the bit.
+        """
+        idle_high, second_edge = bool(self._mode & 2), bool(self._mode & 1)  # CPOL and CPHA
+        idle = _CLOCK if idle_high else 0
+        before, after = (_CLOCK - idle, idle) if second_edge else (idle, _CLOCK - idle)
+        yield from (_SET_HIGH, idle, _DRIVEN)
+        for bit in bits:
+            data = _DATA if bit else 0
+            yield from (_SET_HIGH, before | data, _DRIVEN)
+            if self._readback:
+                yield _GET_HIGH
+            yield from (_SET_HIGH, after | data, _DRIVEN)
+        yield from (_SET_HIGH, idle, _DRIVEN, _SET_HIGH, idle | _SYNC, _DRIVEN)
+        if self._readback:
+            yield _SEND
+
+
+def _library(module: str) -> Any:
+    return import_extra(module, _FTDI_PURPOSE, package="pyftdi", extra="ftdi")
+
+
+def _lost_or(fault: type[HardwareError], url: str, error: OSError) -> HardwareError:
+    """Return DeviceLost if USB itself failed, else the fault."""
+    if isinstance(error, (_library("pyftdi.ftdi").FtdiError, _library("usb.core").USBError)):
+        return DeviceLost(f"the adapter {url} is gone: {_one_line(error)}.")
+    return fault(f"the adapter {url} does not answer: {_one_line(error)}.")
+
+
+def _close(controller: Any) -> None:
+    with contextlib.suppress(Exception):
+        controller.close(freeze=True)  # a SYNC that floats could latch anything
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__

@@ -22,7 +22,7 @@ from coilarray.circuit.network import Network, resonate, self_resonance_of, solv
 from coilarray.circuit.network_files import export_network
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.errors import MetalError
-from coilarray.hardware.scan.design_settings import board_network
+from coilarray.hardware.scan.settings import board_network
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.frequencies import FrequencyBand
 

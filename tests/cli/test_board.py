@@ -8,7 +8,7 @@ from support.command_line import mistakes, runner, successes
 
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
-from coilarray.hardware.wire.serial_ports import PortInfo
+from coilarray.hardware.wire.ports import PortInfo
 
 pytestmark = pytest.mark.slow
 

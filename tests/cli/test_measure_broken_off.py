@@ -21,7 +21,7 @@ from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
 from coilarray.hardware.board import microcontroller
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.wire.link import LinkTimes
+from coilarray.hardware.wire.protocol import LinkTimes
 
 pytestmark = pytest.mark.slow
 

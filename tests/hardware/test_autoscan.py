@@ -16,8 +16,7 @@ from support.refusals import refused
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import DirectReader
-from coilarray.hardware.board.drive_codes import find_drives
-from coilarray.hardware.board.self_test import self_test
+from coilarray.hardware.board.self_test import find_drives, self_test
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.readings import Reason, SampleFault, read_scan
 from coilarray.hardware.scan.settings import ScanSettings

@@ -13,7 +13,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware import emulator
 from coilarray.hardware.board.connect import Board, open_board, wiring_of_board
 from coilarray.hardware.emulator import Conditions
-from coilarray.hardware.wire import direct_buses, ports
+from coilarray.hardware.wire import buses, ports
 from coilarray.hardware.wire.ports import ChannelBoard, EmulatorPort, FtdiPort, LinuxPort, SerialPort, parse_port
 
 FTDI = "ftdi://ftdi:232h:FT1ABC/1"
@@ -163,5 +163,5 @@ def test_the_clock_of_the_bus_is_that_of_the_port(monkeypatch, tmp_path, port, r
     ):  # fmt: skip
         (folder := tmp_path / f"i2c-{bus}" / node).mkdir(parents=True)
         (folder / "clock-frequency").write_bytes(held)
-    monkeypatch.setattr(direct_buses, "SYSTEM", tmp_path)
+    monkeypatch.setattr(buses, "SYSTEM", tmp_path)
     assert ports.bus_rate(parse_port(port)) == rate

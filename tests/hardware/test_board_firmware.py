@@ -22,7 +22,7 @@ from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.board.self_test import self_test
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.link import LinkTimes
+from coilarray.hardware.wire.protocol import LinkTimes
 
 pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
 SETTINGS = quick_settings(drives=8, quality=150.0)

@@ -17,7 +17,7 @@ from support.refusals import raising
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import Board
-from coilarray.hardware.emulator import conversion
+from coilarray.hardware.emulator import ldc1614_chip as conversion
 from coilarray.hardware.emulator.board import EmulatedSwitches
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import BusFault, DeviceLost, held_signals, orderly_termination

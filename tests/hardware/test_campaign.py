@@ -22,13 +22,12 @@ from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.emulator import Conditions, Drift
-from coilarray.hardware.record.campaign import TRIES, Campaign, design_campaign, run_campaign
+from coilarray.hardware.record.campaign import TRIES, Campaign, EmulatedStage, design_campaign, run_campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recorder import open_recorder
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.stages import EmulatedStage
-from coilarray.hardware.scan.design_settings import board_network, design_settings
 from coilarray.hardware.scan.readings import RawSample, SampleFault
+from coilarray.hardware.scan.settings import board_network, design_settings
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, NoAnswer
 from coilarray.response.map import Imperfections, response_map
 

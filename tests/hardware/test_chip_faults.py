@@ -22,8 +22,8 @@ from support.firmware_host import FirmwareHost, needs_compiler
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, CommandRefused, SwitchFault
-from coilarray.hardware.wire.link import LinkTimes
-from coilarray.hardware.wire.serial_ports import OpenSerialPort
+from coilarray.hardware.wire.ports import OpenSerialPort
+from coilarray.hardware.wire.protocol import LinkTimes
 
 pytest.importorskip("serial")
 pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]

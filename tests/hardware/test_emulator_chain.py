@@ -13,8 +13,7 @@ from support.quick_coils import plain_board
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.board import EmulatedChain
-from coilarray.hardware.scan.switching import WiredSwitch, switch_table, what_is_seen
-from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.scan.wiring import WiredSwitch, load_wiring, switch_table, what_is_seen
 
 COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")
 SENT = b"\x22\x11\x11\x11\x11\x11"

@@ -21,10 +21,9 @@ from coilarray.hardware.emulator import (
     Oscillator,
     UndocumentedUse,
     VirtualClock,
-    conditions,
+    board,
 )
-from coilarray.hardware.emulator.conversion import WATCHDOG, Resonator
-from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Misuse
+from coilarray.hardware.emulator.ldc1614_chip import WATCHDOG, EmulatedBus, Misuse, Resonator
 from coilarray.hardware.wire.buses import BusFault, BusTimeout
 
 CLOCK = 43.4e6
@@ -446,8 +445,8 @@ def test_a_paced_clock_counts_short_waits_exactly_and_keeps_pace(monkeypatch):
         real[0] += seconds + 0.2e-3
 
     # not in the module `time` itself, which threads of other tests look at
-    monkeypatch.setattr(conditions, "time", SimpleNamespace(monotonic=lambda: real[0], sleep=late))
-    clock = conditions.PacedClock()
+    monkeypatch.setattr(board, "time", SimpleNamespace(monotonic=lambda: real[0], sleep=late))
+    clock = board.PacedClock()
     for _ in range(1000):
         clock.sleep(0.1e-3)
     assert clock.now() == pytest.approx(100.1, abs=1e-9)

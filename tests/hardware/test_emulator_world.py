@@ -22,9 +22,9 @@ from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock, emulated_board
-from coilarray.hardware.emulator.conditions import LIFTED, Place
+from coilarray.hardware.emulator.board import LIFTED, Place
 from coilarray.hardware.emulator.sensor_world import SensorWorld, response_table, table_axes
-from coilarray.hardware.scan.design_settings import board_network
+from coilarray.hardware.scan.settings import board_network
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.response.map import Imperfections, response_map
 

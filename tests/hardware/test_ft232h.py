@@ -13,8 +13,7 @@ from support.firmware_pins import I2cSlave, ShiftRegisters
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.wire.buses import DeviceLost
-from coilarray.hardware.wire.direct_buses import open_ft232h
+from coilarray.hardware.wire.buses import DeviceLost, open_ft232h
 
 pyftdi_i2c = pytest.importorskip("pyftdi.i2c", reason="pyftdi is not installed")
 from pyftdi.ftdi import Ftdi, FtdiError  # noqa: E402

@@ -6,7 +6,7 @@ import pytest
 from support.emulated_reader import settings_of
 
 from coilarray import load_design
-from coilarray.hardware.scan.design_settings import board_budget, board_network
+from coilarray.hardware.scan.settings import board_budget, board_network
 from coilarray.hardware.scan.wiring import one_device_a_coil, wired_to_channels
 
 

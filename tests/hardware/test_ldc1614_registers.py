@@ -6,7 +6,7 @@ import operator
 import pytest
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_registers import (
+from coilarray.hardware.chips.ldc1614 import (
     ASLEEP,
     DEVICE,
     MANUFACTURER,

@@ -15,9 +15,16 @@ from support.emulated_reader import WIRING
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.wire import direct_buses as linux_host
-from coilarray.hardware.wire.buses import BusFault, BusTimeout, DeviceLost, SwitchFault
-from coilarray.hardware.wire.direct_buses import LinuxRegisterBus, SpiSwitchChain, linux_buses
+from coilarray.hardware.wire import buses as linux_host
+from coilarray.hardware.wire.buses import (
+    BusFault,
+    BusTimeout,
+    DeviceLost,
+    LinuxRegisterBus,
+    SpiSwitchChain,
+    SwitchFault,
+    linux_buses,
+)
 
 if sys.platform != "linux":
     pytest.skip("no i2c-dev on this system", allow_module_level=True)

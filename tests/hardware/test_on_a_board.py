@@ -22,7 +22,7 @@ import pytest
 
 from coilarray import couple_design, load_design
 from coilarray.cli.main import main
-from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
+from coilarray.hardware.chips.ldc1614 import DEVICE, MANUFACTURER
 
 pytestmark = pytest.mark.slow
 

@@ -28,8 +28,14 @@ from coilarray.errors import HardwareError, LocalizeError, OutputError
 from coilarray.hardware.record import recorder as recorder_module
 from coilarray.hardware.record.recorded_response import recorded_series, series_csv
 from coilarray.hardware.record.recorder import open_recorder, record_stream
-from coilarray.hardware.record.recording import GridPlace, Recording, iso_time, open_recording, summarize_recording
-from coilarray.hardware.record.recording_file import SCHEMA
+from coilarray.hardware.record.recording import (
+    SCHEMA,
+    GridPlace,
+    Recording,
+    iso_time,
+    open_recording,
+    summarize_recording,
+)
 from coilarray.hardware.scan.readings import RawSample, RawScan, SampleFault, read_scan
 from coilarray.hardware.wire.buses import BoardRestarted
 

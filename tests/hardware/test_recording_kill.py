@@ -36,7 +36,7 @@ from support.recorded_boards import configured, quick_board, session_of, two_coi
 from coilarray.errors import CoilarrayError
 from coilarray.hardware.record.campaign import Campaign, run_campaign
 from coilarray.hardware.record.recorder import open_recorder
-from coilarray.hardware.record.stages import EmulatedStage
+from coilarray.hardware.record.campaign import EmulatedStage
 
 DESIGN = two_coils()
 

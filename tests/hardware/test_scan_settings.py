@@ -13,7 +13,7 @@ from support.scripted_board import crc16
 
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_registers import decode
+from coilarray.hardware.chips.ldc1614 import decode
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 from coilarray.hardware.scan.wiring import load_wiring
 

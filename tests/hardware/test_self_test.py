@@ -13,8 +13,7 @@ from support.emulated_reader import WIRING, at_rest, quick_settings, reader_of
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.drive_codes import find_drives
-from coilarray.hardware.board.self_test import self_test, single_faults
+from coilarray.hardware.board.self_test import find_drives, self_test, single_faults
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import BusFault
 

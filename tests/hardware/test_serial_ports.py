@@ -11,8 +11,8 @@ from support.patience import until
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.microcontroller import open_microcontroller
 from coilarray.hardware.wire.buses import DeviceLost, NoAnswer, NotABoard
-from coilarray.hardware.wire.link import LinkTimes
-from coilarray.hardware.wire.serial_ports import OpenSerialPort, choose_serial_port, list_serial_ports
+from coilarray.hardware.wire.ports import OpenSerialPort, choose_serial_port, list_serial_ports
+from coilarray.hardware.wire.protocol import LinkTimes
 
 comports = pytest.importorskip("serial.tools.list_ports")
 serial = pytest.importorskip("serial")

@@ -9,9 +9,9 @@ from support.recorded_boards import two_coil_wiring
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.record import stages as module
+from coilarray.hardware.record import campaign as module
+from coilarray.hardware.record.campaign import EmulatedStage, GcodeStage, PersonStage, StageLimits
 from coilarray.hardware.record.recording import GridPlace
-from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
 
 LIMITS = StageLimits((-30e-3, 30e-3), (-10e-3, 10e-3), 2e-3, 2e-3)
 SPEED = 1.5e-3

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.design.switch_parts import switch_part
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.scan.switching import check_switching
-from coilarray.hardware.scan.wiring import WIRINGS
+from coilarray.hardware.scan.wiring import WIRINGS, check_switching
 
 from coilarray.hardware.scan.wiring import (  # isort: skip
     Terminal, Wiring, load_wiring, parse_wiring,

@@ -19,12 +19,11 @@ from coilarray.design.model import build_design
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.vary import vary
 from coilarray.hardware.emulator.sensor_world import SensorWorld, response_table
-from coilarray.hardware.record.campaign import Campaign, run_campaign
+from coilarray.hardware.record.campaign import Campaign, EmulatedStage, run_campaign
 from coilarray.hardware.record.recorded_response import recorded_response
 from coilarray.hardware.record.recorder import open_recorder
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.stages import EmulatedStage
-from coilarray.hardware.scan.design_settings import board_network
+from coilarray.hardware.scan.settings import board_network
 from coilarray.response.setup import DEFAULT_MESH
 from coilarray.studies.calibrate import calibration
 from coilarray.studies.calibrate.data import evaluate_model

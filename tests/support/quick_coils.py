@@ -4,7 +4,7 @@ import math
 
 from coilarray.design.readout import Readout
 from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock
-from coilarray.hardware.emulator.conversion import Resonator
+from coilarray.hardware.emulator.ldc1614_chip import Resonator
 
 NOISE = Readout().frequency_noise
 

@@ -5,9 +5,8 @@ from contextlib import contextmanager
 import numpy as np
 import xarray as xr
 
-from coilarray.hardware.record.campaign import Campaign, run_campaign
+from coilarray.hardware.record.campaign import Campaign, EmulatedStage, run_campaign
 from coilarray.hardware.record.recorder import open_recorder, record_stream
-from coilarray.hardware.record.stages import EmulatedStage
 from support.quick_coils import series_tank
 from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coils
 

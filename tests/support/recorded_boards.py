@@ -13,7 +13,7 @@ from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
 from coilarray.hardware.record.calibration import BoardCalibration
 from coilarray.hardware.record.recorder import begin_session
-from coilarray.hardware.record.recording_file import sign_row
+from coilarray.hardware.record.recording import sign_row
 from coilarray.hardware.scan.wiring import parse_wiring
 from support.emulated_reader import reader_of, settings_of
 from support.first_assumed import first_assumed_document

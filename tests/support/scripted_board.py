@@ -9,7 +9,7 @@ from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import DeviceLost
-from coilarray.hardware.wire.link import LinkTimes
+from coilarray.hardware.wire.protocol import LinkTimes
 from support.emulated_reader import settings_of
 
 SCAN_TIME = 0.3  # s

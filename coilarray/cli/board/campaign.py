@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from coilarray.cli.board.files import StageTable
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.board.microcontroller import MicrocontrollerReader
-    from coilarray.hardware.record.stages import Stage
+    from coilarray.hardware.record.campaign import Stage
     from coilarray.hardware.scan.readings import Reader
 
 _PATIENCE = 10.0  # s in which the port of a board that restarted may come back
@@ -131,8 +131,8 @@ def _reconnect(board: Board) -> Reader:
 
 def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], *, yes: bool) -> Stage:
     """Return the plan's machine, a person, or the emulator's stage."""
-    from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
-    from coilarray.hardware.wire.serial_ports import OpenSerialPort, choose_serial_port
+    from coilarray.hardware.record.campaign import EmulatedStage, GcodeStage, PersonStage, StageLimits
+    from coilarray.hardware.wire.ports import OpenSerialPort, choose_serial_port
 
     if stage is None:
         return PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)

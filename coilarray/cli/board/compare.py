@@ -137,7 +137,7 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     alone, as in a recording that is not calibrated, beside a calibrated one by all capacitance.
     """
     from coilarray.errors import ElastomerError
-    from coilarray.hardware.scan.design_settings import board_network
+    from coilarray.hardware.scan.settings import board_network
     from coilarray.report.figures import map_outlines
     from coilarray.response.map import Imperfections, respond, response_map
     from coilarray.response.setup import indentation_of

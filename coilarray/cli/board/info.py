@@ -192,7 +192,7 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
     from coilarray.hardware.record.recorded_response import at_rest, less_reference, recorded_series
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.stability import stability
-    from coilarray.hardware.scan.design_settings import board_budget
+    from coilarray.hardware.scan.settings import board_budget
     from coilarray.report.circuit_tables import (
         allan_table,
         averages_table,

@@ -184,14 +184,14 @@ def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> Noise
         one.name for one in design.plan
     }:
         return None
-    from coilarray.hardware.scan.design_settings import board_budget
+    from coilarray.hardware.scan.settings import board_budget
 
     return board_budget(design, settings, baseline_scans=asked.board.file.baseline_scans)
 
 
 def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
     """Return a mover of an emulator's finger after the baseline."""
-    from coilarray.hardware.emulator.conditions import Place
+    from coilarray.hardware.emulator.board import Place
 
     emulator, setup = board.emulator, design.indentation
     if emulator is None:

@@ -180,8 +180,7 @@ def opened_board(
 def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> ScanSettings:
     """Make a scan's settings from the options and the file."""
     from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
-    from coilarray.hardware.scan.design_settings import design_settings
-    from coilarray.hardware.scan.settings import ConverterClock
+    from coilarray.hardware.scan.settings import ConverterClock, design_settings
     from coilarray.hardware.wire.ports import board_of, bus_rate, parse_port
 
     port, file = parse_port(options.port), options.file

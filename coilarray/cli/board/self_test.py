@@ -63,7 +63,6 @@ def self_test(
     if only_list and find_drives:
         raise HardwareError("--list cannot be given with --find-drives.")
     from coilarray.compute.table import text_table
-    from coilarray.hardware.board import drive_codes
     from coilarray.hardware.board import self_test as tests
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.wire.ports import parse_port
@@ -80,7 +79,7 @@ def self_test(
     else:
         with progress_bar("self-test") as progress, opened_board(options, opened, real_time=False) as (board, settings):
             if find_drives:
-                drives = drive_codes.find_drives(board.reader, settings)
+                drives = tests.find_drives(board.reader, settings)
                 states = tuple(replace(state, drive=drives[state.name].code) for state in settings.states)
             record = _record(board, board.check_chain())
             trying = settings if drives is None else replace(settings, states=states)
