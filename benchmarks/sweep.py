@@ -14,7 +14,7 @@ from coilarray import load_design
 from coilarray.compute.threads import cores
 from coilarray.compute.workers import open_executor
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.studies.points import evaluate_points
+from coilarray.studies.sweep import evaluate_points
 
 COUPLING = ("worst_k", "rms_k")
 RESPONSE = ("worst_k", "peak_delta", "response_width_mm[coil3]")

@@ -82,7 +82,7 @@ def optimize(
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
     shared.check_workers(workers, cluster)
     from coilarray.design.model import load_design_file
-    from coilarray.studies.optimize.space import axes_of
+    from coilarray.studies.optimize.goal import axes_of
 
     opened = load_design_file(design)
     derived = _goal(opened, goal, wish or (), vary or (), keep or ())
@@ -95,7 +95,7 @@ def optimize(
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.optimize.derive import keeping_rules
     from coilarray.studies.optimize.run import optimize_design, points_found, require_coils
-    from coilarray.studies.optimize.write import result_data, write_optimization
+    from coilarray.studies.optimize.run import result_data, write_optimization
 
     wanted = derived.goal
     if trials is not None:

@@ -20,7 +20,7 @@ from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
-from coilarray.studies.create.tank import broken_limits
+from coilarray.studies.create.new_design import broken_limits
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -132,7 +132,7 @@ def test_the_best_of_a_sweep_by_a_goal(capsys):
     ],
 )
 def test_a_mistake_is_one_line_before_any_work(capsys, monkeypatch, arguments, message):
-    monkeypatch.setattr("coilarray.studies.points.evaluate", lambda *_, **__: pytest.fail("work has begun"))
+    monkeypatch.setattr("coilarray.studies.sweep.evaluate", lambda *_, **__: pytest.fail("work has begun"))
     Path("taken").touch()
     assert message in refused(capsys, *arguments)
     assert not list(Path().glob("s*.*"))
@@ -183,7 +183,7 @@ def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch)
     assert not Path("s.csv").exists()
     computed = []
     made_up = {"worst_k": 0.25, "fab_broken": 0.0}
-    monkeypatch.setattr("coilarray.studies.points.evaluate", lambda *_, **__: computed.append(1) or made_up)
+    monkeypatch.setattr("coilarray.studies.sweep.evaluate", lambda *_, **__: computed.append(1) or made_up)
     good(capsys, *arguments, "--workers", "1")  # in this process
     assert len(computed) == 60 - done
     assert len(kept()) == 60

@@ -17,10 +17,9 @@ from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError
-from coilarray.studies.create.choices import Arrangement, read_arrangement
 from coilarray.studies.create.layout import neighbour_coupling
-from coilarray.studies.create.plan import Plan, Room, Winding, wind
-from coilarray.studies.create.tank import broken_limits, is_standard
+from coilarray.studies.create.new_design import broken_limits, is_standard
+from coilarray.studies.create.plan import Arrangement, Plan, Room, Winding, read_arrangement, wind
 
 MU_0 = 4e-7 * math.pi
 ROOM = Room(radius=10e-3, hole=3e-3, trace_width=0.15e-3, gap=0.15e-3)

@@ -8,9 +8,8 @@ import pytest
 
 from coilarray import load_design
 from coilarray.errors import GoalError
-from coilarray.studies.optimize.goal import Goal, parse_goal
+from coilarray.studies.optimize.goal import Axis, Goal, axes_of, changes_of, parse_goal, start_parameters
 from coilarray.studies.optimize.run import study_name
-from coilarray.studies.optimize.space import Axis, axes_of, changes_of, start_parameters
 
 PITCH = '[[variable]]\nentry = "array.pitch_mm"\nlow = 11\nhigh = 14\n'
 LEAST = '[[objective]]\nquantity = "rms_k"\ndirection = "minimize"\n'

@@ -15,8 +15,7 @@ from coilarray.design.model import build_design_file
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError
 from coilarray.studies.optimize.derive import NAMES, adjusted, derive_goal, parse_bound
-from coilarray.studies.optimize.goal import parse_goal
-from coilarray.studies.optimize.space import axes_of, start_parameters
+from coilarray.studies.optimize.goal import axes_of, parse_goal, start_parameters
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
 

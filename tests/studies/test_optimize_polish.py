@@ -8,7 +8,7 @@ import pytest
 from support.optimize_points import StandIn
 
 from coilarray.studies.optimize import optimize_with, parse_goal
-from coilarray.studies.optimize.space import Axis
+from coilarray.studies.optimize.goal import Axis
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ from support.optimize_points import StandIn
 from coilarray.design.model import build_design_file, load_design_file, parse_design_file
 from coilarray.report.optimization import write_optimization_report
 from coilarray.studies.optimize import optimize_with, parse_goal, write_optimization
-from coilarray.studies.optimize.write import result_data, trial_text
+from coilarray.studies.optimize.run import result_data, trial_text
 from coilarray.studies.quantities import evaluate
 from coilarray.viz.plots.optimize import plot_convergence
 

@@ -11,8 +11,8 @@ from coilarray import load_design
 from coilarray.compute.store import open_store
 from coilarray.compute.workers import open_executor
 from coilarray.design.vary import vary
-from coilarray.studies.points import evaluate_points
 from coilarray.studies.quantities import evaluate
+from coilarray.studies.sweep import evaluate_points
 
 QUANTITIES = ["span_mm", "board_area_mm2"]  # shapes alone: 20 ms a point
 

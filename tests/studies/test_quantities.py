@@ -23,7 +23,7 @@ from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import DEFAULT_MESH
 from coilarray.response.target import ranges_of, target_map
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, evaluate, evaluation, request
-from coilarray.studies.quantities.coils import FARTHEST, LENGTH_RULES
+from coilarray.studies.quantities.catalogue import FARTHEST, LENGTH_RULES
 
 GAST, STARTER = load_design("gast2020"), linear(load_design("starter"))
 

@@ -18,7 +18,7 @@ from coilarray.design.model import DesignFile, build_design
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.arcs import SIDES
 from coilarray.geometry.array import array_words
-from coilarray.studies.create.choices import Choices, Shape, read_arrangement, read_size
+from coilarray.studies.create.plan import Choices, Shape, read_arrangement, read_size
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.services import Document

@@ -174,7 +174,7 @@ def search_goal(document: Document, name: str, goal: str, trials: int, folder: P
     """Search as ``coilarray optimize`` does, into a folder."""
     from coilarray.studies.optimize.derive import derive_goal
     from coilarray.studies.optimize.run import optimize_design
-    from coilarray.studies.optimize.write import write_optimization
+    from coilarray.studies.optimize.run import write_optimization
 
     file = build_design_file(document, name)
     wanted = derive_goal([goal], file).goal

@@ -4,32 +4,194 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.special import logsumexp
+from scipy.stats import chi2, f
 
+from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import Entry, Schema
 from coilarray.compute.store import Store, store_to_keep
 from coilarray.compute.table import html_card, html_table
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import open_executor
+from coilarray.design.keys import entry_unit
 from coilarray.design.model import Design, DesignFile, build_design, build_design_file
 from coilarray.design.vary import no_longer_assumed, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
 from coilarray.paper.ellipse_model import EllipseModel
 from coilarray.paper.published import difference_from_published, published_model
-from coilarray.response.setup import Imperfections
+from coilarray.response.setup import Imperfections, indentation_of
 from coilarray.studies.calibrate.data import Measurement, evaluate_model, imperfections_of, measurement
-from coilarray.studies.calibrate.fit import Fit, Problem, fit, together
+from coilarray.studies.calibrate.fit import DRAWS, Fit, Problem, at_bound, fit, posterior, together
 from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, Plan, Unknown, separated, simple_plan
-from coilarray.studies.calibrate.result import Case, Solution, Unsolved, result_dataset, solution
-from coilarray.studies.optimize.space import value_of
-from coilarray.studies.points import SAYS_NOTHING, decisive, run_cached
+from coilarray.studies.optimize.goal import value_of
+from coilarray.studies.sweep import SAYS_NOTHING, decisive, run_cached
+
+_FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
+_WEAKEST = 0.15  # of the largest share in a direction: smaller shares are not mentioned,
+_FELT = 0.3  # unless they alone change the data by this part of their noise
+_INTERVAL = (0.025, 0.975)
+_FIGURES = (
+    "chi_square", "degrees_of_freedom", "fit_probability", "noise_scale", "log_evidence", "determined", "evaluations",
+)  # fmt: skip
+_SAID = {
+    "start": "first guess", "value": "value", "std": "± value", "low": "95 % interval, from",
+    "high": "95 % interval, to", "model": "fitted", "before": "as first guessed", "model_std": "± fitted",
+    "residual": "fitted less measured, in standard deviations", "chi_square": "χ²",
+    "degrees_of_freedom": "degrees of freedom", "fit_probability": "probability of a larger χ²",
+    "noise_scale": "scale of the noise", "log_evidence": "ln evidence",
+    "determined": "directions that the data determine", "evaluations": "evaluations",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Combination of choices, or the `reason` why it has no fit."""
+
+    name: str
+    choices: tuple[Choice, ...]
+    unknowns: tuple[Unknown, ...]
+    document: Mapping[str, Any]
+    start: FloatArray
+    reason: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the unknowns."""
+        return [unknown.name for unknown in self.unknowns]
+
+    def changed(self, point: FloatArray) -> tuple[dict[str, Any], dict[str, float]]:
+        """Return document and imperfections for given unknowns."""
+        values = {
+            entry: value
+            for unknown, value in zip(self.unknowns, point.tolist(), strict=True)
+            for entry in unknown.entry
+        }
+        entries, imperfections = separated(values)
+        return vary_document(self.document, entries), imperfections
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Fitted combination with covariance, draws and figures."""
+
+    case: Case
+    problem: Problem
+    fit: Fit
+    covariance: FloatArray
+    draws: FloatArray
+    log_evidence: float
+
+
+def _undetermined(row: Solution) -> list[str]:
+    """Describe the directions that the priors determine better."""
+    problem = row.problem
+    prior = np.where(np.isfinite(problem.prior_std), problem.prior_std, problem.span * _FLAT_STD)
+    rows = problem.weighted(row.fit.slopes) / row.fit.scale * prior
+    squares, directions = np.linalg.eigh(rows.T @ rows)
+    said = []
+    for square, either in zip(squares, directions.T, strict=True):
+        if square >= 1:
+            continue
+        direction = either * np.sign(either[int(np.argmax(np.abs(either)))])
+        size, felt = np.abs(direction), np.abs(direction) * np.linalg.norm(rows, axis=0)
+        shown = [k for k in np.argsort(-size) if size[k] >= _WEAKEST * size.max() or felt[k] >= _FELT]
+        order = [(k, row.case.names[k]) for k in shown]
+        units = {name: "" if entry_unit(name) == "1" else entry_unit(name) for name in row.case.names}
+        parts = [f"{name} by {direction[k] * prior[k]:+.3g} {units[name]}".rstrip() for k, name in order]
+        noises = np.sqrt(max(float(square), 0.0))
+        said.append(f"{' with '.join(parts)}: changes the data by {noises:.2g} of their noise")
+    return said
+
+
+def result_dataset(design: Design, measured: Measurement, plan: Plan, rows: Sequence[Solution | Case]) -> xr.Dataset:
+    """Return all results in the given order, see `calibrate`."""
+    combinations = [row if isinstance(row, Case) else row.case for row in rows]
+    names = list(dict.fromkeys(unknown.name for one in combinations for unknown in one.unknowns))
+    n, m = len(names), len(measured.values)
+    table = {key: np.full((len(rows), n), np.nan) for key in ("start", "value", "std", "low", "high")}
+    bounds, correlation = np.zeros((len(rows), n), dtype=bool), np.full((len(rows), n, n), np.nan)
+    draws = np.full((len(rows), DRAWS, n), np.nan)
+    numbers = {key: np.full((len(rows), m), np.nan) for key in ("model", "before", "model_std", "residual")}
+    figures = {key: np.full(len(rows), np.nan) for key in _FIGURES}
+    said = [""] * len(rows)
+    for i, row in enumerate(rows):
+        if isinstance(row, Case):
+            continue
+        problem = row.problem
+        at = [names.index(name) for name in row.case.names]
+        std = np.sqrt(np.diag(row.covariance))
+        interval = np.quantile(row.draws, _INTERVAL, axis=0)
+        for key, values in zip(table, (row.case.start, row.fit.point, std, *interval), strict=True):
+            table[key][i, at] = values
+        bounds[i, at] = at_bound(problem, row.fit.point)
+        correlation[i][np.ix_(at, at)] = row.covariance / np.outer(std, std)
+        draws[i][:, at] = row.draws
+        known = np.isfinite(measured.values) & np.isfinite(row.fit.values)
+        off = np.where(known, row.fit.values - measured.values, np.nan)
+        slopes = row.fit.slopes
+        band = np.sqrt(np.einsum("ij,jk,ik->i", slopes, row.covariance, slopes))
+        given = (row.fit.values, row.fit.before, band, off / (measured.std * row.fit.scale))
+        for key, values in zip(numbers, given, strict=True):
+            numbers[key][i] = values
+        r = problem.residuals(row.fit.values)
+        square, freedom, noise = float(r @ r), max(problem.freedom, 1e-9), problem.noise_freedom
+        odds = np.nan  # of a larger χ² by noise alone, if the data tell its size
+        if np.isinf(noise):
+            odds = float(chi2.sf(square, freedom))
+        elif noise:
+            odds = float(f.sf(square / freedom, freedom, noise))
+        direct = _undetermined(row)
+        said[i] = "\n".join(direct)
+        determined = len(row.case.names) - len(direct)
+        found = (square, problem.freedom, odds, row.fit.scale, row.log_evidence, determined, row.fit.evaluations)
+        for key, value in zip(_FIGURES, found, strict=True):
+            figures[key][i] = value
+    solved = [isinstance(row, Solution) for row in rows]
+    reasons = [row.reason if isinstance(row, Case) else "" for row in rows]
+    evidence = np.where(solved, figures["log_evidence"], -np.inf)
+    units = [entry_unit(name) for name in names]
+    both, of_datum = ("combination", "unknown"), ("combination", "datum")
+    data: dict[str, Any] = {key: (both, values, {"long_name": _SAID[key]}) for key, values in table.items()}
+    data |= {
+        "at_bound": (both, bounds, {"long_name": "at a bound"}),
+        "correlation": (("combination", "unknown", "other"), correlation, {"units": "1"}),
+        "posterior": (("combination", "draw", "unknown"), draws, {"long_name": "draws from the posterior"}),
+        "measured": ("datum", measured.values, {"long_name": "measured"}),
+        "noise": ("datum", measured.std, {"long_name": "standard deviation, given or relative"}),
+        "weight": ("datum", measured.weight, {"long_name": "independent numbers that one represents"}),
+        **{key: (of_datum, values, {"long_name": _SAID[key]}) for key, values in numbers.items()},
+        **{key: ("combination", figures[key], {"long_name": _SAID[key], "units": "1"}) for key in _FIGURES},
+        "probability": (
+            "combination", np.exp(evidence - logsumexp(evidence)),
+            {"long_name": "probability among the combinations", "units": "1"},
+        ),
+        "converged": ("combination", [isinstance(row, Solution) and row.fit.converged for row in rows]),
+        "undetermined": ("combination", said, {"long_name": "directions that the data do not determine"}),
+        "problem": ("combination", reasons, {"long_name": "why there is no fit"}),
+    }  # fmt: skip
+    coords: dict[str, Any] = {"combination": [one.name for one in combinations], "unknown": names, "other": names}
+    shared = {unknown.name: " ".join(unknown.entry) for one in combinations for unknown in one.unknowns}
+    coords |= {"unit": ("unknown", units), "entries": ("unknown", [shared[name] for name in names])}
+    coords |= {key: ("datum", list(values)) for key, values in measured.coords.items()}
+    for number, one in enumerate(plan.alternatives):
+        chosen = [each.choices[number].name for each in combinations]
+        coords[f"choice_of_{one.name.replace(' ', '_')}"] = ("combination", chosen, {"long_name": one.name})
+    how = {0.0: "estimated", np.inf: "given"}.get(measured.noise_freedom, "measured")
+    kind = str(measured.request["kind"])
+    about: dict[str, Any] = {"title": plan.title, "kind": kind, "noise_is": how}
+    if kind == "ellipses":
+        window = indentation_of(design).in_ellipse_window().x
+        about["window_x_m"] = [min(window), max(window)]
+    return xr.Dataset(data, coords, {**provenance(design), **about})
+
 
 _GUESSED_STEPS = 6  # of a fit, for a progress bar
 CALIBRATION = Schema(
@@ -190,17 +352,17 @@ def calibrate(
         data = published_model()
     measured = measurement(data, plan.data, file.design)
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
-    fitted = [one for one in cases if isinstance(one, Case)]
+    fitted = [case for case in cases if not case.reason]
     problems = [_problem(case, measured) for case in fitted]
     with open_executor(workers) as executor:
         fits = _fit_all(fitted, problems, measured, executor, store_to_keep(keep), progress)
     solved: list[Solution] = []
-    unsolved = [one for one in cases if isinstance(one, Unsolved)]
+    unsolved = [case for case in cases if case.reason]
     for case, problem, one in zip(fitted, problems, fits, strict=True):
         if one.problem:
-            unsolved.append(Unsolved(case.name, case.choices, case.unknowns, one.problem))
+            unsolved.append(replace(case, reason=one.problem))
         else:
-            solved.append(solution(case, problem, one))
+            solved.append(Solution(case, problem, one, *posterior(problem, one)))
     solved.sort(key=lambda row: -row.log_evidence)
     if not solved:
         raise GoalError(f"no combination has a fit: {unsolved[0].reason}")
@@ -222,7 +384,7 @@ def calibrate(
     )
 
 
-def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case | Unsolved:
+def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case:
     """Case of a combination, or why it is impossible."""
     name = ", ".join(choice.name for choice in choices) or "as designed"
     unknowns = tuple(plan.unknowns_of(choices))
@@ -233,9 +395,17 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
             document = _without(document, key.split("."), key)
         document = vary_document(document, changes)
     except DesignError as error:
-        return Unsolved(name, choices, unknowns, str(error))
-    starts = [_start(unknown, changes.get(unknown.name, value_of(file, unknown.name))) for unknown in unknowns]
-    return Case(name, choices, document, unknowns, np.array(starts))
+        return Case(name, choices, unknowns, document, np.empty(0), str(error))
+    starts = []
+    for unknown in unknowns:  # the given first guess, the design's value, or the middle
+        own = 0.0 if unknown.name.startswith(IMPERFECTION) else changes.get(unknown.name, value_of(file, unknown.name))
+        if unknown.start is not None:
+            starts.append(unknown.start)
+        elif isinstance(own, int | float) and unknown.low <= own <= unknown.high:
+            starts.append(float(own))
+        else:
+            starts.append((unknown.low + unknown.high) / 2)
+    return Case(name, choices, unknowns, document, np.array(starts))
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:
@@ -247,16 +417,6 @@ def _without(table: Any, parts: Sequence[str], key: str) -> Any:
         raise DesignError(f"{key} is not in the design, so it cannot be removed.")
     rest = {name: value for name, value in table.items() if name != parts[0]}
     return rest if len(parts) == 1 else {**rest, parts[0]: _without(table[parts[0]], parts[1:], key)}
-
-
-def _start(unknown: Unknown, given: object) -> float:
-    """First guess: given, the design's value, or the middle."""
-    own = 0.0 if unknown.name.startswith(IMPERFECTION) else given
-    if unknown.start is not None:
-        return unknown.start
-    if isinstance(own, int | float) and unknown.low <= own <= unknown.high:
-        return float(own)
-    return (unknown.low + unknown.high) / 2
 
 
 def _problem(case: Case, measured: Measurement) -> Problem:

@@ -1,10 +1,15 @@
-"""Least squares between bounds for a model that takes seconds.
+"""Least squares between bounds for a model that takes seconds, and its posterior.
 
 Gauss–Newton steps in a box with Marquardt's damping. The slopes are differences of evaluations at
 the start and at the end, where they make the covariance. In between they are Broyden's updates (C.
 G. Broyden, Math. Comput. 19, 577, 1965), which cost nothing. If the updates give no better point,
 the slopes are evaluated again. A fit requests evaluations and does not make them, so several fits
 can share the workers.
+
+Draws between bounds are made by separation of variables (A. Genz, J. Comput. Graph. Stat. 1, 141,
+1992). The variables are drawn one after another, each normal given the variables before it and cut
+off at its bounds. The product of the probabilities inside the bounds is the weight of a draw, and
+its mean is the probability of the box.
 """
 
 from __future__ import annotations
@@ -15,6 +20,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import lsq_linear
+from scipy.special import gammaln, log_ndtr, logsumexp, ndtri_exp
+from scipy.stats import chi2, qmc
 
 from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.errors import GoalError
@@ -34,6 +41,9 @@ _ABSENT = 10.0  # standard deviations assumed for a number that the model does n
 _ROUNDING = 1e-9  # of the data
 _AT_BOUND = 1e-6  # of an unknown's range
 _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any case, or the information is singular
+_DRAWS = 4096  # of a scrambled Sobol sequence
+DRAWS = 1000
+"""Number of draws from the posterior of every combination."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,3 +274,90 @@ def together(fits: Sequence[Asking]) -> Generator[list[tuple[int, FloatArray]], 
             except StopIteration as stop:
                 ended[k] = stop.value
     return [ended[k] for k in range(len(fits))]
+
+
+def posterior(problem: Problem, found: Fit) -> tuple[FloatArray, FloatArray, float]:
+    """Covariance, draws and log evidence of a fit."""
+    covariance = np.linalg.inv(information(problem, found))
+    covariance = (covariance + covariance.T) / 2
+    slope = gradient(problem, found)
+    pull = covariance @ slope
+    draws, inside = bounded_normal(
+        found.point - pull, covariance, problem.low, problem.high, DRAWS, problem.scale_freedom
+    )
+    shift = float(slope @ pull) / 2
+    volume = (len(found.point) * np.log(2 * np.pi) + float(np.linalg.slogdet(covariance)[1])) / 2
+    evidence = _log_likelihood(problem, found) + _log_prior(problem, found.point) + shift + volume + inside
+    return covariance, draws, evidence
+
+
+def _log_likelihood(problem: Problem, found: Fit) -> float:
+    """Log-likelihood of the data, averaged over scales unless given.
+
+    The square of the scale has the scaled inverse χ² prior with `noise_freedom`. Its limit is 1/s²
+    if nothing is known.
+    """
+    r, n, known = problem.residuals(found.values), problem.numbers, problem.noise_freedom
+    square = float(r @ r)
+    constant = -float(problem.weight @ np.log(np.sqrt(2 * np.pi) * problem.std))
+    if np.isinf(known):
+        return constant - square / 2
+    square = max(square, n * problem.least_scale**2)
+    averaged = constant + float(gammaln((n + known) / 2)) - (n + known) / 2 * np.log((square + known) / 2)
+    averaged += known / 2 * np.log(known / 2) - float(gammaln(known / 2)) if known else -np.log(2)
+    return float(averaged)
+
+
+def _log_prior(problem: Problem, point: FloatArray) -> float:
+    """Logarithm of the prior density, cut off at the bounds."""
+    total = 0.0
+    for low, high, mean, std, at in zip(
+        problem.low, problem.high, problem.prior_mean, problem.prior_std, point, strict=True
+    ):
+        if not np.isfinite(std):
+            total -= np.log(high - low)
+            continue
+        ends = log_ndtr(np.array([low - mean, high - mean]) / std)
+        mass = ends[1] + np.log1p(-np.exp(ends[0] - ends[1]))
+        total -= ((at - mean) / std) ** 2 / 2 + np.log(np.sqrt(2 * np.pi) * std) + mass
+    return float(total)
+
+
+def bounded_normal(
+    mean: FloatArray, covariance: FloatArray, low: FloatArray, high: FloatArray, count: int, freedom: float = np.inf
+) -> tuple[FloatArray, float]:
+    """Draw from a normal distribution with bounds (n,).
+
+    Returns draws (count, n), and the logarithm of the normal probability of the box. With a finite
+    `freedom` the draws are from Student's distribution, whose scale is only estimated.
+    """
+    n = len(mean)
+    lower = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+    parts = np.clip(qmc.Sobol(n + 1, seed=np.random.default_rng(0)).random(_DRAWS), 1e-12, 1 - 1e-12)
+    normal, weight = _separated(mean, lower, low, high, parts[:, :n], np.ones(_DRAWS))
+    probability = float(logsumexp(weight) - np.log(_DRAWS))
+    if np.isfinite(freedom):
+        scale = np.sqrt(freedom / chi2.ppf(parts[:, n], freedom))
+        normal, weight = _separated(mean, lower, low, high, parts[:, :n], scale)
+    shares = np.exp(weight - logsumexp(weight))
+    order = np.random.default_rng(0).permutation(_DRAWS)  # every fourth point of the sequence would not fill the space
+    kept = np.searchsorted(np.cumsum(shares[order]), (np.arange(count) + 0.5) / count).clip(max=_DRAWS - 1)
+    return normal[order[kept]], probability
+
+
+def _separated(
+    mean: FloatArray, lower: FloatArray, low: FloatArray, high: FloatArray, parts: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Points from numbers between 0 and 1, with log weights."""
+    normal, weight = np.zeros_like(parts), np.zeros(len(parts))
+    for k in range(len(mean)):
+        shift = mean[k] + scale * (normal @ lower[k])
+        a, b = ((bound[k] - shift) / (scale * lower[k, k]) for bound in (low, high))
+        upper = a > 0  # both tails are taken at the left, where logarithms are exact
+        left, right = np.where(upper, -b, a), np.where(upper, -a, b)
+        below, above = log_ndtr(left), log_ndtr(right)
+        mass = above + np.log1p(-np.exp(np.minimum(below - above, -1e-300)))
+        at = ndtri_exp(np.minimum(np.logaddexp(below, np.log(parts[:, k]) + mass), above))
+        normal[:, k] = np.clip(np.where(upper, -at, at), a, b)
+        weight += mass
+    return np.clip(mean + scale[:, None] * (normal @ lower.T), low, high), weight

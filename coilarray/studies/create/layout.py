@@ -13,6 +13,7 @@ import numpy.typing as npt
 import shapely
 from scipy.optimize import brentq
 
+from coilarray.circuit.converter_limits import SENSOR_FREQUENCY
 from coilarray.circuit.coupling import design_inductance
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.design.board_tables import ConnectorTable
@@ -24,10 +25,10 @@ from coilarray.errors import DesignError, GeometryError, RuleViolationError
 from coilarray.geometry import Array, Placement, check_rules, require_rules, route_leads
 from coilarray.geometry.arcs import Side
 from coilarray.geometry.connector import NoWayError
-from coilarray.studies.create.choices import Choices
-from coilarray.studies.create.plan import Plan, Room, Winding, wind
-from coilarray.studies.create.tank import expected_frequency
+from coilarray.studies.create.plan import Choices, Plan, Room, Winding, wind
 
+SMALLEST_CAPACITANCE = 100e-12
+"""Smallest capacitance of a tank in F, below which strays would weigh too much."""
 # fractions of the width of a coil between which the sign of its neighbours' coupling is searched
 _SAMPLES = (1.0, 0.8, 0.65, 0.5, 0.4)
 _FINE_PITCH = 1e-5  # m, to which the pitch of no coupling is given
@@ -263,10 +264,11 @@ def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
     """Find the winding with a rough model, and correct it.
 
     The rough model has no sheets and few segments, and is screened. The resistance is taken at the
-    frequency at which the coil is likely to be used.
+    frequency at which the coil is likely to be used, with the tank that `new_design` likely chooses.
     """
     inductance = choices.inductance or 0.0  # refused with the reason
-    frequency = choices.frequency or expected_frequency(inductance or 1.0)
+    usual = 1 / (2 * math.pi * math.sqrt((inductance or 1.0) * SMALLEST_CAPACITANCE))
+    frequency = choices.frequency or min(usual, SENSOR_FREQUENCY[1])
 
     def resistance(winding: Winding) -> float:
         return _rough_resistance(_rough(plan, winding), frequency)

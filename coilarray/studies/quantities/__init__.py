@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from coilarray.studies.quantities.catalogue import QUANTITIES, canonical, evaluate, request
-from coilarray.studies.quantities.evaluation import Evaluation
-from coilarray.studies.quantities.quantity import Option, Quantity, Request
+from coilarray.studies.quantities.evaluation import Evaluation, Option, Quantity, Request
 
 __all__ = ["QUANTITIES", "Evaluation", "Option", "Quantity", "Request", "canonical", "evaluate", "request"]

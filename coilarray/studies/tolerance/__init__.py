@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from coilarray.studies.tolerance.analysis import analyse, check_analysis, default_quantities
-from coilarray.studies.tolerance.draw import draw, errors_of
 from coilarray.studies.tolerance.perturb import error_names, perturb
 from coilarray.studies.tolerance.tolerances import (
     Contributor,
@@ -12,6 +11,8 @@ from coilarray.studies.tolerance.tolerances import (
     Spread,
     Tolerances,
     contributors,
+    draw,
+    errors_of,
     load_tolerances,
     parse_tolerances,
     typical_text,

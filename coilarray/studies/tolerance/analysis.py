@@ -39,11 +39,19 @@ from coilarray.localize.forward import ForwardModel, forward_model, require_stat
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import locate_all
 from coilarray.response.interpolation import PARAMETERS
-from coilarray.studies.points import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, request
-from coilarray.studies.tolerance.draw import draw, errors_of
+from coilarray.studies.sweep import Outcome, run_cached
 from coilarray.studies.tolerance.perturb import perturb
-from coilarray.studies.tolerance.tolerances import UNITS, Contributor, Limit, Positions, Tolerances, contributors
+from coilarray.studies.tolerance.tolerances import (
+    UNITS,
+    Contributor,
+    Limit,
+    Positions,
+    Tolerances,
+    contributors,
+    draw,
+    errors_of,
+)
 
 UNREAD = "unread values"
 """Name of an outcome that is not an output."""
