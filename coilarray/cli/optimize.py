@@ -94,8 +94,13 @@ def optimize(
     from coilarray.compute.store import open_store
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.optimize.derive import keeping_rules
-    from coilarray.studies.optimize.run import optimize_design, points_found, require_coils
-    from coilarray.studies.optimize.run import result_data, write_optimization
+    from coilarray.studies.optimize.run import (
+        optimize_design,
+        points_found,
+        require_coils,
+        result_data,
+        write_optimization,
+    )
 
     wanted = derived.goal
     if trials is not None:

@@ -23,10 +23,8 @@ from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
 from coilarray.report.figures import draw
 from coilarray.report.page import html_page, now, provenance_section
-from coilarray.studies.optimize.goal import Objective, Trial
-from coilarray.studies.optimize.run import Optimization
-from coilarray.studies.optimize.goal import Axis
-from coilarray.studies.optimize.run import design_names
+from coilarray.studies.optimize.goal import Axis, Objective, Trial
+from coilarray.studies.optimize.run import Optimization, design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.viz import boards_figure, plot_convergence, plot_front
 

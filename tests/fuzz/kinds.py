@@ -67,8 +67,7 @@ from coilarray.response.dataset import on_board
 from coilarray.studies.calibrate.calibration import CALIBRATION, calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.plan import PLANS, load_plan
 from coilarray.studies.comparison import compare_responses
-from coilarray.studies.optimize.goal import GOALS, parse_goal
-from coilarray.studies.optimize.goal import axes_of
+from coilarray.studies.optimize.goal import GOALS, axes_of, parse_goal
 from coilarray.studies.tolerance.tolerances import contributors, load_tolerances, typical_text
 from fuzz import mutations as change
 

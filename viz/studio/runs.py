@@ -173,8 +173,7 @@ def run_of(name: str, points: Sequence[Mapping[str, Any]]) -> Run:
 def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
     """Search as ``coilarray optimize`` does, into a folder."""
     from coilarray.studies.optimize.derive import derive_goal
-    from coilarray.studies.optimize.run import optimize_design
-    from coilarray.studies.optimize.run import write_optimization
+    from coilarray.studies.optimize.run import optimize_design, write_optimization
 
     file = build_design_file(document, name)
     wanted = derive_goal([goal], file).goal
