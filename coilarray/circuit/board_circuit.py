@@ -20,8 +20,7 @@ from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, Recent, serial_algebra
-from coilarray.design.digest import digest_of
-from coilarray.design.model import Design, DesignFile, design_of
+from coilarray.design.model import Design, DesignFile, design_of, digest_of
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.flat_layer import layer_inductance

@@ -21,10 +21,8 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, serial_algebra
-from coilarray.design.digest import digest_of
-from coilarray.design.model import Design, DesignFile, design_of
-from coilarray.design.scan_states import Switches
-from coilarray.design.switch_parts import PARTS
+from coilarray.design.model import Design, DesignFile, design_of, digest_of
+from coilarray.design.scan_states import PARTS, Switches
 from coilarray.electromagnetics.capacitance import elastomer_effect, self_resonance
 from coilarray.electromagnetics.inductance import Accuracy
 

@@ -17,7 +17,7 @@ from coilarray.errors import DesignError
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from coilarray.design.fab_limits import FabProfile
+    from coilarray.design.fabs import FabProfile
     from coilarray.geometry import Margin
 
 _SAME = 9  # decimals of m or of a ratio, to which layers that are drawn alike have the same
@@ -51,7 +51,7 @@ def check(
     """
     from coilarray.compute.files import write_text
     from coilarray.design import fabs
-    from coilarray.design.fab_limits import load_profile
+    from coilarray.design.fabs import load_profile
     from coilarray.design.model import load_design_file
     from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.array import array_words

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
+import json
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -15,17 +17,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import MM, display_unit
+from coilarray.compute.table import html_card, html_table
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
-from coilarray.design.body_tables import check_plates
-from coilarray.design.digest import digest_of
-from coilarray.design.fab_limits import load_profile
+from coilarray.design.body_tables import Positions, array_window, check_plates
+from coilarray.design.fabs import load_profile
 from coilarray.design.readout import Readout
-from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
-from coilarray.design.switch_parts import PartName
+from coilarray.design.scan_states import PartName, Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import Document, passive_of
-from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError, UnusualValueWarning, require_finite
+from coilarray.fabrication.drawings import array_picture
 from coilarray.geometry import (
     EVEN,
     Array,
@@ -38,13 +40,17 @@ from coilarray.geometry import (
     Indenter,
     Material,
     Plate,
+    RoundedSpiral,
     Sheet,
     Target,
     Unevenness,
 )
 from coilarray.geometry.answers import CurrentPaths
+from coilarray.geometry.arcs import Arc
+from coilarray.geometry.array import array_facts
 from coilarray.geometry.connector import route_leads
 from coilarray.geometry.elastomer import Base, Strain
+from coilarray.geometry.spiral import Winding
 from coilarray.geometry.usual_values import reading, unusual_values
 
 
@@ -117,7 +123,7 @@ class Indentation:
         Depths of the indentation in m, rising.
     x, y : tuple of float
         Positions of the map in m, relative to `origin_point`. If both are empty, `Design` sets them
-        to an even grid over all coils (`coilarray.design.window.array_window`).
+        to an even grid over all coils (`coilarray.design.body_tables.array_window`).
     base : {"bonded", "frictionless"} or Seat
         Contact of the lowest sheet with the board, or the soft seat between them.
     origin : str or None
@@ -344,14 +350,10 @@ class Design:
         return self.array.conductors()
 
     def __repr__(self) -> str:
-        from coilarray.design.words import design_facts
-
         facts = dict(design_facts(self))
         return f"<Design {self.name}: {facts['coils']}; hash {facts['hash']}>"
 
     def _repr_html_(self) -> str:
-        from coilarray.design.words import design_html
-
         return design_html(self)
 
     @property
@@ -476,13 +478,9 @@ class DesignFile:
         return self.design.conductors()
 
     def __repr__(self) -> str:
-        from coilarray.design.words import file_facts
-
         return f"<DesignFile of {self.design!r}: values {dict(file_facts(self))['values']}>"
 
     def _repr_html_(self) -> str:
-        from coilarray.design.words import design_html, file_facts
-
         return design_html(self.design, file_facts(self))
 
 
@@ -690,3 +688,120 @@ def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
 def _meant(key: str, known: Mapping[str, object]) -> str:
     close = difflib.get_close_matches(key, list(known), n=1)
     return f"; did you mean {close[0]}?" if close else "."
+
+
+# 13.28 · 1e-3 m and 0.01328 m differ in the last bit, which must not make another design.
+# Places and angles, for which zero is not a special value, count to 1 pm and 1 prad.
+_DIGITS = 14
+_PLACES = 12
+
+
+def digest_of(*values: object) -> str:
+    """Return the hexadecimal SHA-256 of values of any structure."""
+    return hashlib.sha256(json.dumps([_plain(value) for value in values], sort_keys=True).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Return a value for JSON, dataclasses with the class's name."""
+    match value:
+        case bool() | str() | None:
+            return value
+        case int() | float() | np.number():
+            return f"{float(value) + 0.0:.{_DIGITS - 1}e}"  # no minus zero. 1 and 1.0 are equal
+        case Mapping():
+            return {key: _plain(item) for key, item in value.items()}
+        case tuple() | list():
+            return [_plain(item) for item in value]
+        case np.ndarray():
+            return (np.round(value, _PLACES) + 0.0).tolist()
+        case Array():
+            return _array(value)
+        case Material():
+            return [_plain(value.conductivity), _plain(value.relative_permeability)]  # its name does not count
+        case Plate():
+            return [value.name, _plain(value.material), _plain(value.thickness), _plain(np.array(value.z))]
+        case Winding():  # its name and the board of the coil alone do not count
+            values = {field.name: getattr(value, field.name) for field in fields(value)}
+            if isinstance(value, RoundedSpiral):  # a file has the direction of a corner, degrees away from a flat's
+                values["direction"] = np.array(value.direction)
+            values["winding_rule"] = "parallel" if value.is_parallel else "corner"  # a circle always has a rule
+            return [type(value).__name__, *(_plain(values[key]) for key in values if key not in ("name", "stackup"))]
+        case Arc():  # its bulge is computed, and the bulge of a short arc has few digits
+            return [value.first, value.last, _plain(np.array(value.bulge))]
+        case FinitePlate():
+            shape = [value.outline, value.material, value.thickness, value.tilt, value.tilt_direction]
+            return [value.name, _plain(shape), _plain(np.array(value.centre))]
+    if not is_dataclass(value):
+        raise TypeError(f"a design must be made of plain values; got {type(value).__name__}.")
+    return [type(value).__name__, *(_plain(getattr(value, field.name)) for field in fields(value))]
+
+
+def _array(array: Array) -> Any:
+    """Return every coil shape once, without the lattice."""
+    coils: dict[int, str] = {}
+    placements: list[Any] = []
+    for place in array.placements:
+        if id(place.coil) not in coils:
+            coils[id(place.coil)] = digest_of(_coil(place.coil))
+        where = np.array([place.x, place.y, place.rotation])
+        placements.append([place.name, coils[id(place.coil)], list(place.layers), _plain(where)])
+    return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes]
+
+
+def _coil(coil: Coil) -> Any:
+    """Return a spiral's sizes, or a coil's lines, without names."""
+    if coil.wound is not None:
+        return coil.wound
+    lines = (coil.lines, coil.arcs) if coil.arcs else (coil.lines,)
+    return *lines, coil.widths, coil.gap, coil.via, coil.terminal, coil.outline
+
+
+_HASH_DIGITS = 12
+
+
+def metal_words(design: Design) -> str:
+    """Return the plates and the target in words, if any.
+
+    >>> from coilarray import load_design
+    >>> metal_words(load_design("proximity")), metal_words(load_design("gast2020"))
+    ('an aluminium plate as target', '')
+    """
+    found = [f"the plate {plate.name} of {plate.material.words}" for plate in design.plates]
+    if design.target is not None:
+        material = design.target.body.material.words
+        article = "an" if material[0] in "aeiou" else "a"
+        found.append(f"{article} {material} {design.target.kind} as target")
+    return " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
+
+
+def design_facts(design: Design) -> list[tuple[str, str]]:
+    """Return a design as rows of names and values."""
+    setup, switches = design.indentation, design.circuit.switches
+    tank = display_unit("F").text(switches.tank_capacitance, ".4")
+    sheets = [f"{sheet.name} {MM.text(sheet.thickness, '.4')}" for sheet in design.sheets]
+    depths = [] if setup is None else [f"{depth:g}" for depth in MM.of(setup.depths).round(6)]
+    rows = [
+        *array_facts(design.array),
+        ("elastomer", ", ".join(sheets)),
+        ("pressed by", "" if setup is None else f"{setup.indenter.name}, {', '.join(depths)} mm deep"),
+        ("metal", metal_words(design)),
+        ("circuit", f"tank of {tank}, states of a scan: {len(design.plan)}"),
+        ("source", design.source),
+        ("hash", design.digest[:_HASH_DIGITS]),
+    ]
+    return [(what, text) for what, text in rows if text]
+
+
+def file_facts(file: DesignFile) -> list[tuple[str, str]]:
+    """Return the number of given values, and the assumed values."""
+    assumed = [key for key in file.values if key in file.assumed]
+    given = sum(key in file.given and key not in file.assumed for key in file.values)
+    counts = f"{given} given, {len(file.values) - given - len(assumed)} by default, {len(assumed)} assumed"
+    return [("values", counts), *([("assumed", ", ".join(assumed))] if assumed else [])]
+
+
+def design_html(design: Design, more: list[tuple[str, str]] | None = None) -> str:
+    """Return a design, with more rows, for a notebook."""
+    title = f"{design.name}: {design.title}" if design.title not in ("", design.name) else design.name
+    rows = [*design_facts(design), *(more or [])]
+    return html_card(title, array_picture(design.array, title), html_table((), rows))

@@ -25,11 +25,10 @@ from coilarray.design.body_tables import (
     SheetTable,
     SphereTarget,
 )
-from coilarray.design.fab_limits import FabTable
+from coilarray.design.fabs import FabTable
 from coilarray.design.keys import Name, Position, Relative, Table
 from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT, Readout
-from coilarray.design.scan_states import Passive, ScanState, Switches, terminated_state
-from coilarray.design.switch_parts import PARTS, PartName
+from coilarray.design.scan_states import PARTS, PartName, Passive, ScanState, Switches, terminated_state
 
 if TYPE_CHECKING:
     from coilarray.design.model import Circuit

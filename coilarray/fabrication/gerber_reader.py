@@ -1,33 +1,538 @@
-"""Boards in zips or folders of Gerber and Excellon files."""
+"""Boards in zips or folders of Gerber and Excellon files, read through gerbonara."""
 
 from __future__ import annotations
 
+import json
+import lzma
 import math
+import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import struct
+import sys
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Literal
+from pathlib import Path, PurePosixPath
+from types import ModuleType
+from typing import Any, Literal
 
 import shapely
+from shapely.geometry.base import BaseGeometry
 
-from coilarray.errors import BoardError
-from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, SurfacePad, Track
-from coilarray.fabrication.gerber_files import (
-    Clear,
-    DataFile,
-    DrilledHole,
-    Flash,
-    Region,
-    Stroke,
-    find_files,
-    job_stackup,
-    parse_drills,
-    parse_gerber,
+from coilarray.compute.extras import import_extra
+from coilarray.compute.memory import require_memory
+from coilarray.errors import BoardError, GeometryError, shown
+from coilarray.fabrication.board import (
+    BoardCopper,
+    CopperArea,
+    Hole,
+    Slab,
+    SurfacePad,
+    Track,
+    completed_stackup,
+    united,
 )
-from coilarray.geometry.arcs import Point
+from coilarray.geometry.arcs import Point, arc_points
+from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import Stackup
+
+_FILE_FUNCTION = re.compile(r"TF\.FileFunction,([^*\r\n]+)")
+_GERBER = re.compile(r"%\s*FS[LTD]?[AI]|^G04\b", re.MULTILINE)
+_EXCELLON = re.compile(r"^\s*M48\s*$", re.MULTILINE)
+# names that promise a layer or a drill file, whatever made them
+_PROMISES_DATA = re.compile(r".*\.(gbr|ger|g[tb][los]|gp?\d+|drl|xln)", re.IGNORECASE)
+_NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """Gerber, Excellon or job file.
+
+    `label` is its place for messages. `function` has the fields of the X2 attribute .FileFunction,
+    from the file or from the rules for its name, otherwise none.
+    """
+
+    label: str
+    text: str
+    kind: Literal["gerber", "excellon", "job"]
+    function: tuple[str, ...]
+
+
+def find_files(path: Path) -> list[DataFile]:
+    """Find the Gerber, Excellon and job files of a board.
+
+    The functions of the layers come from the X2 attributes if at least one copper file has one,
+    otherwise from gerbonara's rules for the names given by the usual programs.
+    """
+    files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
+    if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
+        files = _named(files)
+    for k, file in enumerate(files):
+        if file.kind == "excellon" and not file.function:
+            not_plated = _NOT_PLATED.search(PurePosixPath(file.label).name)
+            files[k] = replace(file, function=("NonPlated" if not_plated else "Plated",))
+    seen: dict[tuple[str, ...], str] = {}
+    for file in files:
+        if file.function[:1] == ("Copper",):
+            first = seen.setdefault(file.function[:2], file.label)
+            if first != file.label:
+                raise BoardError(f"{file.label}: is copper layer {file.function[1]}, and so is {first}.")
+    return files
+
+
+def gerbonara(module: str) -> ModuleType:
+    """Import a module of gerbonara, or raise MissingDependencyError."""
+    loaded = sys.modules.get(f"gerbonara.{module}")  # needed for every object
+    if loaded is not None and sys.modules.get("gerbonara") is not None:
+        return loaded
+    return import_extra(f"gerbonara.{module}", "Gerber files", package="gerbonara", extra="fab")
+
+
+def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Yield label and bytes of every file, by name."""
+    try:
+        if path.is_dir():
+            for file in (path, *sorted(path.rglob("*"))):
+                if file.is_dir():
+                    os.listdir(file)  # raises for a folder that rglob skips
+                elif file.is_file() and not _hidden(file.relative_to(path)):
+                    require_memory(file.stat().st_size, str(file))
+                    yield str(file), file.read_bytes()
+            return
+        with zipfile.ZipFile(path) as archive:
+            require_memory(sum(entry.file_size for entry in archive.infolist()), str(path))
+            for name in sorted(archive.namelist()):
+                if not (name.endswith("/") or _hidden(PurePosixPath(name))):
+                    yield f"{path}/{name}", archive.read(name)
+    except FileNotFoundError:
+        raise BoardError(f"{path}: there is no such file or folder.") from None
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError, struct.error) as error:
+        raise BoardError(f"{path}: must be a folder or an intact zip of Gerber files; {shown(str(error))}.") from None
+    except OSError as error:
+        raise BoardError(f"{error.filename or path}: cannot be read: {error.strerror or error}.") from None
+
+
+def _hidden(name: Path | PurePosixPath) -> bool:
+    return any(part.startswith((".", "__MACOSX")) for part in name.parts)
+
+
+def _recognized(label: str, data: bytes) -> DataFile | None:
+    """Recognize a Gerber, Excellon or job file, or None."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    if label.lower().endswith(".gbrjob"):
+        return DataFile(label, text, "job", ())
+    text = "" if b"\0" in data else text
+    kind: Literal["gerber", "excellon"]
+    if _GERBER.search(text):
+        kind = "gerber"
+    elif _EXCELLON.search(text):
+        kind = "excellon"
+    elif _PROMISES_DATA.fullmatch(label):
+        raise BoardError(f"{label}: is neither a Gerber nor an Excellon file.")
+    else:
+        return None
+    found = _FILE_FUNCTION.search(text)
+    return DataFile(label, text, kind, tuple(found[1].strip().split(",")) if found else ())
+
+
+def _named(files: Sequence[DataFile]) -> list[DataFile]:
+    """Add functions to Gerber files without X2 attributes.
+
+    The rules belong to the program that names most of the files.
+    """
+    best: dict[int, tuple[str, int]] = {}
+    for rules in gerbonara("layer_rules").MATCH_RULES.values():
+        found: dict[int, tuple[str, int]] = {}
+        for use, pattern in rules.items():
+            for k, file in enumerate(files):
+                if not isinstance(pattern, str) or use is None or k in found or file.kind != "gerber":
+                    continue
+                match = re.fullmatch(pattern, PurePosixPath(file.label).name, re.IGNORECASE)
+                if match:
+                    number = next((int(group) for group in match.groups() if group and group.isdecimal()), 0)
+                    found[k] = use, number
+        if len(found) > len(best):
+            best = found
+    inner = sorted({number for use, number in best.values() if use == "inner copper"})
+    functions: dict[str, tuple[str, ...]] = {
+        "top copper": ("Copper", "L1", "Top"),
+        "bottom copper": ("Copper", f"L{len(inner) + 2}", "Bot"),
+        "top mask": ("Soldermask", "Top"),
+        "bottom mask": ("Soldermask", "Bot"),
+        "mechanical outline": ("Profile",),
+    }
+    named = []
+    for k, file in enumerate(files):
+        use, number = best.get(k, ("", 0))
+        function = functions.get(use, ())
+        if use == "inner copper":
+            function = ("Copper", f"L{inner.index(number) + 2}", "Inr")
+        named.append(replace(file, function=function or file.function))
+    return named
+
+
+_MM = 1e-3
+
+
+def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
+    """Read the stack-up from a job file, if any.
+
+    Assumed values are returned as in `BoardCopper`. Layers are named as in the job file, otherwise
+    L1, L2, …. `source` is the zip or folder, for messages.
+    """
+    document: Any = {}
+    if job is not None:
+        try:
+            document = json.loads(job.text)
+        except json.JSONDecodeError as error:
+            raise BoardError(f"{job.label}:{error.lineno}: is not a complete Gerber job file: {error.msg}.") from None
+        document = document if isinstance(document, dict) else {}
+    where = source if job is None else job.label
+    listed = document.get("MaterialStackup")
+    layers = [layer for layer in listed if isinstance(layer, dict)] if isinstance(listed, list) else []
+    at = [k for k, layer in enumerate(layers) if layer.get("Type") == "Copper"]
+    if at and len(at) != copper_layers:
+        raise BoardError(f"{where}: the stack-up has {len(at)} copper layers and there are files for {copper_layers}.")
+    assumed: dict[str, str] = {}
+    names = tuple(str(layers[k]["Name"]) for k in at if layers[k].get("Name"))
+    if len(set(names)) != copper_layers:
+        names = tuple(f"L{k + 1}" for k in range(copper_layers))
+        assumed["stackup.layers"] = "the files give the order of the layers, not their names"
+    slabs: list[Slab] = [
+        united(
+            [
+                (_positive(layer, "Thickness", _MM), _positive(layer, "DielectricConstant"))
+                for layer in layers[first:last]
+                if layer.get("Type") == "Dielectric"
+            ]
+        )
+        for first, last in pairwise(at)
+    ]
+    copper = [_positive(layers[k], "Thickness", _MM) for k in at] or [None] * copper_layers
+    slabs = slabs or [(None, None)] * (copper_layers - 1)
+    board = _positive(document.get("GeneralSpecs"), "BoardThickness", _MM)
+    try:
+        return completed_stackup(names, copper, slabs, board, "the files do", assumed), assumed
+    except GeometryError as error:
+        raise BoardError(f"{where}: {error}") from None
+
+
+def _positive(node: Any, key: str, unit: float = 1.0) -> float | None:
+    value = node.get(key) if isinstance(node, dict) else None
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or value <= 0:
+        return None
+    return float(value) * unit
+
+
+# Warnings of gerbonara 1.5 for things that it then skips or gets wrong, or words in its own way,
+# and our wording.
+_REFUSED = {
+    "File may be truncated": "the file ends without M02, it is truncated",
+    "Unknown statement found": "the statement is not supported",
+    "Unknown excellon statement": "the statement is not supported",
+    "IF include statement": "included files are not supported",
+    "Deprecated IR": "the rotation of the whole image is not supported",
+    "Deprecated MI": "the mirroring of the whole image is not supported",
+    "Deprecated SF": "the scaling of the whole image is not supported",
+    "Deprecated AS": "the exchange of the axes is not supported",
+    "Deprecated IP": "the negative image is not supported",
+    "Routing command found before first tool": "no tool is selected",
+}
+# Transformations of apertures that change nothing, which gerbonara does not know.
+_IDLE = re.compile(r"%LMN\*%|%LR[+-]?0*(\.0*)?\*%|%LS\+?1(\.0*)?\*%")
+_STEP_REPEAT = re.compile(r"%SRX(\d+)Y(\d+)")
+# X2 attributes as comments, for readers that know no attributes
+_COMMENTED = re.compile(r"G04\s*#@!\s*(T[FAOD][^*\r\n]*)\*")
+_TOOL_FUNCTION = re.compile(r";\s*#@!\s*T([AD])(?:\.AperFunction,(.*))?")
+_TOOL = re.compile(r"T0*(\d+)[A-Z].*")
+_ESCAPE = re.compile(r"\\u([0-9A-Fa-f]{4})")
+_NO_NET = ("", "N/C")
+_WIDEST = 10.0  # m, of an aperture or a hole
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """Round aperture drawn along straight pieces, in m.
+
+    It has two points, or more on an arc. `net` is the attribute .N, and `where` is "file:line".
+    """
+
+    points: tuple[Point, ...]
+    width: float
+    net: str | None
+    where: str
+
+    @property
+    def shape(self) -> BaseGeometry:
+        """Area covered by the stroke, in m."""
+        return shapely.LineString(self.points).buffer(self.width / 2)
+
+
+@dataclass(frozen=True)
+class Flash:
+    """Aperture put down once, in m.
+
+    `size` is the smaller side of its rectangle, or the diameter of a round aperture. `shape` is a
+    rectangle if it is not round. `function` is the first field of the attribute .AperFunction, and
+    `pin` the number of the pad from the attribute .P, or "".
+    """
+
+    x: float
+    y: float
+    size: float
+    shape: BaseGeometry
+    function: str
+    pin: str
+    net: str | None
+    where: str
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Filled outline, in m."""
+
+    shape: BaseGeometry
+    net: str | None
+    where: str
+
+
+@dataclass(frozen=True)
+class Clear:
+    """Shape, in m, that removes copper drawn before it."""
+
+    shape: BaseGeometry
+    where: str
+
+
+@dataclass(frozen=True)
+class DrilledHole:
+    """Hole of a drill file in m.
+
+    For a slot it is the middle. `function` is the last field of the tool's attribute .AperFunction,
+    such as "ViaDrill", or "". `plated` is None if the file does not specify it.
+    """
+
+    x: float
+    y: float
+    diameter: float
+    function: str
+    plated: bool | None
+    where: str
+
+
+def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
+    """Read the objects of a Gerber file, or raise BoardError."""
+    repeated = next((match for match in _STEP_REPEAT.finditer(file.text) if match.groups() != ("1", "1")), None)
+    if repeated:
+        line = file.text.count("\n", 0, repeated.start()) + 1
+        raise BoardError(f"{file.label}:{line}: step and repeat is not supported.")
+    rs274x = gerbonara("rs274x")
+    target = rs274x.GerberFile()
+    parser = rs274x.GerberParser(target)
+    target.objects = found = _Recorder(lambda: (parser.lineno, dict(parser.graphics_state.object_attrs)))
+    text = _COMMENTED.sub(r"%\1*%", _IDLE.sub("", file.text))
+    _refusing(file.label, lambda: parser.parse(text, filename=file.label))
+    if parser.file_settings.is_incremental:
+        raise BoardError(f"{file.label}: incremental coordinates are not supported.")
+    objects: list[Stroke | Flash | Region | Clear] = []
+    for (line, attributes), item in found.records:
+        where = f"{file.label}:{line}"
+        read = _object(item, attributes, where)
+        objects.append(read if item.polarity_dark else Clear(read.shape, where))
+    return objects
+
+
+def parse_drills(file: DataFile) -> list[DrilledHole]:
+    """Read the holes of an Excellon or Gerber file."""
+    if file.kind == "gerber":
+        return [
+            DrilledHole(*_middle(item.points), item.width, "", None, item.where)
+            if isinstance(item, Stroke)
+            else DrilledHole(item.x, item.y, item.size, "", None, item.where)
+            for item in parse_gerber(file)
+            if isinstance(item, Stroke | Flash)
+        ]
+    excellon = gerbonara("excellon")
+    parser = excellon.ExcellonParser()
+    parser.objects = found = _Recorder(lambda: parser.lineno)
+    _refusing(file.label, lambda: parser.do_parse(file.text, filename=file.label))
+    if parser.program_state is not excellon.ProgramState.FINISHED:
+        raise BoardError(f"{file.label}: the file ends without M30, it is truncated.")
+    # X2 attributes of the tools stand in comments
+    functions: dict[int, tuple[str, ...]] = {}
+    current: tuple[str, ...] = ()
+    for line in map(str.strip, file.text.splitlines()):
+        if attribute := _TOOL_FUNCTION.fullmatch(line):
+            current = tuple(attribute[2].split(",")) if attribute[1] == "A" and attribute[2] else ()
+        elif current and (tool := _TOOL.fullmatch(line)):
+            functions[int(tool[1])] = current
+    by_tool = {id(tool): functions.get(index, ()) for index, tool in parser.tools.items()}
+    return [_hole(item, by_tool.get(id(item.tool), ()), f"{file.label}:{line}") for line, item in found.records]
+
+
+class _Recorder(list[Any]):
+    """List that records `state` with every object of gerbonara's parser."""
+
+    def __init__(self, state: Callable[[], Any]) -> None:
+        super().__init__()
+        self.records: list[tuple[Any, Any]] = []
+        self._state = state
+
+    def append(self, item: Any) -> None:
+        self.records.append((self._state(), item))
+
+
+def _refusing(label: str, parse: Callable[[], None]) -> None:
+    """Let gerbonara parse, and refuse errors and wrong results."""
+    complaints: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            parse()
+        except SyntaxError as error:
+            complaints.append(str(error))
+    for text in [*(str(warning.message) for warning in caught), *complaints]:
+        known = next((ours for sign, ours in _REFUSED.items() if sign in text), None)
+        if known or text in complaints:
+            line, statement, reason = _parted(label, text)
+            raise BoardError(f"{label}{line}: {known or reason}{statement}.")
+
+
+def _parted(label: str, text: str) -> tuple[str, str, str]:
+    """Split gerbonara's 'file:line "statement": reason' into three parts."""
+    match = re.fullmatch(r':(\d+) "(.*?)": (.*)', text.removeprefix(label), re.DOTALL)
+    if match is None:
+        return "", "", text
+    line, statement, reason = match.groups()
+    # gerbonara goes on with advice to programmers, and has line 0 for the end of the file
+    first, statement = reason.split(". ")[0].rstrip("."), " ".join(statement.split())
+    return f":{line}" if line != "0" else "", f" ({statement})" if statement else "", first
+
+
+def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Stroke | Flash | Region:
+    """Convert gerbonara's object to a stroke, flash or region."""
+    objects, apertures = gerbonara("graphic_objects"), gerbonara("apertures")
+    net = _ESCAPE.sub(lambda match: chr(int(match[1], 16)), attributes.get(".N", ("",))[0])
+    named = None if net in _NO_NET else net
+    if item.unit is None:
+        raise BoardError(f"{where}: the file does not say its unit, MM or IN.")
+    if isinstance(item, objects.Region):
+        return Region(_region(item), named, where)
+    aperture = item.aperture
+    if aperture is None:
+        raise BoardError(f"{where}: no aperture is selected.")
+    if aperture.unit is None:
+        raise BoardError(f"{where}: the file does not say the unit of an aperture, MM or IN.")
+    pin = (*attributes.get(".P", ()), "", "")[1]
+    if isinstance(item, objects.Flash):
+        unit = _in_metre(item.unit)
+        return _flash(item.x / unit, item.y / unit, aperture, pin, named, where)
+    if not isinstance(aperture, apertures.CircleAperture):
+        raise BoardError(f"{where}: a stroke must have a round aperture; got {aperture}.")
+    way = tuple(_way(item))
+    if len(way) == 2 and way[0] == way[1]:  # a dot
+        return _flash(*way[0], aperture, pin, named, where)
+    return Stroke(way, _diameter(aperture, where), named, where)
+
+
+def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: str) -> Flash:
+    """Make a flash of an aperture in m."""
+    function = dict(aperture.attrs or ()).get(".AperFunction", ("",))[0]
+    if isinstance(aperture, gerbonara("apertures").CircleAperture):
+        size = _diameter(aperture, where)
+        return Flash(x, y, size, disc(x, y, size), function, pin, net, where)
+    try:
+        (x_min, y_min), (x_max, y_max) = aperture.bounding_box(gerbonara("utils").MM)
+    except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+        raise BoardError(f"{where}: the aperture has no shape: {error}.") from None
+    corners = [value / 1e3 for value in (x_min, y_min, x_max, y_max)]
+    if not all(abs(value) <= _WIDEST for value in corners):
+        raise BoardError(f"{where}: an aperture must be at most {_WIDEST:g} m wide; got {max(corners, key=abs):g} m.")
+    shape = shapely.box(x + corners[0], y + corners[1], x + corners[2], y + corners[3])
+    size = min(corners[2] - corners[0], corners[3] - corners[1])
+    return Flash(x, y, size, shape, function, pin, net, where)
+
+
+def _way(item: Any) -> Iterator[Point]:
+    """Yield points in m along a line or arc."""
+    unit = _in_metre(item.unit)
+    start, end = (item.x1 / unit, item.y1 / unit), (item.x2 / unit, item.y2 / unit)
+    if isinstance(item, gerbonara("graphic_objects").Arc):
+        centre = start[0] + item.cx / unit, start[1] + item.cy / unit
+        yield from _arc(start, end, centre, clockwise=item.clockwise)
+    else:
+        yield from (start, end)
+
+
+def _arc(start: Point, end: Point, centre: Point, *, clockwise: bool) -> list[Point]:
+    """Points on an arc about a centre.
+
+    It is the whole circle if the arc ends at its beginning.
+    """
+    first = math.atan2(start[1] - centre[1], start[0] - centre[0])
+    last = math.atan2(end[1] - centre[1], end[0] - centre[0])
+    turn = 2 * math.pi if start == end else (last - first) % (2 * math.pi)
+    if clockwise:
+        turn = -turn if start == end else turn - 2 * math.pi
+    radius = 0.5 * (math.dist(start, centre) + math.dist(end, centre))  # equal but for rounding
+    half = first + turn / 2
+    middle = centre[0] + radius * math.cos(half), centre[1] + radius * math.sin(half)
+    return [(x, y) for x, y in arc_points(start, middle, end).tolist()]
+
+
+def _region(item: Any) -> BaseGeometry:
+    """Convert a region of gerbonara to a polygon in m."""
+    unit = _in_metre(item.unit)
+    points: list[Point] = []
+    for start, end, (clockwise, centre) in item.iter_segments():
+        a, b = (start[0] / unit, start[1] / unit), (end[0] / unit, end[1] / unit)
+        if centre is None or centre[0] is None:
+            points += [a, b]
+        else:
+            points += _arc(a, b, (centre[0] / unit, centre[1] / unit), clockwise=clockwise)
+    if len(points) < 4:
+        return shapely.Polygon()
+    # holes are cut in as keyholes, which touch themselves
+    return shapely.Polygon(points).buffer(0)
+
+
+def _hole(item: Any, function: tuple[str, ...], where: str) -> DrilledHole:
+    """Convert a hole of gerbonara."""
+    tool = item.tool
+    if item.unit is None or tool.unit is None:
+        raise BoardError(f"{where}: the file does not say its unit, METRIC or INCH.")
+    if not tool.diameter:
+        raise BoardError(f"{where}: the tool has no diameter.")
+    if isinstance(item, gerbonara("graphic_objects").Flash):
+        x, y = item.x / _in_metre(item.unit), item.y / _in_metre(item.unit)
+    else:
+        x, y = _middle(tuple(_way(item)))
+    plated = {"Plated": True, "NonPlated": False}.get(function[0], tool.plated) if function else tool.plated
+    return DrilledHole(x, y, _diameter(tool, where), function[-1] if function else "", plated, where)
+
+
+def _middle(points: tuple[Point, ...]) -> Point:
+    (x1, y1), (x2, y2) = points[0], points[-1]
+    return (x1 + x2) / 2, (y1 + y2) / 2
+
+
+def _diameter(tool: Any, where: str) -> float:
+    diameter = float(tool.diameter / _in_metre(tool.unit))
+    if not 0 <= diameter <= _WIDEST:
+        raise BoardError(f"{where}: a diameter must be from 0 to {_WIDEST:g} m; got {diameter:g} m.")
+    return diameter
+
+
+def _in_metre(unit: Any) -> float:
+    """Lengths of a unit in a metre, for exact divisions."""
+    return 1e3 / float(unit.this_in_mm)
+
 
 _LAYER = re.compile(r"L0*([1-9]\d*)")
 
@@ -74,7 +579,7 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     bores = _bores(files, board, lands)
     masks = [item for file in files if file.function[:1] == ("Soldermask",) for item in parse_gerber(file)]
     openings = [(item.x, item.y) for item in masks if isinstance(item, Flash)]
-    holes = [_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
+    holes = [_plated_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
     if len(copper) > 1 and not holes:
         raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole to connect them.")
     bored = {id(flash) for bore in bores for _, flash in bore.lands}
@@ -188,7 +693,7 @@ def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
     return False
 
 
-def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
+def _plated_hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
     """Make the hole of a bore with pads and kind."""
     pads = bore.pads
     flashes = [flash for on_layer in pads.values() for flash in on_layer]

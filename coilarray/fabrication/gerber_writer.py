@@ -19,8 +19,8 @@ import numpy.typing as npt
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import require_suffix, write_atomically
 from coilarray.errors import OutputError
-from coilarray.fabrication.gerber_files import gerbonara
-from coilarray.fabrication.silk import silk_labels
+from coilarray.fabrication.drawings import silk_labels
+from coilarray.fabrication.gerber_reader import gerbonara
 from coilarray.geometry.arcs import arc_centre, arc_size, pieces_of
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import Drill, drills

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import IntArray
 from coilarray.compute.files import hidden_prefix, make_folder, remove_left
 from coilarray.errors import OutputError
-from coilarray.fabrication.silk import Label, silk_labels
+from coilarray.fabrication.drawings import Label, silk_labels
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.copper import drills_of

@@ -16,9 +16,8 @@ from coilarray.circuit.coupling import couple_design, design_inductance, operati
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
-from coilarray.design.fab_limits import load_profile
-from coilarray.design.model import Design, DesignFile
-from coilarray.design.words import metal_words
+from coilarray.design.fabs import load_profile
+from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import Margin, check_rules
 from coilarray.geometry.array import array_words

@@ -15,8 +15,7 @@ from coilarray.compute.files import make_folder, write_bytes, write_text, writin
 from coilarray.compute.netcdf import netcdf_of
 from coilarray.compute.table import Group, Section, Table, Warn, html_card, html_table
 from coilarray.compute.threads import Progress, threads
-from coilarray.design.model import Design, DesignFile
-from coilarray.design.words import metal_words
+from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, LocalizeError, OutputError
 from coilarray.geometry.array import array_words

@@ -14,8 +14,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, Validation
 
 from coilarray.circuit.converter_limits import Limit, drive_for
 from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, conversion_time
-from coilarray.design.scan_states import ScanState, paper_plan
-from coilarray.design.switch_parts import CONVERTER_PIN
+from coilarray.design.scan_states import CONVERTER_PIN, ScanState, paper_plan
 from coilarray.design.toml_file import first_error
 from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import (

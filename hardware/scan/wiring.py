@@ -17,8 +17,7 @@ from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 from pydantic import Field
 
 from coilarray.design.keys import Name, Table
-from coilarray.design.scan_states import Passive, ScanState, check_state
-from coilarray.design.switch_parts import switch_part
+from coilarray.design.scan_states import Passive, ScanState, check_state, switch_part
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import HardwareError, listed, shown
 from coilarray.hardware.chips.ldc1614 import CHANNELS
@@ -316,7 +315,7 @@ class Switch(NamedTuple):
 class Device:
     """One package of eight switches.
 
-    `part` is an entry of `coilarray.design.switch_parts.PARTS`. `bits` are the names of the
+    `part` is an entry of `coilarray.design.scan_states.PARTS`. `bits` are the names of the
     switches from bit 0 to bit 7 of its word.
     """
 

@@ -13,7 +13,7 @@ from coilarray import load_design
 from coilarray.compute.table import Column
 from coilarray.design import fabs
 from coilarray.design.bundled import read
-from coilarray.design.fab_limits import load_profile
+from coilarray.design.fabs import load_profile
 from coilarray.geometry import check_rules
 
 pytestmark = pytest.mark.usefixtures("own_folder")

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, VIA, many_layers, reference_board
 
 from coilarray import load_design, load_design_file
-from coilarray.design.edit import edited_text
 from coilarray.design.model import Design, parse_design, parse_design_file
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import (
@@ -20,6 +19,7 @@ from coilarray.design.write import (
     design_names,
     design_text,
     document_text,
+    edited_text,
     file_text,
     save_design,
     shape_names,

@@ -19,7 +19,7 @@ from support.refusals import refused
 from coilarray import parse_design, write_report
 from coilarray.design import fabs
 from coilarray.design.bundled import read
-from coilarray.design.fab_limits import FabTable, load_profile
+from coilarray.design.fabs import FabTable, load_profile
 from coilarray.design.model import parse_design_file
 from coilarray.errors import DesignError, GeometryError, RuleViolationError
 from coilarray.geometry import FabRules, Spiral, check_rules, require_rules

@@ -8,8 +8,7 @@ import pytest
 
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design, parse_design_file
-from coilarray.design.scan_states import Switches
-from coilarray.design.switch_parts import PARTS, PartName
+from coilarray.design.scan_states import PARTS, PartName, Switches
 from coilarray.design.write import design_text
 from coilarray.errors import DesignError
 

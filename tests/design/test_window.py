@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.boards import many_layers, round_spiral
 
-from coilarray.design.window import MOST_POSITIONS, array_window
+from coilarray.design.body_tables import MOST_POSITIONS, array_window
 from coilarray.geometry import Lattice, lattice_array
 
 LARGE = round_spiral(20e-3, 6, 0.15e-3, 0.15e-3).coil()

@@ -26,9 +26,9 @@ from support.refusals import refused
 
 from coilarray.design.model import load_design
 from coilarray.errors import OutputError, RuleViolationError
+from coilarray.fabrication.drawings import silk_labels
+from coilarray.fabrication.kicad_reader import Node, parse_sexpr, read_sexpr
 from coilarray.fabrication.kicad_writer import Drawing, copper_names, mm, quoted, write_kicad
-from coilarray.fabrication.sexpr import Node, parse_sexpr, read_sexpr
-from coilarray.fabrication.silk import silk_labels
 from coilarray.geometry import Array, FabRules, Placement, PlatedHole, Spiral, Stackup, path_coil
 from coilarray.geometry.array import Lattice, lattice_array
 from coilarray.geometry.copper import board_outline, copper_by_layer, disc, drills

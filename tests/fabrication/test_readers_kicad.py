@@ -23,9 +23,8 @@ from support.boards import reference_board
 from support.refusals import refused
 
 from coilarray.errors import BoardError
-from coilarray.fabrication.kicad_reader import read_kicad
+from coilarray.fabrication.kicad_reader import Quoted, parse_sexpr, read_kicad, read_sexpr
 from coilarray.fabrication.kicad_writer import board_text
-from coilarray.fabrication.sexpr import Quoted, parse_sexpr, read_sexpr
 from coilarray.geometry import Stackup
 from coilarray.geometry.arcs import CHORD_ERROR, arc_points
 

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coilarray.design.scan_states import ScanState, paper_plan
-from coilarray.design.switch_parts import switch_part
+from coilarray.design.scan_states import ScanState, paper_plan, switch_part
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.scan.wiring import WIRINGS, check_switching
 

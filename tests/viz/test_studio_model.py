@@ -17,7 +17,7 @@ from coilarray import couple_design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
 from coilarray.design import bundled
-from coilarray.design.fab_limits import load_profile
+from coilarray.design.fabs import load_profile
 from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design_file
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import file_text

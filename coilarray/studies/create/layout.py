@@ -17,7 +17,7 @@ from coilarray.circuit.converter_limits import SENSOR_FREQUENCY
 from coilarray.circuit.coupling import design_inductance
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.design.board_tables import ConnectorTable
-from coilarray.design.fab_limits import load_profile
+from coilarray.design.fabs import load_profile
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix, inductance_matrix, pair_inductance
 from coilarray.electromagnetics.resistance import resistance_matrix

@@ -15,7 +15,7 @@ from coilarray.circuit.impedance import scan_design
 from coilarray.design.bundled import DESIGNS
 from coilarray.design.keys import Name, Table
 from coilarray.design.model import Design, DesignFile, build_design_file
-from coilarray.design.switch_parts import PartName
+from coilarray.design.scan_states import PartName
 from coilarray.design.vary import plain
 from coilarray.errors import DesignError, NetworkError
 from coilarray.geometry.arcs import Side
@@ -176,7 +176,7 @@ def new_design(
         that `fab` names.
     fab : str, optional
         Profile of the board house whose limits are kept, see
-        `coilarray.design.fab_limits.load_profile`. By default a house that makes boards with this
+        `coilarray.design.fabs.load_profile`. By default a house that makes boards with this
         number of layers.
     pitch : float, optional
         Distance of neighbouring coils in m. By default they lie side by side with room for their

@@ -13,9 +13,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.optimize import brentq
 
-from coilarray.design.fab_limits import load_profile
+from coilarray.design.fabs import load_profile
 from coilarray.design.model import Design, build_design
-from coilarray.design.switch_parts import PARTS, PartName
+from coilarray.design.scan_states import PARTS, PartName
 from coilarray.design.tables import SCHEMA
 from coilarray.errors import DesignError
 from coilarray.geometry import FabRules
