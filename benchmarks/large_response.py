@@ -29,7 +29,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.electromagnetics.coil_spectrum import coil_segments, segment_centres
+from coilarray.electromagnetics.flat_stack import coil_segments, segment_centres
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.response.map import Imperfections, response_map

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
-from coilarray.circuit.impedance import sweep_design
+from coilarray.circuit.coupling import sweep_design
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ print(peak_memory())
 _LOADED = """
 import importlib.util
 from coilarray.cli import main
-from coilarray.electromagnetics.kernels import beforehand
+from coilarray.electromagnetics.kernels import bars, paths, sections, segments
 from coilarray.report import png, write
 if importlib.util.find_spec("pyvista"):
     from pyvista import plotting

@@ -2,8 +2,8 @@ from . import errors as errors
 from .circuit.coupling import couple_design as couple_design
 from .circuit.coupling import design_circuit as design_circuit
 from .circuit.coupling import operating_field as operating_field
-from .circuit.impedance import scan_design as scan_design
-from .circuit.impedance import sweep_design as sweep_design
+from .circuit.coupling import scan_design as scan_design
+from .circuit.coupling import sweep_design as sweep_design
 from .circuit.noise_budget import noise_budget as noise_budget
 from .design.export import export as export
 from .design.model import Circuit as Circuit

@@ -9,8 +9,7 @@ import pytest
 from support.contacts import IDEAL
 
 from coilarray import couple_design, load_design, response_map
-from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.impedance import scan_design, sweep_design
+from coilarray.circuit.coupling import design_circuit, scan_design, sweep_design
 from coilarray.circuit.network import resonate
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.hardware.emulator.board import LIFTED

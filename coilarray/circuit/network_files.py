@@ -25,8 +25,8 @@ from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_text
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.scan_states import paper_plan
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.inductance import coupling_matrix
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError, OutputError, require_positive
 from coilarray.geometry import Conductor
 

@@ -77,8 +77,14 @@ def impedance(
     import numpy as np
 
     from coilarray.circuit.board_circuit import board_circuit
-    from coilarray.circuit.coupling import couple_design
-    from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies, sweep_range
+    from coilarray.circuit.coupling import (
+        close_channels,
+        couple_design,
+        scan_design,
+        sweep_design,
+        sweep_frequencies,
+        sweep_range,
+    )
     from coilarray.circuit.network import checked_network
     from coilarray.report import circuit_tables
     from coilarray.report.tables import coil_table, matrix_tables, pair_table

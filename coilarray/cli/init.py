@@ -257,8 +257,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     """Say what has been found."""
     import numpy as np
 
-    from coilarray.circuit.coupling import design_inductance
-    from coilarray.circuit.impedance import scan_design
+    from coilarray.circuit.coupling import design_inductance, scan_design
     from coilarray.compute.display_units import number_text
     from coilarray.geometry.array import copper_words
     from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling

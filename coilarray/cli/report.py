@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from coilarray.compute.table import Table
 
 
-_MODULE = "coilarray.electromagnetics.kernels.beforehand"
+_COMPILE = "from coilarray.electromagnetics import kernels; kernels.compile_kernels()"
 _LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: the index of its code on disk
 
 
@@ -42,7 +42,7 @@ def compiling_beside() -> Iterator[None]:
         return
     quiet = subprocess.DEVNULL
     # what goes wrong there goes wrong here too, and is said here
-    child = subprocess.Popen([sys.executable, "-P", "-m", _MODULE], stdin=quiet, stdout=quiet, stderr=quiet)
+    child = subprocess.Popen([sys.executable, "-P", "-c", _COMPILE], stdin=quiet, stdout=quiet, stderr=quiet)
     try:
         yield
     finally:

@@ -92,7 +92,7 @@ def response(
             raise ElastomerError(
                 f"--reach must be all, auto or {LEAST_ERROR:g} to {LARGEST_ERROR:g}, an error of δ; got {reach!r}."
             )
-    from coilarray.circuit.readability import reading_lines
+    from coilarray.circuit.converter_limits import reading_lines
     from coilarray.report.figures import map_outlines
     from coilarray.report.response_tables import path_drive_table, response_table
     from coilarray.response.dataset import coils_outside, on_board

@@ -89,7 +89,7 @@ def studio(
 
 def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:
     """Summarize a design with the numbers of the report."""
-    from coilarray.circuit.impedance import scan_design
+    from coilarray.circuit.coupling import scan_design
     from coilarray.design.write import design_document
     from coilarray.geometry import check_rules
     from coilarray.geometry.usual_values import unusual_values

@@ -52,7 +52,7 @@ def target(
     """
     distances = shared.lengths("--distance-mm", distance_mm, positive=True)
     places = [shared.lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm))]
-    from coilarray.circuit.readability import reading_lines
+    from coilarray.circuit.converter_limits import reading_lines
     from coilarray.compute.display_units import PER_MILLION
     from coilarray.report.figures import map_outlines
     from coilarray.report.response_tables import (

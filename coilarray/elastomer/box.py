@@ -37,7 +37,7 @@ from coilarray.compute.arrays import BoolArray, FloatArray, IndexArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.contact_grid import Stack, graded
-from coilarray.electromagnetics.plane_waves import wave_rule
+from coilarray.electromagnetics.flat_stack import wave_rule
 from coilarray.geometry import Seat
 from coilarray.geometry.elastomer import Base
 

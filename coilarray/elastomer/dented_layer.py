@@ -26,7 +26,9 @@ from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import (
+from coilarray.electromagnetics.field import Source, as_conductors
+from coilarray.electromagnetics.flat_stack import (
+    Backing,
     CoilSpectra,
     Segments,
     coil_harmonics,
@@ -35,8 +37,6 @@ from coilarray.electromagnetics.coil_spectrum import (
     segment_spectra,
     turned_spectra,
 )
-from coilarray.electromagnetics.flat_stack import Backing
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 
 # dent, wavenumbers, their weights, and the largest displacement in m of a series of dents

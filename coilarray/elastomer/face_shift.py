@@ -21,9 +21,15 @@ from coilarray.constants import MU_0
 from coilarray.elastomer.box import Axis
 from coilarray.elastomer.finite_sample import SampleCorrection
 from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import coil_segments, gradients_on_grid, segment_centres, segment_spectra
-from coilarray.electromagnetics.flat_stack import Backing, flat_profile
-from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.electromagnetics.field import Source, as_conductors
+from coilarray.electromagnetics.flat_stack import (
+    Backing,
+    coil_segments,
+    flat_profile,
+    gradients_on_grid,
+    segment_centres,
+    segment_spectra,
+)
 from coilarray.geometry import Sheet
 
 _STEP = 1e-6  # of a difference in heights, over the shortest wavelength

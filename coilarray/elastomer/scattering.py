@@ -58,8 +58,7 @@ from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
-from coilarray.electromagnetics.flat_stack import Backing, Base, flat_profile
-from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
+from coilarray.electromagnetics.flat_stack import Backing, Base, flat_profile, wave_count, wave_rule
 from coilarray.errors import ElastomerError
 
 _REACH = 2  # columns that couple: the nodes of a quadratic element

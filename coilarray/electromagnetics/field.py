@@ -1,11 +1,11 @@
-"""Magnetic field and vector potential of current paths."""
+"""Current paths of any description, their magnetic field and vector potential."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +15,10 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, cores, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.segments import add_magnetic_field, add_vector_potential
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import LARGEST, GeometryError
+from coilarray.geometry import Conductor
 
 Backend = Literal["cpu", "cuda"]
-
 # 512 points of seven arrays fit a 32 KiB first-level cache.
 _BLOCK = 512
 # Blocks per task: enough to outweigh the hand-over to a thread, fewer for idle cores.
@@ -29,6 +28,52 @@ _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
 _BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
 _LARGEST_CURRENT = 1e30  # A; with `LARGEST` every field stays in the range of float64
 _IN_PIECES = "compute it in pieces"
+
+
+class HasConductors(Protocol):
+    """Spiral, coil, array or design."""
+
+    def conductors(self) -> tuple[Conductor, ...]:
+        """Return the current paths."""
+
+
+Source: TypeAlias = (
+    HasConductors | Conductor | npt.NDArray[np.float64] | Sequence[HasConductors | Conductor | npt.ArrayLike]
+)
+"""Current paths: spiral, coil, array, design, conductor, polyline (n + 1, 3) in m, or several."""
+
+
+def as_conductors(source: Source) -> tuple[Conductor, ...]:
+    """Return the current paths of any coil description.
+
+    Plain arrays are polylines in m, which are thin filaments.
+
+    >>> square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]
+    >>> len(as_conductors(np.array(square))), len(as_conductors([square, square]))
+    (1, 2)
+    """
+    if isinstance(source, np.ndarray) and source.ndim == 2:
+        return (Conductor(source, name="path 1"),)
+    if isinstance(source, Conductor) or hasattr(source, "conductors"):
+        return _paths_of(source, 1)
+    if not isinstance(source, Iterable) or isinstance(source, str):
+        raise GeometryError(
+            "current paths must be a Spiral, Coil, Array, Design or Conductor, points, or a list of them; "
+            f"got {source!r:.60}."
+        )
+    items = list(source)
+    if not items:
+        raise GeometryError("at least one current path is needed; got none.")
+    if not isinstance(items[0], Conductor) and not hasattr(items[0], "conductors") and np.ndim(items[0]) == 1:
+        return (Conductor(items, name="path 1"),)
+    return tuple(path for k, item in enumerate(items) for path in _paths_of(item, k + 1))
+
+
+def _paths_of(item: Any, number: int) -> tuple[Conductor, ...]:
+    if isinstance(item, Conductor):
+        return (item,)
+    found = getattr(item, "conductors", None)
+    return (Conductor(item, name=f"path {number}"),) if found is None else tuple(found())
 
 
 def magnetic_field(
@@ -44,7 +89,7 @@ def magnetic_field(
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament
+        See `coilarray.electromagnetics.field.as_conductors`. Each segment acts as a thin filament
         on its centre line.
     points : array_like, shape (..., 3)
         Positions in m where the field is evaluated.

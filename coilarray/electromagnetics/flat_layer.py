@@ -13,7 +13,15 @@ and (1 − β) H_t of the path alone. Above, 1 + β times the path's own B match
 = 1 − β. The upper face mirrors this back, and so on.
 
 Near images have the cross-section of their bars. The rest is summed at once in the spectrum of
-plane waves (`coilarray.electromagnetics.plane_waves`), Σ_n β^(2n) e^{−2nkt} = 1/(1 − β² e^{−2kt}).
+plane waves, Σ_n β^(2n) e^{−2nkt} = 1/(1 − β² e^{−2kt}), as is the reflection by any flat body above
+or below the paths. With J(k) = ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path, z counted from a face
+above all paths, and J' its conjugate with J_z reversed,
+
+    F(h) = µ0/4π ∫₀^∞ dk e^{−kh} ⟨J_i·J'_j⟩,   ⟨ ⟩ the mean over the directions of k.
+
+A body that reflects waves with a factor of their wavenumber has this factor in place of e^{−kh}. A
+face below all paths is a face above the mirrored paths. A wave between both faces counts with
+⟨J_i·J'_j⟩ of one board and the other.
 """
 
 from __future__ import annotations
@@ -24,25 +32,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray
-from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
-from coilarray.electromagnetics.plane_waves import (
-    DIGITS,
-    Board,
-    board_below,
-    reflected_inductance,
-    require_few_waves,
-    top_of,
-    wavenumbers,
-)
-from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import ElastomerError
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.threads import Progress, run_blocks
+from coilarray.constants import MU_0
+from coilarray.electromagnetics.field import Source, as_conductors
+from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance, representative_segments
+from coilarray.electromagnetics.kernels.sections import lateral_axes
+from coilarray.errors import ElastomerError, GeometryError
 from coilarray.geometry import Conductor, Sheet
 
 _NEAR = 1 / 16  # of the board; beyond it the spectrum takes the images (twice the gap), at a cost of (board/distance)²
 _BALANCE = 0.025  # balance of the costs of an image and of the spectrum, for thin sheets with many near images
 _WIDTHS = 4.0  # widths up to which images are near; beyond, the series in _mean_wave errs by 1e-11
+WeightArray = FloatArray | npt.NDArray[np.complex128]
+# −ln of the error of every rule over the spectrum, relative to the sum of all parts without their
+# signs: 1.4e-11, 3e-4.
+DIGITS: dict[Accuracy, float] = {"full": 25.0, "screen": 8.0}
+_WIDEST_PANEL = 200.0  # radians across the board; wider panels save nothing
+_LOWEST = 2.0**-60  # of the highest wavenumber; below there is nothing to integrate
+_SAME_SHAPE = 1e-12  # of the size; paths that differ by less share a spectrum
+_BLOCKS = 64  # of wavenumbers, each summed before the next
+_MOST_SUMS = 1e8  # numbers in the sums of all blocks
+_MOST_WAVES = 1e10  # waves times corners, some minutes on a core
 
 
 @dataclass(frozen=True)
@@ -95,7 +108,7 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. The paths lie below the magnetic
+        See `coilarray.electromagnetics.field.as_conductors`. The paths lie below the magnetic
         sheet. Thin filaments are allowed.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see
@@ -217,3 +230,261 @@ def _remainder(slab: Slab, near: int, k: float) -> float:
     if near == 0:
         return slab.reflection * fall / series
     return _weight(slab, near) * math.exp(-2 * near * k * slab.thickness) / series
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """Path about its own origin, lengths in m.
+
+    `across` (n, 2) is half the width of each bar as a vector, `up` (n,) the vertical part of half
+    its thickness, `weights` (n,) the number of equal bars. Vertical bars are thin.
+    """
+
+    vertices: FloatArray
+    starts: IntArray
+    ends: IntArray
+    across: FloatArray
+    up: FloatArray
+    weights: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """Distinct path shapes and places below a face, lengths in m.
+
+    A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,)
+    from the face. `kind_of` (paths,) and `origins` (paths, 2) give the kind and place of each path.
+    `extent` is the largest horizontal distance, `gap` the distance of the highest copper from its
+    image, `size` the largest width or thickness, and `digits` the accuracy.
+    """
+
+    shapes: list[_Shape]
+    shape_of: IntArray
+    heights: FloatArray
+    kind_of: IntArray
+    origins: FloatArray
+    extent: float
+    gap: float
+    size: float
+    digits: float
+
+
+def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> Board:
+    """Sort paths below a face in m by shape and place."""
+    corners = np.concatenate([path.vertices for path in paths])
+    span = np.ptp(corners, axis=0)
+    origins = np.array([[*path.vertices[0, :2], path.vertices[:, 2].max()] for path in paths])
+    shapes: list[_Shape] = []
+    known: dict[bytes, int] = {}
+    shape_of = []
+    for path, origin in zip(paths, origins, strict=True):
+        table = np.concatenate([part.ravel() for part in (path.vertices - origin, path.widths, path.thicknesses)])
+        key = np.round(table / (_SAME_SHAPE * span.max())).astype(np.int64).tobytes()
+        if key not in known:
+            known[key] = len(shapes)
+            shapes.append(_shape(path, origin, accuracy))
+        shape_of.append(known[key])
+    heights = origins[:, 2] - face
+    table = np.column_stack((shape_of, np.round(heights / (_SAME_SHAPE * span.max()))))
+    _, first, kind_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    return Board(
+        shapes,
+        np.array(shape_of)[first],
+        heights[first],
+        kind_of.ravel(),
+        origins[:, :2],
+        extent=math.hypot(span[0], span[1]),
+        gap=2 * max(face - max(map(top_of, paths)), 0.0),
+        size=max(float(max(path.widths.max(), path.thicknesses.max())) for path in paths),
+        digits=DIGITS[accuracy],
+    )
+
+
+def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
+    """Describe a path by its bars about an origin."""
+    lateral, _ = lateral_axes(path.vertices)
+    rows, weights = representative_segments(path, accuracy)
+    needed, places = np.unique(np.concatenate((rows, rows + 1)), return_inverse=True)
+    return _Shape(
+        path.vertices[needed] - origin,
+        starts=places[: len(rows)],
+        ends=places[len(rows) :],
+        across=(lateral[:, :2] * path.widths[:, None] / 2)[rows],
+        up=_upward(path)[rows],
+        weights=weights,
+    )
+
+
+def _upward(path: Conductor) -> FloatArray:
+    """Vertical part of half the bar thickness in m."""
+    level = np.hypot(*np.diff(path.vertices[:, :2], axis=0).T) / path.lengths
+    return np.asarray(level * path.thicknesses / 2)
+
+
+def top_of(path: Conductor) -> float:
+    """Height of a path's highest copper in m."""
+    ends = np.maximum(path.vertices[1:, 2], path.vertices[:-1, 2])
+    return float((ends + _upward(path)).max())
+
+
+def _nodes(radians: float, digits: float) -> int:
+    """Nodes of rules for e^{ix}, |x| ≤ radians.
+
+    A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the ellipse ρ
+    (Trefethen, Approximation Theory and Approximation Practice, thm. 19.3), and so do n points on
+    half a circle on the strip |Im θ| < ln ρ. ρ = 3 is near the best.
+    """
+    return math.ceil((radians * 4 / 3 + digits) / (2 * math.log(3)))
+
+
+def wavenumbers(board: Board, lowest: float, highest: float, distance: float) -> list[tuple[float, float]]:
+    """Nodes and weights in 1/m of an integral up to `highest`.
+
+    Panels double from `lowest`, so that they keep their distance from poles at wavenumbers of that
+    size, up to the width that the `distance` in m between a path and an image, and the board allow.
+    """
+    edges = [0.0, max(lowest, _LOWEST * highest)]
+    while edges[-1] < highest:
+        edges.append(min(2 * edges[-1], edges[-1] + _WIDEST_PANEL / (board.extent + distance), highest))
+    nodes = []
+    for start, stop in itertools.pairwise(edges):
+        half = (stop - start) / 2
+        x, weight = np.polynomial.legendre.leggauss(_nodes(half * board.extent, board.digits))
+        nodes += list(zip((start + half * (1 + x)).tolist(), (half * weight).tolist(), strict=True))
+    return nodes
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Distinct offsets in m between paths, whose pairs share integrals.
+
+    `column` and `row` (paths, paths) are the offset numbers of each pair.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    column: IntArray
+    row: IntArray
+
+
+def _grid(board: Board, other_kinds: int) -> _Grid | None:
+    """Return the offsets of paths, or None if most differ."""
+    steps = board.origins[:, None] - board.origins
+    numbers = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
+    axes = []
+    for axis in (0, 1):
+        _, first, inverse = np.unique(numbers[..., axis], return_index=True, return_inverse=True)
+        axes.append((steps[..., axis].ravel()[first], inverse.reshape(numbers.shape[:2])))
+    (x, column), (y, row) = axes
+    alike = (
+        len(x) * len(y) * len(board.heights) * other_kinds < 3 * board.kind_of.size**2
+    )  # products of scalars, of vectors
+    return _Grid(x, y, column, row) if alike else None
+
+
+def reflected_inductance(
+    boards: Sequence[Board], nodes: Sequence[float], weights: WeightArray, *, progress: Progress | None = None
+) -> WeightArray:
+    """Sum reflected waves over wavenumbers, (m, paths, paths) in H.
+
+    The sum is µ0/4π Σ_k w ⟨J_i·J'_j⟩. `boards` has the board below a face above, and may have the
+    mirrored board below a face below. `weights` (m, pairs, nodes) are for the pairs of boards with
+    themselves and, between both, of one with the other.
+    """
+    require_few_waves(boards[0], nodes)
+    grid = _grid(boards[0], len(boards[-1].heights))
+    pairs = list(itertools.combinations_with_replacement(range(len(boards)), 2))
+
+    def total(numbers: range) -> list[WeightArray]:
+        sums: list[WeightArray] = [np.zeros(1)] * len(pairs)
+        for n in numbers:
+            for p, product in enumerate(_products(boards, pairs, grid, nodes[n])):
+                sums[p] = sums[p] + weights[:, p, n].reshape(-1, *[1] * product.ndim) * product
+        return sums
+
+    every = range(len(nodes))  # wavenumbers cost more as they rise
+    count = min(_BLOCKS, len(nodes), max(int(_MOST_SUMS / len(weights) / len(boards[0].kind_of) ** 2), 1))
+    blocks = [every[start::count] for start in range(count)]
+    found = run_blocks(total, blocks, progress=progress)
+    change: WeightArray = np.zeros(1)
+    for p, (a, b) in enumerate(pairs):
+        sums = MU_0 / (4 * np.pi) * np.sum([sums[p] for sums in found], axis=0)
+        if grid is not None:
+            sums = sums[:, boards[a].kind_of[:, None], boards[b].kind_of, grid.column, grid.row]
+        change = change + sums
+    return change
+
+
+def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
+    """Raise GeometryError if a board's spectra at nodes in 1/m take hours."""
+    waves = sum(_nodes(k * board.extent, board.digits) for k in nodes)
+    corners = sum(len(shape.vertices) for shape in board.shapes)
+    if waves * corners > _MOST_WAVES:
+        raise GeometryError(
+            f"{corners} corners of copper over {board.extent * 1e3:.3g} mm, {board.gap / 2 * 1e3:.3g} mm from a layer, "
+            f"would take {waves * corners / _MOST_WAVES:.2g} times the work that is allowed; use fewer corners."
+        )
+
+
+def _products(
+    boards: Sequence[Board], pairs: Sequence[tuple[int, int]], grid: _Grid | None, k: float
+) -> list[FloatArray]:
+    """Mean of J_i·J'_j over directions at k in 1/m, in m².
+
+    The shape is (paths, paths) without a grid of offsets, else (kinds, kinds, x, y).
+    """
+    n = _nodes(k * boards[0].extent, boards[0].digits)
+    angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
+    waves = k * np.column_stack((np.cos(angle), np.sin(angle)))
+    J = [_spectrum(board, waves, k) for board in boards]
+    if grid is None:
+        places = np.exp(1j * _along(waves, boards[0].origins).T)[:, None]
+        J = [own[board.kind_of] * places for own, board in zip(J, boards, strict=True)]
+    mirrored = [np.conj(own) * np.array([1.0, 1.0, -1.0])[:, None] for own in J]
+    if grid is None:
+        return [
+            np.asarray((J[a].reshape(len(J[a]), -1) @ mirrored[b].reshape(len(J[b]), -1).T).real / n) for a, b in pairs
+        ]
+    along_x, along_y = (
+        np.exp(1j * np.outer(offsets, wave)) for offsets, wave in zip((grid.x, grid.y), waves.T, strict=True)
+    )
+    products = [np.einsum("acn,bcn->abn", J[a], mirrored[b]) for a, b in pairs]
+    return [np.asarray(((one[:, :, None] * along_x) @ along_y.T).real / n) for one in products]
+
+
+def _spectrum(board: Board, waves: FloatArray, k: float) -> ComplexArray:
+    """Spectrum J of every kind of path about its origin, (kinds, 3, n) in m."""
+    shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
+    return np.asarray(shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None])
+
+
+def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
+    """Integrate ∫ e^{i(k_x x + k_y y)} e^{kz} dl along bars, (3, n) in m."""
+    corner = np.exp(1j * _along(waves, shape.vertices) + k * shape.vertices[:, 2])
+    begin, end = corner[:, shape.starts], corner[:, shape.ends]
+    steps = shape.vertices[shape.ends] - shape.vertices[shape.starts]
+    # Along a bar the mean is (difference of the ends)/2c. Where that loses digits, it is (tanh c)/c
+    # times the mean of the ends.
+    c = 0.5j * _along(waves, steps) + 0.5 * k * steps[:, 2]
+    short = np.abs(c) < 1e-3
+    both = (end + begin)[short]
+    c2 = c[short] ** 2
+    c[short] = 1.0
+    mean = (end - begin) / (2 * c)
+    mean[short] = both / 2 * (1 - c2 / 3)
+    mean *= _mean_wave(-(_along(waves, shape.across) ** 2)) * _mean_wave((k * shape.up) ** 2)
+    return np.asarray([(mean * (shape.weights * step)).sum(axis=1) for step in steps.T])
+
+
+def _along(waves: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Compute k·v of horizontal parts, (waves, vectors), without `@`, whose threads compete."""
+    return np.asarray(waves[:, :1] * vectors[:, 0] + waves[:, 1:] * vectors[:, 1])
+
+
+def _mean_wave(c2: FloatArray) -> FloatArray:
+    """Mean sinh(c)/c of e^{cs} over −1 ≤ s ≤ 1, a series for |c| ≤ 1."""
+    if np.abs(c2).max() > 1:
+        c = np.sqrt(c2.astype(np.complex128))
+        c[c == 0] = 1e-9
+        return np.asarray((np.sinh(c) / c).real)
+    return np.asarray(1 + c2 / 6 * (1 + c2 / 20 * (1 + c2 / 42 * (1 + c2 / 72))))

@@ -11,11 +11,11 @@ from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.kernels.bars import bar_self, filament_pair, parallel_bars
 from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
 from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums, segment_table
-from coilarray.electromagnetics.neumann_near import Accuracy as Accuracy
-from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.electromagnetics.neumann import Accuracy as Accuracy
 from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry import Array, Conductor
 from coilarray.geometry.conductor import SMALLEST
@@ -137,7 +137,7 @@ def self_inductance(source: Source) -> FloatArray:
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
+        See `coilarray.electromagnetics.field.as_conductors`. Every segment needs a cross-section.
 
     Returns
     -------
@@ -241,7 +241,7 @@ def inductance_matrix(
     Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset are
     computed once, so identical coils on a lattice cost one evaluation per distinct offset. For near
     pairs, even layer pairs that mirror each other are shared
-    (`coilarray.electromagnetics.neumann_near`). Pairs that lie apart are computed by
+    (`coilarray.electromagnetics.neumann`). Pairs that lie apart are computed by
     `coilarray.electromagnetics.neumann` to 3e-8 of L. There the cross-section is included for
     windings smaller than 200 widths. In larger ones it changes L by less than 3e-7.
 

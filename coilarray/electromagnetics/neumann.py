@@ -7,27 +7,50 @@ Lagrange polynomials L_p, and
 
     ∬ dl·dl'/R = Σ_pq W_p·W'_q / |x_p − x'_q|
 
-as in the black-box fast multipole method (Fong & Darve, J. Comput. Phys. 228, 8712, 2009). The
-other pairs go segment by segment through `coilarray.electromagnetics.neumann_near`.
+as in the black-box fast multipole method (Fong & Darve, J. Comput. Phys. 228, 8712, 2009).
+
+The other pairs are summed segment by segment. Their paths are cut into flat parts, as the layers of
+a planar coil, and the rest. A layer is often another layer turned over, so pairs of parts that
+differ only by a reflection are summed once.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from typing import Literal
 
 import numpy as np
 
-from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, ranges, run_blocks
-from coilarray.electromagnetics.kernels.far_pairs import add_node_sums
-from coilarray.electromagnetics.kernels.paths import INNER
-from coilarray.electromagnetics.neumann_near import Accuracy, Sums, pair_classes, part_blocks
+from coilarray.electromagnetics.kernels.bars import bar_self
+from coilarray.electromagnetics.kernels.paths import INNER, add_node_sums, mutual_sum, own_mutual_sum
+from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules, series_sum
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 
+MOST_PARTS = 16  # of one path; a path with more parts is not cut
+_MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
+Accuracy = Literal["full", "screen"]
+"""Accuracy of inductance: ``full`` reaches 1e-6 of L and k, ``screen`` takes a tenth of the time.
+
+``screen`` is for searches among windings of many turns whose results are computed again in full. It
+reaches 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
+up to 1 % of k for windings that lie on each other.
+"""
+OWN_NEAR_WIDTHS = 160.7  # distance in widths up to which the cross-section counts within a path
+MUTUAL_NEAR_WIDTHS = 1003.0  # the same between two paths: (1/1000)² is 1e-6 of a weak coupling
+# Of two paths, and of one path. Screening leaves out 1/(12·15²) = 4e-5 of a pair, 5e-3 of
+# overlapping coils.
+_NEAR_WIDTHS = {"full": (MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS), "screen": (4.0, 15.0)}
+_SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
+_FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
+_TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with a part of another path, of its own path, or itself
+Sums = tuple[IntArray, FloatArray]  # numbers of pairs, and values to add to their sums
 MOST_NODES = 16  # along a side of the box; nearer pairs need more and are left to the sums over segments
 _LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than M of pieces
 _NONE = 1e-9  # of the box; smaller extents count as zero
@@ -284,3 +307,283 @@ def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], 
         others = np.ascontiguousarray(b.nodes.T), np.ascontiguousarray(b.currents.T)
         add_node_sums(a.nodes, a.currents, *others, np.ascontiguousarray(classes.shift[group]), sums)
     return np.concatenate(groups), np.concatenate(values)
+
+
+@dataclass(frozen=True, eq=False)
+class PathParts:
+    """Parts of several paths and their distinct shapes.
+
+    `tables` are rows of `kernels.paths` of the distinct parts from the origin. `flat` and `upright`
+    (distinct,) mark parts at one height and vertical parts. `first` (paths + 1,) is the first part
+    of each path. Part k is the distinct part `number[k]`, mirrored by the signs `mirror[k]` of its
+    coordinates, moved to `origin[k]` in m from the start of its path, its current of the `sign[k]`.
+    """
+
+    tables: list[FloatArray]
+    flat: BoolArray
+    upright: BoolArray
+    first: IntArray
+    number: IntArray
+    mirror: FloatArray
+    sign: FloatArray
+    origin: FloatArray
+
+
+def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
+    """Cut paths (rows of `kernels.paths`) into parts in their order.
+
+    Differences below the `quanta` (paths,) in m make no other part.
+    """
+    cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
+    first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))
+    parts = [part for of_path in cut for part in of_path]
+    steps = np.repeat(quanta, np.diff(first))
+    points = [_vertices(part) for part in parts]
+    spans = np.array([np.abs(p[-1] - p[0]) for p in points])  # the same for a mirror image
+    marks = np.column_stack(([float(len(part)) for part in parts], steps, spans, [part[:, 6].sum() for part in parts]))
+    slack = np.column_stack((np.zeros((len(parts), 2)), np.outer(steps, (2.0, 2.0, 2.0)), 2.0 * marks[:, 0] * steps))
+    number, mirror, sign = np.zeros(len(parts), dtype=np.int64), np.ones((len(parts), 3)), np.ones(len(parts))
+    origin = np.array([p[0] for p in points])
+    distinct: list[int] = []
+    for k, part in enumerate(parts):
+        number[k] = len(distinct)
+        for candidate in np.flatnonzero((np.abs(marks[distinct] - marks[k]) <= slack[k]).all(axis=1)).tolist():
+            found = _image(parts[distinct[candidate]], part, steps[k])
+            if found is not None:
+                number[k], mirror[k], sign[k] = candidate, *found
+                if sign[k] < 0:
+                    origin[k] = points[k][-1]
+                break
+        else:
+            distinct.append(k)
+    chosen = [
+        np.ascontiguousarray(np.column_stack((parts[k][:, :3] - parts[k][0, :3], parts[k][:, 3:]))) for k in distinct
+    ]
+    height = np.array([np.ptp(points[k][:, 2]) for k in distinct])
+    upright = np.array([not table[:, 3:5].any() for table in chosen])
+    return PathParts(chosen, height <= steps[distinct], upright, first, number, mirror, sign, origin)
+
+
+def mirrored(table: FloatArray, mirror: FloatArray) -> FloatArray:
+    """Rows of a mirrored part, the lateral direction left of the current."""
+    image = table.copy()
+    image[:, :3] *= mirror
+    image[:, 3:6] *= mirror
+    image[:, 7:10] *= mirror * (mirror[0] * mirror[1])
+    return image
+
+
+def _cut(table: FloatArray, quantum: float) -> list[FloatArray]:
+    """Cut a path into flat runs of segments and the rest."""
+    level = table[:, 5] == 0.0
+    change = (level[1:] != level[:-1]) | (level[1:] & (np.abs(np.diff(table[:, 2])) > quantum))
+    cuts = np.flatnonzero(change) + 1
+    return np.split(table, cuts) if len(cuts) < MOST_PARTS else [table]
+
+
+def _vertices(table: FloatArray) -> FloatArray:
+    return np.vstack((table[:, :3], table[-1:, :3] + table[-1:, 3:6] * table[-1:, 6:7]))
+
+
+def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatArray, float] | None:
+    """Mirror and current direction that relate two parts, or None."""
+    points, sizes = _vertices(table), table[:, [6, 10, 11]]
+    others, other_sizes = _vertices(other), other[:, [6, 10, 11]]
+    for sign in (1.0, -1.0):
+        order = slice(None, None, int(sign))
+        if (np.abs(sizes - other_sizes[order]) > quantum).any():
+            continue
+        steps, other_steps = points - points[0], others[order] - others[order][0]
+        for mirror in _MIRRORS:
+            if (np.abs(mirror * steps - other_steps) <= quantum).all():
+                return mirror, sign
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Distinct part, shared by all its images."""
+
+    table: FloatArray
+
+    @cached_property
+    def series(self) -> IntArray:
+        """Sides of successive turns, see `kernels.turns.find_series`."""
+        return find_series(self.table)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of distinct parts, the second mirrored and moved by `shift` in m.
+
+    `of` is their pair of paths, where they count `weight` times.
+    """
+
+    of: IntArray
+    weight: FloatArray
+    kind: IntArray
+    first: IntArray
+    second: IntArray
+    mirror: FloatArray
+    shift: FloatArray
+
+
+def part_blocks(
+    tables: Sequence[FloatArray],
+    quanta: FloatArray,
+    first: IntArray,
+    second: IntArray,
+    shift: FloatArray,
+    quantum: float,
+    accuracy: Accuracy,
+) -> list[Callable[[], Sums]]:
+    """Prepare the sums ∬ dl·dl'/R in m over near pairs.
+
+    The results of the returned pieces, which threads may call at once, add up. `quanta` are the
+    largest differences in m between equal paths, `quantum` between equal shifts. Pair k is the
+    paths `first[k]` and `second[k]`, the second moved by `shift[k]` in m (0 for a path with
+    itself).
+    """
+    if not len(first):
+        return []
+    found = find_parts(tables, quanta)
+    parts = [_Part(table) for table in found.tables]
+    pairs = _pairs(found, first, second, shift)
+    if not len(pairs.of):
+        return []
+    pairs, example, number = _part_classes(found, pairs, quantum)
+    members = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
+    pieces = _BLOCKS_A_PAIR if accuracy == "full" and len(example) <= _FEW else 1
+    blocks: list[Callable[[], Sums]] = []
+    for k, of_class in zip(example.tolist(), members, strict=True):
+        a, b = parts[pairs.first[k]], parts[pairs.second[k]]
+        rows = len(a.table)
+        edges = np.linspace(0, rows, min(rows, pieces) + 1).round().astype(int).tolist()
+        work: Callable[[int, int], float]
+        if pairs.kind[k] == _ITSELF:
+            work = partial(_own_sum, a, accuracy)
+        else:
+            near_widths = _NEAR_WIDTHS[accuracy][int(pairs.kind[k] == _ONE_PATH)]
+            work = _pair_sum(a, b, pairs.mirror[k], pairs.shift[k], near_widths, accuracy)
+        of, weight = pairs.of[of_class], pairs.weight[of_class]
+        blocks += [partial(_weighted, of, weight, partial(work, *part)) for part in itertools.pairwise(edges)]
+    return blocks
+
+
+def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Sums:
+    return of, weight * work()
+
+
+def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArray) -> _Pairs:
+    """Cut pairs of paths into part pairs, the first turned back."""
+    rows = []
+    for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        P, Q = np.mgrid[parts.first[a] : parts.first[a + 1], parts.first[b] : parts.first[b + 1]].reshape(2, -1)
+        kind = np.full(len(P), _TWO_PATHS)
+        if a == b and not shift[k].any():
+            P, Q = P[P <= Q], Q[P <= Q]
+            kind = np.where(P == Q, _ITSELF, _ONE_PATH)
+        rows.append(np.stack((np.full(len(P), k), P, Q, kind)))
+    of, P, Q, kind = np.concatenate(rows, axis=1)
+    i, j = parts.number[P], parts.number[Q]
+    counts = ~(parts.flat[i] & parts.upright[j] | parts.upright[i] & parts.flat[j])  # right angles add nothing
+    of, P, Q, kind, i, j = of[counts], P[counts], Q[counts], kind[counts], i[counts], j[counts]
+    weight = parts.sign[P] * parts.sign[Q] * np.where(kind == _ONE_PATH, 2.0, 1.0)
+    back = parts.mirror[P]
+    moved = back * (parts.origin[Q] - parts.origin[P] + shift[of])
+    moved[kind == _ITSELF] = 0.0
+    return _Pairs(of, weight, kind, i, j, back * parts.mirror[Q], moved)
+
+
+def _part_classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, IntArray, IntArray]:
+    """Pairs in common form, an example of each class, pairs' classes.
+
+    M(a, gb, d) = M(b, ga, −gd) for a mirror g, and of two flat parts either may be the upper.
+    """
+    turned = -pairs.mirror * pairs.shift
+    steps, mirror = np.round(pairs.shift / quantum).astype(np.int64), pairs.mirror.astype(np.int64)
+    other_steps = -mirror * steps
+    flat = parts.flat[pairs.first] & parts.flat[pairs.second]
+    for ways in (steps, other_steps):
+        ways[flat, 2] = np.abs(ways[flat, 2])
+    key = np.column_stack((pairs.kind, pairs.first, pairs.second, mirror, steps))
+    other_key = np.column_stack((pairs.kind, pairs.second, pairs.first, mirror, other_steps))
+    example, number, turn = pair_classes(key, other_key)
+    first, second = np.where(turn, pairs.second, pairs.first), np.where(turn, pairs.first, pairs.second)
+    alike = replace(pairs, first=first, second=second, shift=np.where(turn[:, None], turned, pairs.shift))
+    return alike, example, number
+
+
+def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Group equal pairs into classes.
+
+    Rows of `key` and `turned` (n, columns) mean the same. The result is one pair of each class, the
+    class of each pair (n,), and where `turned` is used.
+
+    >>> example, number, turn = pair_classes(np.array([[1, 2], [2, 1], [3, 3]]), np.array([[2, 1], [1, 2], [3, 3]]))
+    >>> number, turn
+    (array([0, 0, 1]), array([False,  True, False]))
+    """
+    turn, undecided = np.zeros(len(key), dtype=bool), np.ones(len(key), dtype=bool)
+    for column in range(key.shape[1]):
+        turn |= undecided & (turned[:, column] < key[:, column])
+        undecided &= turned[:, column] == key[:, column]
+    number = np.zeros(len(key), dtype=np.int64)
+    for column in np.where(turn[:, None], turned, key).T:
+        if (column != column[0]).any():
+            values, place = np.unique(column, return_inverse=True)
+            number = np.unique(number * len(values) + place, return_inverse=True)[1]
+    return np.unique(number, return_index=True)[1], number, turn
+
+
+def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
+    """Sum a part's rows start:stop with the part itself."""
+    if not part.table[:, 10].all():
+        return np.inf  # of a thin filament
+    if accuracy == "full":
+        rows = np.arange(start, stop)
+        mutual = own_mutual_sum(part.table, start, stop, OWN_NEAR_WIDTHS, 0)
+        return float(mutual + _bars_alone(part.table[rows], np.ones(len(rows))))
+    rules = series_rules(int(part.series[:, 2].max()))
+    rows, weights = series_members(part.series, *rules)
+    table, series = part.table, part.series
+    mutual = series_sum(table, table, np.zeros(3), series, series, True, _NEAR_WIDTHS["screen"][1], *rules)
+    return float(2.0 * mutual + _bars_alone(part.table[rows], weights))
+
+
+def _pair_sum(
+    a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, near_widths: float, accuracy: Accuracy
+) -> Callable[[int, int], float]:
+    """Sum function of rows start:stop with a mirrored and moved part."""
+    second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
+
+    def between(start: int, stop: int) -> float:
+        return float(mutual_sum(a.table, second, shift, start, stop, near_widths, 0))
+
+    def above(start: int, stop: int) -> float:
+        alike = [(a.table[i : i + 1], second[i : i + 1]) for i in range(start, stop)]
+        facing = sum(mutual_sum(one, other, shift, 0, 1, near_widths, 0) for one, other in alike)
+        return float(facing + own_mutual_sum(a.table, start, stop, near_widths, 0, shift))
+
+    def by_series(start: int, stop: int) -> float:  # of all rows, in one piece
+        rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
+        return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
+
+    if accuracy != "full":
+        return by_series
+    return above if a is b and _is_straight_above(a, mirror, shift) else between
+
+
+def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:
+    """Check for a flat part above its copy (rows i, j relate as j, i)."""
+    flat = not part.table[:, 5].any() and not np.ptp(part.table[:, 2])
+    return flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
+
+
+def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:
+    """Weighted sum of ∬ dl·dl'/R of bars with themselves."""
+    sizes = rows[:, [6, 10, 11]]
+    alike = np.round(sizes / (_SAME_SIZE * sizes.max(axis=0)))
+    _, example, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
+    counts = np.bincount(which.ravel(), weights)
+    return float(sum(c * bar_self(*size) for size, c in zip(sizes[example], counts, strict=True)))

@@ -20,6 +20,7 @@ from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Recent, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.kernels.sections import (
     Basis,
     Section,
@@ -33,7 +34,6 @@ from coilarray.electromagnetics.kernels.sections import (
     section,
     transverse_fields,
 )
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
 from coilarray.geometry.winding import Cut, FlatPath, find_turns

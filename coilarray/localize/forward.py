@@ -23,8 +23,8 @@ import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import NdBSpline
 
+from coilarray.circuit.converter_limits import readable_of
 from coilarray.circuit.network import Network
-from coilarray.circuit.readability import readable_of
 from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design

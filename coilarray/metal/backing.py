@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
-from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
-from coilarray.electromagnetics.flat_stack import Backing, PassedWaves
-from coilarray.electromagnetics.source import Source
+from coilarray.electromagnetics.field import Source
+from coilarray.electromagnetics.flat_stack import Backing, PassedWaves, Segments, mirrored_segments
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
 from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, eddy_currents, solve_outlined

@@ -32,16 +32,21 @@ from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, part_of, ranges, run_blocks
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.coil_spectrum import (
+from coilarray.electromagnetics.field import Source
+from coilarray.electromagnetics.flat_stack import (
+    Backing,
+    Layer,
     Segments,
     coil_segments,
+    flat_profile,
     harmonics_about,
+    layer_waves,
+    reflection,
     segment_centres,
     segment_spectra,
+    wave_count,
+    wave_rule,
 )
-from coilarray.electromagnetics.flat_stack import Backing, Layer, flat_profile, layer_waves, reflection
-from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
-from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import Ball, FinitePlate, Material, Plate, Sheet
 from coilarray.metal.backing import backings_of, outlined_below

@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, ranges, run_blocks
-from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.bodies import TOUCHING, FinitePlate, Plate

@@ -23,11 +23,18 @@ from scipy.linalg import qr
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.flat_layer import mirrored, require_below
+from coilarray.electromagnetics.field import Source, as_conductors
+from coilarray.electromagnetics.flat_layer import (
+    Board,
+    board_below,
+    mirrored,
+    reflected_inductance,
+    require_below,
+    top_of,
+    wavenumbers,
+)
 from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
-from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Plate, Sheet
 from coilarray.metal.frequencies import checked_frequencies
@@ -60,7 +67,7 @@ def plate_inductance(
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. The paths lie between the plates and
+        See `coilarray.electromagnetics.field.as_conductors`. The paths lie between the plates and
         below the sheets.
     plates : sequence of Plate
         Plates in any order, each above or below all paths. None may reach into another or into the

@@ -21,8 +21,8 @@ from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.scattering import DentedSpace, LayerMesh, radial_pattern
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.flat_stack import Backing
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.geometry import Ball, Sheet
 from coilarray.metal.ball import (
     Multipoles,

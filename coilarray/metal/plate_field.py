@@ -16,17 +16,20 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.coil_spectrum import (
+from coilarray.electromagnetics.field import Source, as_conductors, grid_points, magnetic_field
+from coilarray.electromagnetics.flat_stack import (
+    Layer,
+    LayerWaves,
     Segments,
     coil_segments,
     gradients_on_grid,
+    layer_waves,
     mirrored_segments,
     segment_spectra,
+    wave_count,
+    wave_rule,
+    with_gaps,
 )
-from coilarray.electromagnetics.field import grid_points, magnetic_field
-from coilarray.electromagnetics.flat_stack import Layer, LayerWaves, layer_waves, with_gaps
-from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import MetalError
 from coilarray.geometry import Plate, Sheet
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
+from coilarray.electromagnetics.field import Source
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.electromagnetics.source import Source
 from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.metal.backing import require_below
 from coilarray.metal.ball import ball_inductance

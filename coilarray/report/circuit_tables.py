@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from coilarray.circuit.converter_limits import RESISTANCE, check_channel, drive_for
-from coilarray.circuit.impedance import CLOSE_CHANNELS
+from coilarray.circuit.converter_limits import RESISTANCE, check_channel, drive_for, with_reasons
+from coilarray.circuit.coupling import CLOSE_CHANNELS
 from coilarray.circuit.noise_budget import NoiseBudget
-from coilarray.circuit.readability import with_reasons
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table

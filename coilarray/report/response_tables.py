@@ -9,8 +9,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.circuit.board_circuit import board_circuit
-from coilarray.circuit.converter_limits import DRIVE_CURRENTS
-from coilarray.circuit.readability import path_drives, readable_of, with_reasons
+from coilarray.circuit.converter_limits import DRIVE_CURRENTS, path_drives, readable_of, with_reasons
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, DisplayUnit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.design.model import Design

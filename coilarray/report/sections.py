@@ -12,8 +12,17 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import couple_design, design_inductance, operating_field, provenance, terminations_of
-from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_frequencies
+from coilarray.circuit.coupling import (
+    close_channels,
+    couple_design,
+    design_inductance,
+    operating_field,
+    provenance,
+    scan_design,
+    sweep_design,
+    sweep_frequencies,
+    terminations_of,
+)
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
 from coilarray.design.fabs import load_profile

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from coilarray.circuit.impedance import resonators
-from coilarray.circuit.readability import readable_of, reading_lines
+from coilarray.circuit.converter_limits import readable_of, reading_lines
+from coilarray.circuit.coupling import resonators
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, display_unit, true_minus
 from coilarray.compute.table import Column, Table, Value, cell

@@ -19,9 +19,9 @@ from coilarray.compute.threads import Progress, part_of, ranges
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.face_shift import shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.metal.backing import backings_of, outlined_below

@@ -12,10 +12,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.board_circuit import board_circuit
+from coilarray.circuit.converter_limits import RESONATOR, readability
 from coilarray.circuit.coupling import design_circuit, provenance
 from coilarray.circuit.network import Network, Resonance, loaded_quality, resonate
 from coilarray.circuit.noise_budget import NoiseBudget, budget_of
-from coilarray.circuit.readability import RESONATOR, readability
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
@@ -138,7 +138,7 @@ def response_map(
 
         Unless the circuit is ideal, and for a design with a converter, ``frequency`` in Hz,
         ``parallel_resistance`` in Ω and ``quality_factor`` (depth, y, x, state), and ``readable``
-        and the others of `coilarray.circuit.readability.readability`. With only near coils they
+        and the others of `coilarray.circuit.converter_limits.readability`. With only near coils they
         hold for the flat board, over state.
 
         With an indenter whose material counts, ``delta`` and ``inductance_change`` include its

@@ -23,7 +23,7 @@ from coilarray.compute.threads import Progress, part_of, ranges, run_blocks
 from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dented_layer import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import (
+from coilarray.electromagnetics.flat_stack import (
     CoilSpectra,
     coil_segments,
     segment_centres,

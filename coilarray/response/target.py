@@ -13,10 +13,10 @@ import xarray as xr
 from scipy.interpolate import make_interp_spline
 
 from coilarray.circuit.board_circuit import board_circuit
+from coilarray.circuit.converter_limits import readability, readable_of
 from coilarray.circuit.coupling import provenance
 from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
-from coilarray.circuit.readability import readability, readable_of
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
@@ -125,7 +125,7 @@ def target_map(
         - ``coupling``, the coupling coefficients with the target.
 
         Unless `network` is "ideal", and for a design with a converter, ``readable`` and the others
-        of `coilarray.circuit.readability.readability` give the states that it can read, and the
+        of `coilarray.circuit.converter_limits.readability` give the states that it can read, and the
         drive current.
 
         ``inductance`` (coil, other) is the matrix in H without the target. The ranges and

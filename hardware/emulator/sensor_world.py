@@ -97,7 +97,7 @@ class SensorWorld:
 
     `table` returns the change of the inductance matrix over x, y and depth from the map's `origin`,
     in m on the board. `copper` is the relative change of all resistances in 1/K. At room
-    temperature and without an indentation it agrees with `coilarray.circuit.impedance.scan_design`.
+    temperature and without an indentation it agrees with `coilarray.circuit.coupling.scan_design`.
     With an indentation it solves the same network with the changed inductance matrix, as
     `coilarray.response.map.response_map` does.
     """

@@ -25,8 +25,7 @@ from support.coil_paths import random_matrix
 
 from coilarray import Conductor, couple_design, load_design
 from coilarray.circuit.board_circuit import bare_network, board_circuit
-from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.impedance import sweep_design
+from coilarray.circuit.coupling import design_circuit, sweep_design
 from coilarray.circuit.network import Network, between_coils, solve_state
 from coilarray.circuit.network_files import (
     exchange_frequencies,

@@ -9,14 +9,16 @@ from support.active_coil import active_coil
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from coilarray import couple_design, dc_resistance, load_design, parse_design
-from coilarray.circuit.coupling import couple, design_circuit, terminations_of
-from coilarray.circuit.impedance import (
+from coilarray.circuit.coupling import (
     close_channels,
+    couple,
+    design_circuit,
     part_switches,
     scan_design,
     sweep_design,
     sweep_frequencies,
     sweep_range,
+    terminations_of,
 )
 from coilarray.compute.threads import Recent
 from coilarray.design.bundled import read

@@ -16,8 +16,7 @@ import pytest
 import coilarray as ca
 from coilarray.circuit import board_circuit as making
 from coilarray.circuit.board_circuit import PlateEffect, Windings, board_circuit
-from coilarray.circuit.coupling import design_circuit, design_inductance
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.coupling import design_circuit, design_inductance, scan_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of, solve_state
 from coilarray.circuit.network_files import export_network
 from coilarray.circuit.state_sensitivity import resonances

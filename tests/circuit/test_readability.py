@@ -19,12 +19,13 @@ from coilarray.circuit.converter_limits import (
     DRIVE_CURRENTS,
     broken_limit,
     check_channel,
+    path_drives,
+    reading_lines,
     shared_drive,
 )  # fmt: skip
-from coilarray.circuit.impedance import resonators, scan_design
+from coilarray.circuit.coupling import resonators, scan_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of
 from coilarray.circuit.noise_budget import noise_budget
-from coilarray.circuit.readability import path_drives, reading_lines
 from coilarray.compute.workers import open_executor
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches

@@ -12,7 +12,7 @@ from coilarray import load_design
 from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dented_layer import amplitude_table, dent_amplitudes, dent_inductance, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import coil_segments, segment_spectra, turned_spectra
+from coilarray.electromagnetics.flat_stack import coil_segments, segment_spectra, turned_spectra
 from coilarray.errors import CoilarrayError, MemoryLimitError
 
 MESH = LayerMesh()

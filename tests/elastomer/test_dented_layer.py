@@ -28,9 +28,15 @@ from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh, radial_pattern, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import coil_segments, harmonics_about, segment_spectra, turned_spectra
 from coilarray.electromagnetics.flat_layer import layer_inductance
-from coilarray.electromagnetics.flat_stack import flat_profile, reflection
+from coilarray.electromagnetics.flat_stack import (
+    coil_segments,
+    flat_profile,
+    harmonics_about,
+    reflection,
+    segment_spectra,
+    turned_spectra,
+)
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Hemisphere, Sheet
 

@@ -24,9 +24,9 @@ from coilarray import couple_design, inductance_matrix, load_design, magnetic_fi
 from coilarray.constants import MU_0
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
-from coilarray.electromagnetics import flat_layer, plane_waves
+from coilarray.electromagnetics import flat_layer
+from coilarray.electromagnetics.field import as_conductors
 from coilarray.electromagnetics.flat_layer import Slab, layer_inductance, magnetic_slab
-from coilarray.electromagnetics.source import as_conductors
 from coilarray.errors import ElastomerError, GeometryError
 from coilarray.geometry import Conductor, Sheet, Spiral
 
@@ -141,7 +141,7 @@ def test_cross_section(width, thickness, angle):
     corner = np.array([[0, 0, -1e-3], [9e-3, 0, -1e-3], [9e-3 + 6e-3 * np.cos(angle), 6e-3 * np.sin(angle), -1e-3]])
     bars, stack = Conductor(corner, width, thickness), [Sheet("base", 1.5e-3), MAGNETIC]
     slab = magnetic_slab(stack)
-    assert flat_layer._near_images(plane_waves.board_below((bars,), slab.lower, "full"), slab) == 0
+    assert flat_layer._near_images(flat_layer.board_below((bars,), slab.lower, "full"), slab) == 0
     lines, shares = _strands(bars)
     filaments = shares @ _series(as_conductors(lines), slab, 14) @ shares
     change = layer_inductance([bars], stack)[0, 0]
@@ -165,10 +165,10 @@ def test_rules_over_the_spectrum_converge(monkeypatch):
     paths = [polygon(6, 11e-3, -1e-3), polygon(6, 11e-3, -1.5e-3, centre=(60e-3, 5e-3))]
     stack = [Sheet("base", 3e-3), Sheet("magnetic", 0.5e-3, 50.0)]
     errors = []
-    monkeypatch.setitem(plane_waves.DIGITS, "full", 40.0)
+    monkeypatch.setitem(flat_layer.DIGITS, "full", 40.0)
     finest = layer_inductance(paths, stack)
     for digits in (5.0, 10.0, 15.0, 25.0):
-        monkeypatch.setitem(plane_waves.DIGITS, "full", digits)
+        monkeypatch.setitem(flat_layer.DIGITS, "full", digits)
         errors.append(abs(layer_inductance(paths, stack) - finest).max() / finest.max())
     # geometric: each step of 5 takes e⁻⁵ = 1/148 by the bound, and at least a tenth of that is seen
     assert errors[2] < errors[1] / 15 < errors[0] / 15**2
@@ -337,8 +337,8 @@ def test_effect_on_the_reference_board():
 
 
 def test_equal_shapes_share_a_spectrum(monkeypatch):
-    shapes, whole = [], plane_waves._transform
-    monkeypatch.setattr(plane_waves, "_transform", lambda shape, *rest: shapes.append(id(shape)) or whole(shape, *rest))
+    shapes, whole = [], flat_layer._transform
+    monkeypatch.setattr(flat_layer, "_transform", lambda shape, *rest: shapes.append(id(shape)) or whole(shape, *rest))
     layer_inductance(load_design("starter").array, STACK)
     assert len(set(shapes)) == 1
 

@@ -17,7 +17,7 @@ from support.references import polygon
 
 from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
 from coilarray.constants import MU_0
-from coilarray.electromagnetics import neumann, neumann_near
+from coilarray.electromagnetics import neumann
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral
@@ -107,9 +107,9 @@ def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
     array = load_design("starter").array
     summed = []
     for name in ("_own_sum", "_pair_sum"):
-        original = getattr(neumann_near, name)
-        monkeypatch.setattr(neumann_near, name, lambda *rest, sum_=original: summed.append(sum_) or sum_(*rest))
-    monkeypatch.setattr(neumann_near, "_BLOCKS_A_PAIR", 1)
+        original = getattr(neumann, name)
+        monkeypatch.setattr(neumann, name, lambda *rest, sum_=original: summed.append(sum_) or sum_(*rest))
+    monkeypatch.setattr(neumann, "_BLOCKS_A_PAIR", 1)
     monkeypatch.setattr(neumann, "MOST_NODES", 0)  # none by equivalent currents
     reused = inductance_matrix(array)
     # alone: a layer and the via with itself, and the two layers; neighbours: the upper layers, which lie as the lower

@@ -11,8 +11,7 @@ from coilarray.constants import MU_0
 from coilarray.electromagnetics.inductance import rectangular_bars
 from coilarray.electromagnetics.kernels.bars import filament_pair
 from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, mutual_sum, own_mutual_sum
-from coilarray.electromagnetics.neumann import segment_table
-from coilarray.electromagnetics.neumann_near import MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS
+from coilarray.electromagnetics.neumann import MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS, segment_table
 from coilarray.geometry import Conductor, Spiral
 
 # W/G 0.1 mm and 0.15 mm, one and two layers, straight sides and arcs

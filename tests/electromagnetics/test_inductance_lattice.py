@@ -12,12 +12,12 @@ from coilarray import Conductor, inductance_matrix, load_design, mutual_inductan
 from coilarray.electromagnetics.kernels.paths import mutual_sum
 from coilarray.electromagnetics.neumann import (
     MOST_NODES,
+    MUTUAL_NEAR_WIDTHS,
     bounding_boxes,
     equivalent_currents,
     nodes_needed,
     segment_table,
 )
-from coilarray.electromagnetics.neumann_near import MUTUAL_NEAR_WIDTHS
 from coilarray.geometry import Spiral
 
 WINDING = load_design("gast2020").array.conductors()[0]

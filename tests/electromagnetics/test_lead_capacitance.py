@@ -13,11 +13,10 @@ import scipy.linalg
 from support.boards import VIA, square_turns
 
 from coilarray.constants import EPSILON_0
-from coilarray.electromagnetics import lead_capacitance as module
-from coilarray.electromagnetics.capacitance import coil_capacitance
+from coilarray.electromagnetics.capacitance import coil_capacitance, lead_capacitance
 from coilarray.electromagnetics.layered_strips import LayeredMedium, strip_capacitance
 from coilarray.geometry import Array, Placement, Stackup, path_coil
-from coilarray.geometry.winding import FlatPath, find_turns
+from coilarray.geometry.winding import FlatPath, Turns, find_turns
 
 SLAB, EPSILON = 1.5e-3, 4.5
 ACROSS = [[(-8, -8), (-8, 8), (8, 8), (8, -8), (-7, -8), (-7, 7), (7, 7), (7, -7), (-6, -7), (-6, 6), (6, 6), (6, -6),
@@ -45,7 +44,7 @@ def turns_of(lines, width=0.2e-3):
 def own(lines, width=0.2e-3, slab=SLAB):
     """Leads' part for copper without thickness."""
     medium = LayeredMedium((slab,), (1.0, EPSILON, 1.0))
-    return module.lead_capacitance(medium, np.array([0, 1]), np.zeros(2), turns_of(lines, width))
+    return lead_capacitance(medium, np.array([0, 1]), np.zeros(2), turns_of(lines, width))
 
 
 def panels(lines, width, step):
@@ -128,8 +127,8 @@ def test_long_leads_have_the_capacitance_per_length_of_strips(width, apart, slab
         path = path_coil_of(length, apart)
         turns = turns_of(path)
         wide = FlatPath(turns.path.points, np.full_like(turns.path.widths, width), turns.path.line)
-        turns = module.Turns(wide, turns.begin, turns.end, turns.pitch, turns.poles)
-        return module.lead_capacitance(medium, np.array([0, 1]), np.zeros(2), turns)
+        turns = Turns(wide, turns.begin, turns.end, turns.pitch, turns.poles)
+        return lead_capacitance(medium, np.array([0, 1]), np.zeros(2), turns)
 
     def path_coil_of(length, apart):
         winding = square_turns(4, 5.0, 0.5)
@@ -169,8 +168,8 @@ def test_a_short_lead_adds_next_to_nothing():
 def test_rays_ribbons_and_pieces_are_converged(lines, monkeypatch):
     base = own(lines)
     for name, value, rel in (
-        ("_RAYS", 32, 0.04), ("_RIBBONS", (8, 32), 0.04), ("_GROWTH", 1.05, 0.01), ("_IMAGES", 24, 1e-3),
+        ("_LEAD_RAYS", 32, 0.04), ("_RIBBONS", (8, 32), 0.04), ("_GROWTH", 1.05, 0.01), ("_IMAGES", 24, 1e-3),
     ):  # fmt: skip
         with monkeypatch.context() as patch:
-            patch.setattr(module, name, value)
+            patch.setattr(f"coilarray.electromagnetics.capacitance.{name}", value)
             assert own(lines) == pytest.approx(base, rel=rel)

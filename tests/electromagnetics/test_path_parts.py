@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from coilarray import Conductor, inductance_matrix, load_design, mutual_inductance
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
-from coilarray.electromagnetics.neumann import segment_table
-from coilarray.electromagnetics.neumann_near import (
+from coilarray.electromagnetics.neumann import (
     MOST_PARTS,
     MUTUAL_NEAR_WIDTHS,
     OWN_NEAR_WIDTHS,
     find_parts,
     mirrored,
+    segment_table,
 )
 
 QUANTUM = 1e-13
@@ -120,7 +120,7 @@ def test_a_layer_straight_above_itself_takes_half_the_pairs(monkeypatch, up):
         rows.append(len(second))
         return mutual_sum(first, second, *more)
 
-    monkeypatch.setattr("coilarray.electromagnetics.neumann_near.mutual_sum", counted)
+    monkeypatch.setattr("coilarray.electromagnetics.neumann.mutual_sum", counted)
     # nearly parallel bars: see above
     assert mutual_inductance(layer, other)[0, 0] == pytest.approx(whole(layer, other), rel=1e-7)
     assert rows == [1] * (count - 1)  # the bars that face each other
@@ -135,7 +135,7 @@ def test_matrices_by_parts_are_those_of_whole_paths(monkeypatch, layers, accurac
     places = [(1, 1, 1, 0, 0, 0), (1, 1, 1, 9e-3, 4e-3, 2e-3), (-1, 1, 1, -8e-3, 0, 4e-3), (-1, -1, -1, 0, 9e-3, 6e-3)]
     coils = [image(coil, place[:3], k == 2, place[3:]) for k, place in enumerate(places)]
     L = inductance_matrix(coils, accuracy=accuracy)
-    monkeypatch.setattr("coilarray.electromagnetics.neumann_near.MOST_PARTS", 1)  # none is cut
+    monkeypatch.setattr("coilarray.electromagnetics.neumann.MOST_PARTS", 1)  # none is cut
     whole = inductance_matrix(coils, accuracy=accuracy)
     # as above; screening's rules act along the turns of the winding that comes second
     np.testing.assert_allclose(L, whole, atol=(1e-7 if accuracy == "full" else 1e-4) * L[0, 0], rtol=0)

@@ -14,7 +14,7 @@ import pytest
 from support.contacts import linear
 
 from coilarray import load_design
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.coupling import scan_design
 from coilarray.circuit.network import Network
 from coilarray.compute.store import Store
 from coilarray.design.bundled import read

@@ -9,8 +9,7 @@ import pytest
 from support.refusals import refused
 
 from coilarray import load_design, new_design, save_design
-from coilarray.circuit.coupling import design_inductance
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.coupling import design_inductance, scan_design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import resistance_matrix

@@ -11,8 +11,7 @@ from support.contacts import coarse_maps, linear
 from support.localize_boards import bells
 
 from coilarray import load_design, mutual_inductance, parse_design, self_inductance
-from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.coupling import design_circuit, scan_design
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.geometry import MATERIALS, Ball, Target, check_rules

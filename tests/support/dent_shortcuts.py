@@ -15,8 +15,7 @@ from coilarray.constants import MU_0
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dented_layer import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, Scattering
-from coilarray.electromagnetics.coil_spectrum import coil_segments
-from coilarray.electromagnetics.flat_stack import flat_profile
+from coilarray.electromagnetics.flat_stack import coil_segments, flat_profile
 
 _NODES = 8  # of a Gauss–Legendre rule for every half period of the shortest wave
 _SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
-from coilarray.circuit.impedance import sweep_design
+from coilarray.circuit.coupling import sweep_design
 from coilarray.design.vary import vary
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.response.map import MapAccuracy, response_map

@@ -153,12 +153,12 @@ def plot_frequency_sweep(
     Parameters
     ----------
     sweep : xarray.Dataset
-        Result of `coilarray.circuit.impedance.sweep_design`.
+        Result of `coilarray.circuit.coupling.sweep_design`.
     quantity : str
         Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or
         ``quality_factor``.
     scan : xarray.Dataset, optional
-        Result of `coilarray.circuit.impedance.scan_design` of the same states. A dot marks the
+        Result of `coilarray.circuit.coupling.scan_design` of the same states. A dot marks the
         resonance with the tank on each curve, and a dotted line the self-resonance.
     """
     there = [name for name in _NAMES if name in sweep]
@@ -221,8 +221,8 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     Parameters
     ----------
     sweep, scan : xarray.Dataset
-        Results of `coilarray.circuit.impedance.sweep_design` and
-        `coilarray.circuit.impedance.scan_design`.
+        Results of `coilarray.circuit.coupling.sweep_design` and
+        `coilarray.circuit.coupling.scan_design`.
     """
     names = ("apparent_inductance", "impedance_real", "quality_factor")
     figure = style.new_figure(6.5, 3.2 * len(names))

@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter
 
-from coilarray.circuit.readability import readable_of
+from coilarray.circuit.converter_limits import readable_of
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.response.dataset import answering_states, as_depths, depth_words, main_line, middle_state
 from coilarray.viz.datasets.results import at_depth, of_state

@@ -10,7 +10,7 @@ from typing import Any
 
 import xarray as xr
 
-from coilarray.circuit.readability import with_reasons
+from coilarray.circuit.converter_limits import with_reasons
 from coilarray.compute.display_units import KILOHM, MM, DisplayUnit
 from coilarray.compute.table import Table, dataset_table
 from coilarray.design.model import Design

@@ -80,7 +80,7 @@ def calibrate(
     frequency = None if frequency_mhz is None else _pair("--frequency-MHz", frequency_mhz, 1e6)
     if given and simulated:
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
-    from coilarray.circuit.impedance import part_switches
+    from coilarray.circuit.coupling import part_switches
     from coilarray.compute.display_units import DisplayUnit
     from coilarray.compute.table import Column, Table
     from coilarray.hardware.record.calibration import calibrate_board, save_calibration

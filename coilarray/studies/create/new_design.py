@@ -10,8 +10,7 @@ from dataclasses import replace
 import xarray as xr
 
 from coilarray.circuit.converter_limits import Limit, check_channel
-from coilarray.circuit.coupling import design_inductance
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.coupling import design_inductance, scan_design
 from coilarray.design.bundled import DESIGNS
 from coilarray.design.keys import Name, Table
 from coilarray.design.model import Design, DesignFile, build_design_file

@@ -13,8 +13,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.circuit.board_circuit import board_circuit
-from coilarray.circuit.coupling import design_circuit, design_inductance
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.coupling import design_circuit, design_inductance, scan_design
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
