@@ -18,7 +18,15 @@ from coilarray.geometry.bodies import (
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, hull_outline, path_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.connector import route_leads
-from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_by_layer, copper_features, drills
+from coilarray.geometry.copper import (
+    CopperFeature,
+    Drill,
+    board_outline,
+    copper_by_layer,
+    copper_features,
+    drills,
+    solids,
+)
 from coilarray.geometry.elastomer import (
     EVEN,
     Cone,
@@ -32,7 +40,6 @@ from coilarray.geometry.elastomer import (
     Unevenness,
 )
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
-from coilarray.geometry.solids import solids
 from coilarray.geometry.spiral import RoundedSpiral, Spiral, across_flats
 from coilarray.geometry.stackup import Stackup
 

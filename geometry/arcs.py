@@ -53,11 +53,11 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
     radius, turn = arc_size(start, middle, end)
     if turn == 0:
         return np.array([start, end])
-    count = math.ceil(abs(turn) / chord_angle(radius, error))
-    # Both inner points of three pieces on a small radius may lie farther out than their chords lie inside.
-    if count == 3 and radius * _inner_ratio(count, abs(turn) / count) - radius > error:
-        count = 4
-    return arc_pieces(start, middle, end, count)
+    count = max(_LEAST_PIECES, math.ceil(abs(turn) / _chord_angle(radius, error)))
+    # on a small radius the inner points may lie farther out than the chords lie inside
+    while radius * _inner_ratio(count, abs(turn) / count) - radius > error:
+        count += 1
+    return _arc_pieces(start, middle, end, count)
 
 
 def _inner_ratio(pieces: int, angle: float) -> float:
@@ -66,35 +66,27 @@ def _inner_ratio(pieces: int, angle: float) -> float:
     return (math.sqrt(1 + inside * area) - 1) / inside
 
 
-def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
-    """Angle in rad of a chord with sagitta `error` (m)."""
-    # the arc sine keeps it above 0 for the largest radius
+def _chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
+    """Angle in rad of a chord with sagitta `error` (m), above 0 also for the largest radius."""
     return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
 
 
-def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
-    """Points in m on an arc in `count` equal pieces.
-
-    There are at least 3 pieces. The points lie as in `arc_points`.
-    """
-    a, c = np.array(start), np.array(end)
+def _arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
+    """Points of `arc_points` in m, in `count` equal pieces, at least 3."""
     centre = arc_centre(start, middle, end)
     if centre is None:
-        return np.array([a, c])
+        return np.array([start, end])
     radius, turn = arc_size(start, middle, end)
     pieces = max(_LEAST_PIECES, count)
-    angles = math.atan2(*(a - centre)[::-1]) + turn * np.linspace(0, 1, pieces + 1)
+    angles = math.atan2(*(np.array(start) - centre)[::-1]) + turn * np.linspace(0, 1, pieces + 1)
     inner = radius * _inner_ratio(pieces, abs(turn) / pieces)
     points = centre + inner * np.column_stack((np.cos(angles), np.sin(angles)))
-    points[0], points[-1] = a, c
+    points[0], points[-1] = start, end
     return np.asarray(points)
 
 
 def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
-    """Radius in m and angle in rad of an arc.
-
-    The angle is positive counter-clockwise. For a straight line they are inf and 0.
-    """
+    """Radius in m and counter-clockwise angle in rad of an arc, inf and 0 for a line."""
     centre = arc_centre(start, middle, end)
     if centre is None:
         return math.inf, 0.0
@@ -142,10 +134,7 @@ class Arc:
 
 
 def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
-    """Yield a line as arcs and straight pieces, in order.
-
-    A straight piece is an arc without a bulge.
-    """
+    """Yield a line as arcs, without a bulge if straight."""
     done = 0
     for arc in (*arcs, Arc(len(line) - 1, len(line) - 1, 0.0)):
         yield from (Arc(k, k + 1, 0.0) for k in range(done, arc.first))
@@ -163,8 +152,8 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: floa
     points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
     for arc in arcs:
         radius, turn = arc_size(*arc.points(line))
-        count = _LEAST_PIECES if radius <= small else max(_LEAST_PIECES, math.ceil(abs(turn) / step - 1e-9))
-        piece = arc_pieces(*arc.points(line), count)[1:]
+        count = _LEAST_PIECES if radius <= small else math.ceil(abs(turn) / step - 1e-9)
+        piece = _arc_pieces(*arc.points(line), count)[1:]
         points += [line[done + 1 : arc.first + 1], piece]
         pieces += [np.arange(done, arc.first), np.full(len(piece), arc.first)]
         done = arc.last
@@ -184,7 +173,7 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
     """
     along = np.diff(corners, axis=0)
     along /= np.hypot(*along.T)[:, None]
-    step = chord_angle(max(radii, default=0.0) or 1.0)
+    step = _chord_angle(max(radii, default=0.0) or 1.0)
     near = 1e-12 * float(np.ptp(corners))  # the straight piece between two arcs may have no length
     points = [corners[:1]]
     arcs: list[Arc] = []
@@ -206,7 +195,7 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
         inwards = (after - before) / float(np.hypot(*(after - before)))
         middle = corner + radius * (1 / math.cos(turn / 2) - 1) * inwards
         begin, end = corner - tangent * before, corner + tangent * after
-        piece = arc_pieces(begin, middle, end, math.ceil(abs(turn) / step - 1e-9))
+        piece = _arc_pieces(begin, middle, end, math.ceil(abs(turn) / step - 1e-9))
         add(piece)
         arcs.append(Arc(count - len(piece), count - 1, math.tan(turn / 4)))
     add(corners[-1:])

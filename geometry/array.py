@@ -16,10 +16,9 @@ import shapely.affinity
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.display_units import MM
 from coilarray.errors import GeometryError, require_finite, require_positive
-from coilarray.geometry.answers import CHORD, SeveralCoils, SingleCoil
 from coilarray.geometry.arcs import SIDES, Side, place_in_mm
 from coilarray.geometry.coil import Coil
-from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.conductor import CHORD, Conductor, SeveralCoils, SingleCoil
 from coilarray.geometry.spiral import RoundedSpiral
 from coilarray.geometry.stackup import Stackup
 

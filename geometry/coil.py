@@ -15,9 +15,8 @@ import shapely
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LARGEST, GeometryError, require_positive
-from coilarray.geometry.answers import CHORD, SingleCoil
 from coilarray.geometry.arcs import Arc, arc_size, coarser_line, place_in_mm
-from coilarray.geometry.conductor import SMALLEST
+from coilarray.geometry.conductor import CHORD, SMALLEST, SingleCoil
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.usual_values import require_coil_size, warn_unusual
 

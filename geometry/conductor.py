@@ -1,8 +1,14 @@
-"""Current path of a coil, made of straight bars."""
+"""Current paths of straight bars, and what shapes that carry currents know of themselves.
+
+Physics and pictures lie above the shapes and are imported only when a value is asked for.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +16,17 @@ import numpy.typing as npt
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LARGEST, GeometryError
 
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+    from coilarray.geometry.array import Array
+    from coilarray.geometry.coil import Coil
+
 SMALLEST = 1 / LARGEST
 """Least length in m."""
-
+CHORD = 1e-3
+"""Deviation of straight pieces from a coil's largest arc, over half its size, by default."""
 _STRAIGHT = 1e-6  # rad: less is not a bend
 
 
@@ -76,9 +90,7 @@ class Conductor:
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if (lengths <= max(1e-13 * np.ptp(points), SMALLEST)).any():
             raise GeometryError(f"segment {int(np.argmin(lengths))} of {name} has length zero.")
-        given = {"widths": widths, "thicknesses": thicknesses}
-        if areas is not None:
-            given["areas"] = areas
+        given = {"widths": widths, "thicknesses": thicknesses} | ({} if areas is None else {"areas": areas})
         sizes: dict[str, FloatArray] = {}
         for key, value in given.items():
             try:
@@ -88,14 +100,12 @@ class Conductor:
                 raise GeometryError(message) from None
             if not (np.isfinite(array).all() and (array >= 0).all()):
                 raise GeometryError(f"{key} of {name} must be finite and not negative; got {array.min()}.")
+            if key != "areas" and ((array > 0) & ~((array >= SMALLEST) & (array <= LARGEST))).any():
+                raise GeometryError(f"{key} of {name} must be zero or {SMALLEST:g} to {LARGEST:g} m.")
             sizes[key] = array
         if ((sizes["widths"] > 0) != (sizes["thicknesses"] > 0)).any():
             raise GeometryError(f"widths and thicknesses of {name} must be both zero or both positive.")
-        for key in ("widths", "thicknesses"):
-            if ((sizes[key] > 0) & ~((SMALLEST <= sizes[key]) & (sizes[key] <= LARGEST))).any():
-                raise GeometryError(f"{key} of {name} must be zero or {SMALLEST:g} to {LARGEST:g} m.")
-        if "areas" not in sizes:
-            sizes["areas"] = sizes["widths"] * sizes["thicknesses"]
+        sizes.setdefault("areas", sizes["widths"] * sizes["thicknesses"])
         for key, array in {"vertices": points, **sizes}.items():
             array.setflags(write=False)
             object.__setattr__(self, key, array)
@@ -111,23 +121,15 @@ class Conductor:
 
         A vertex is left out if the segments at it have the same cross-section and direction.
 
-        Returns
-        -------
-        Conductor
-            The same path with as few segments as possible.
-
-        Examples
-        --------
         >>> Conductor([[0, 0, 0], [1e-3, 0, 0], [2e-3, 0, 0], [2e-3, 1e-3, 0]]).straightened().vertices[:, 0].tolist()
         [0.0, 0.002, 0.002]
         """
         along = np.diff(self.vertices, axis=0) / self.lengths[:, None]
         bend = np.linalg.norm(np.diff(along, axis=0), axis=1)
         section = np.column_stack((self.widths, self.thicknesses, self.areas))
-        turns = (bend > _STRAIGHT) | (np.diff(section, axis=0) != 0).any(axis=1)
-        if turns.all():
+        first = np.append(True, (bend > _STRAIGHT) | (np.diff(section, axis=0) != 0).any(axis=1))
+        if first.all():
             return self
-        first = np.concatenate(([True], turns))
         vertices = self.vertices[np.append(first, True)]
         return Conductor(vertices, self.widths[first], self.thicknesses[first], self.areas[first], self.name)
 
@@ -135,3 +137,118 @@ class Conductor:
     def is_filament(self) -> bool:
         """Whether any segment has no cross-section."""
         return bool((self.widths == 0).any())
+
+
+class CurrentPaths(ABC):
+    """Shapes that carry currents."""
+
+    @abstractmethod
+    def as_array(self) -> Array:
+        """Return the array of these coils on their board."""
+
+    def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
+        """Return the current paths in m, vias included.
+
+        A path runs from the first to the second terminal. `chord` is as in `Coil.current_lines`.
+        """
+        from coilarray.geometry.array import current_path
+
+        array = self.as_array()
+        return tuple(current_path(place, array.stackup, chord) for place in array.placements)
+
+    def field(self, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0) -> FloatArray:
+        """Compute the magnetic flux density in T, in free space.
+
+        `points` (..., 3) are in m, with the upper face of the board at z = 0. `currents` are in A,
+        one per coil or one for all. Returns B with the shape (..., 3), see
+        `coilarray.magnetic_field`.
+        """
+        from coilarray.electromagnetics.field import magnetic_field
+
+        return magnetic_field(self.conductors(), points, currents)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the board from above in mm, see `coilarray.viz.plot_board`."""
+        from coilarray.viz.plots.board import plot_board
+
+        return plot_board(self.as_array(), ax)
+
+    def show(self) -> None:
+        """Open a window with the board in three dimensions.
+
+        It needs the extra ``3d`` and a screen, and returns when the user closes the window.
+        """
+        from coilarray.viz.scenes.board import board_scene
+        from coilarray.viz.scenes.pictures import show
+
+        show(board_scene(self.as_array()))
+
+
+class SingleCoil(CurrentPaths):
+    """Shape of one coil, which is alone on its board."""
+
+    @abstractmethod
+    def coil(self) -> Coil:
+        """Return the centre lines of the coil."""
+
+    def as_array(self) -> Array:
+        """Return the array of this coil alone, at the origin."""
+        from coilarray.geometry.array import Array
+
+        return Array.row(self, 1)
+
+    @cached_property
+    def inductance(self) -> float:
+        """Inductance in H of the coil in free space."""
+        from coilarray.electromagnetics.inductance import self_inductance
+
+        return float(self_inductance(self.conductors())[0])
+
+    @cached_property
+    def resistance(self) -> float:
+        """Direct-current resistance in Ω, of copper at 20 °C."""
+        from coilarray.electromagnetics.resistance import dc_resistance
+
+        return float(dc_resistance(self.conductors())[0])
+
+
+class SeveralCoils(CurrentPaths):
+    """Coils with names."""
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of the coils in order."""
+
+    @cached_property
+    def inductance(self) -> xr.DataArray:
+        """Inductance matrix in H in free space (coil, other)."""
+        from coilarray.electromagnetics.inductance import inductance_matrix
+
+        return self._labelled(inductance_matrix(self.conductors()), "inductance", "H")
+
+    @cached_property
+    def coupling(self) -> xr.DataArray:
+        """Coupling coefficients in free space (coil, other)."""
+        from coilarray.electromagnetics.inductance import coupling_matrix
+
+        return self._labelled(coupling_matrix(self.inductance), "coupling", "")
+
+    @cached_property
+    def resistance(self) -> xr.DataArray:
+        """Direct-current resistances in Ω, of copper at 20 °C (coil)."""
+        from coilarray.electromagnetics.resistance import dc_resistance
+
+        return self._labelled(dc_resistance(self.conductors()), "resistance", "ohm")
+
+    def _repr_html_(self) -> str:
+        from coilarray.fabrication.drawings import array_html
+
+        return array_html(self.as_array())
+
+    def _labelled(self, values: FloatArray, name: str, unit: str) -> xr.DataArray:
+        """Label values by the names of the coils."""
+        import xarray as xr
+
+        coords = {dim: list(self.names) for dim in ("coil", "other")[: values.ndim]}
+        return xr.DataArray(values, coords, tuple(coords), name, {"units": unit} if unit else None)

@@ -1,11 +1,12 @@
-"""Fabrication rules as margins of each limit."""
+"""Fabrication rules as margins of each limit, and paths whose copper overlaps."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,17 @@ from coilarray.compute.threads import Recent
 from coilarray.errors import LARGEST, GeometryError, RuleViolationError
 from coilarray.geometry.arcs import place_in_mm
 from coilarray.geometry.array import Array, Placement
-from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of
+from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.copper import (
+    MITRE_LIMIT,
+    Drill,
+    copper_by_layer,
+    drills,
+    drills_of,
+    simple_outline,
+    trace_outline,
+)
+from coilarray.geometry.stackup import Stackup
 
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
@@ -38,7 +49,7 @@ _HORIZON = 10.0
 # Two places of one trace count as separate pieces if the way along the copper is at least this many
 # times the distance across. A corner of 39° or more, an arc or a straight run never is. Facing
 # turns and hairpins are.
-TRACE_DETOUR = 3.0
+_TRACE_DETOUR = 3.0
 # The same for a pad and the trace that leaves it. A right angle at the pad has 1.42.
 _PAD_DETOUR = 1.5
 
@@ -99,18 +110,7 @@ class FabRules:
                     raise GeometryError(f"{field.name} must be finite and not negative; got {number}{unit}.")
 
     def most_copper(self, layer: int, layers: int) -> float | None:
-        """Return the thickest copper of a layer.
-
-        Parameters
-        ----------
-        layer, layers : int
-            Position of the layer, counted from 0, and number of copper layers of the board.
-
-        Returns
-        -------
-        float or None
-            Thickness in m. None if there is no limit.
-        """
+        """Thickest copper in m of layer number `layer` of `layers`, None without a limit."""
         return self.max_inner_copper if 0 < layer < layers - 1 else self.max_outer_copper
 
 
@@ -226,12 +226,16 @@ def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple
     """Margins of all rules, the smallest first."""
     holes = tuple(pad for pad in drills(array) if pad.drilled)
     done, total = itertools.count(1), len(array.stackup.names) * len(array.placements)
-    margins = [*_board(array, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
-    margins += _hole_depths(array, holes, rules)
+    low, high = np.reshape(array.bounds, (2, 2))
+    margins = [*_of_board(array, holes, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
     for layer, copper in copper_by_layer(array).items():
-        margins += _edge_clearance(array, layer, copper, rules)
-        margins += clearances(layer, copper, rules)
-        nearest: dict[tuple[int, tuple[str, ...]], Gap | None] = {}  # equal coils: same gaps
+        for net, shape in copper.items():
+            xy = shapely.get_coordinates(shape)
+            inside = np.column_stack((xy - low, high - xy)).min(axis=1)
+            k = int(np.argmin(inside))
+            margins.append(_margin("edge clearance", layer, net, float(inside[k]), rules.min_edge_clearance, xy[k]))
+        margins += _clearances(layer, copper, rules)
+        nearest: dict[tuple[int, tuple[str, ...]], _Gap | None] = {}  # equal coils: same gaps
         for placement in array.placements:
             key = id(placement.coil), placement.layers
             if key not in nearest:
@@ -323,8 +327,8 @@ def _margin(
     return Margin(rule, layer, feature, margin, limit, value, x, y, unit)
 
 
-def _board(array: Array, rules: FabRules) -> Iterator[Margin]:
-    """Margins of layer count, copper thickness and board size."""
+def _of_board(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
+    """Margins of layer count, copper, board size, and the depths of holes."""
     stackup, count = array.stackup, len(array.stackup.names)
     if rules.max_layers is not None:
         yield _margin("layer count", "", "board", count, rules.max_layers, unit="")
@@ -336,18 +340,16 @@ def _board(array: Array, rules: FabRules) -> Iterator[Margin]:
         x_min, y_min, x_max, y_max = array.bounds
         for side, limit in zip(sorted((x_max - x_min, y_max - y_min)), sorted(rules.max_board), strict=True):
             yield _margin("board size", "", "board", side, limit)
-
-
-def _hole_depths(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Margins of the worst aspect ratio and of blind holes."""
     if holes and rules.max_aspect_ratio is not None:
-        span = array.stackup.span
-        ratios = [(span(hole.layers[0])[1] - span(hole.layers[-1])[0]) / hole.diameter for hole in holes]
+        ratios = [
+            (stackup.span(hole.layers[0])[1] - stackup.span(hole.layers[-1])[0]) / hole.diameter for hole in holes
+        ]
         k = int(np.argmax(ratios))
-        worst, place = holes[k], (holes[k].x, holes[k].y)
-        yield _margin("aspect ratio", worst.layers[0], worst.net, ratios[k], rules.max_aspect_ratio, place, unit="")
+        place = (holes[k].x, holes[k].y)
+        layer, net = holes[k].layers[0], holes[k].net
+        yield _margin("aspect ratio", layer, net, ratios[k], rules.max_aspect_ratio, place, unit="")
     if not rules.blind_holes:
-        blind = [hole for hole in holes if hole.layers != array.stackup.names]
+        blind = [hole for hole in holes if hole.layers != stackup.names]
         yield _margin("blind holes", "", "board", len(blind), 0, unit="")
 
 
@@ -393,17 +395,7 @@ def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[
             yield _margin("hole spacing", shared[0], feature, float(wall[k]), rules.min_hole_spacing, place)
 
 
-def _edge_clearance(array: Array, layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
-    """Margins of the nets from the board's edge."""
-    x_min, y_min, x_max, y_max = array.bounds
-    for net, shape in copper.items():
-        xy = shapely.get_coordinates(shape)
-        inside = np.column_stack((xy - (x_min, y_min), (x_max, y_max) - xy)).min(axis=1)
-        k = int(np.argmin(inside))
-        yield _margin("edge clearance", layer, net, float(inside[k]), rules.min_edge_clearance, xy[k])
-
-
-def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
+def _clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
     """Distances in m between the nets of a layer.
 
     Distances up to ten limits are measured. An overlap has the value −d.
@@ -418,38 +410,31 @@ def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> 
     for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
         bridge = shapely.shortest_line(shapes[a], shapes[b])
         value, place = float(shapely.length(bridge)), shapely.get_coordinates(bridge).mean(axis=0)
-        if value == 0:
-            depth, centre = _penetration(shapes[a], shapes[b])
-            value, place = -depth, place if centre is None else centre
+        if value == 0:  # diameter and centre of the largest circle in an overlap
+            parts = shapely.get_parts(shapely.intersection(shapes[a], shapes[b]))
+            parts = parts[shapely.area(parts) > 0]
+            if parts.size:
+                radii = shapely.maximum_inscribed_circle(parts, tolerance=KEPT_WITHIN / 10)
+                k = int(np.argmax(shapely.length(radii)))
+                value, place = -2 * float(shapely.length(radii[k])), shapely.get_coordinates(radii[k])[0]
         if value <= _HORIZON * rules.min_gap:
             yield _margin("clearance", layer, f"{nets[a]} – {nets[b]}", value, rules.min_gap, place)
 
 
-def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | None]:
-    """Diameter in m and centre of an overlap's largest circle."""
-    parts = shapely.get_parts(shapely.intersection(a, b))
-    parts = parts[shapely.area(parts) > 0]
-    if parts.size == 0:
-        return 0.0, None
-    radii = shapely.maximum_inscribed_circle(parts, tolerance=KEPT_WITHIN / 10)
-    k = int(np.argmax(shapely.length(radii)))
-    return 2 * float(shapely.length(radii[k])), shapely.get_coordinates(radii[k])[0]
-
-
-Gap = tuple[float, FloatArray]
+_Gap = tuple[float, FloatArray]
 """Edge-to-edge distance in m of two places of one net, and the place between them, shape (2,)."""
 
 
-def _gap_within(array: Array, placement: Placement, layer: str, limit: float) -> Gap | None:
+def _gap_within(array: Array, placement: Placement, layer: str, limit: float) -> _Gap | None:
     """Smallest gap between pieces of one net on a layer."""
     coil = placement.coil
     holes = [pad for pad in drills_of(array, placement) if layer in pad.layers]
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
-    found: list[Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
+    found: list[_Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
     for line, half in traces:
         found += _pads_to_trace(line, half, holes, limit)
-        found += [trace_to_itself(line, half, limit, within=_HORIZON * limit)]
-    found += [trace_to_trace(one, other, within=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
+        found += [_trace_to_itself(line, half, limit, within=_HORIZON * limit)]
+    found += [_trace_to_trace(one, other, within=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
     gaps = [gap for gap in found if gap is not None and gap[0] <= _HORIZON * limit]
     return min(gaps, key=lambda gap: gap[0], default=None)
 
@@ -458,9 +443,9 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
     return np.asarray(shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1)))
 
 
-def trace_to_trace(
+def _trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], within: float
-) -> Gap | None:
+) -> _Gap | None:
     """Smallest gap up to `within` (m) of two traces with half-widths."""
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + within)
@@ -472,7 +457,7 @@ def trace_to_trace(
     return float(gaps[k]), bridge.mean(axis=0)
 
 
-def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
+def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> _Gap | None:
     """Smallest gap up to `within` (m) of a trace to itself."""
     near = min(float(4 * half.max()), within)
     while (gap := _gap_to_itself(line, half, limit, near)) is None and near < within:
@@ -480,7 +465,7 @@ def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: fl
     return gap
 
 
-def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> Gap | None:
+def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> _Gap | None:
     """Gap up to `within` (m) of a trace, in one search."""
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
@@ -493,10 +478,10 @@ def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: flo
     length = np.hypot(*step.T)
     start = np.concatenate(([0.0], np.cumsum(length)))
     between = start[j] - start[i + 1]  # way from the end of segment i to the beginning of segment j
-    joined = TRACE_DETOUR * (copper + limit)
+    joined = _TRACE_DETOUR * (copper + limit)
     along = step / length[:, None]
     a, b, distance = _nearest_beyond(line[j] - line[i + 1], along[i], along[j], length[i], length[j], joined - between)
-    counts = (between + a + b >= TRACE_DETOUR * distance) & (distance <= copper + within)
+    counts = (between + a + b >= _TRACE_DETOUR * distance) & (distance <= copper + within)
     if not counts.any():
         return None
     k = int(np.argmin(np.where(counts, distance - copper, np.inf)))
@@ -560,7 +545,7 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
     return None
 
 
-def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[Gap]:
+def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[_Gap]:
     """Gaps between pads and traces that do not enter them."""
     for hole in holes:
         end = _end_at(line, hole)
@@ -580,7 +565,7 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
         yield float(distance[k]) - hole.pad / 2 - float(radius[k]), points[k] + t[k] * along[k]
 
 
-def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[Gap]:
+def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[_Gap]:
     """Gaps between pads of one net without a short trace."""
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
     for a, b in itertools.combinations(holes, 2):
@@ -590,3 +575,138 @@ def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> It
             for line, length in zip(lines, lengths, strict=True)
         ):
             yield math.hypot(a.x - b.x, a.y - b.y) - copper, np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])
+
+
+_NO_GAP = FabRules(min_gap=0.0)
+_JOINED = FabRules().min_gap  # the corners that the rules count as joined copper, by their default
+_ALIKE = 1e-9  # of a size: equal but for rounding
+
+
+@dataclass(frozen=True, eq=False)
+class _Trace:
+    """Consecutive flat bars of path number `path`, in m.
+
+    The centre line has the shape (n + 1, 2), the widths (n,). Traces of one `shape` are equal but
+    for the place. `closed` is True if the trace is the whole path and its end meets its beginning.
+    """
+
+    path: int
+    line: FloatArray
+    widths: FloatArray
+    z: float
+    thickness: float
+    closed: bool
+    shape: int
+
+    @cached_property
+    def outline(self) -> shapely.Polygon:
+        return trace_outline(self.line, self.widths)
+
+    def is_level_with(self, other: _Trace) -> bool:
+        return abs(self.z - other.z) < (0.5 - _ALIKE) * (self.thickness + other.thickness)
+
+
+_Place = tuple[_Trace, _Trace, float, float, float]
+"""Two traces (or one twice), their distance in m, negative for an overlap, and x and y in m."""
+
+
+def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = None) -> None:
+    """Raise GeometryError if flat bars overlap at one height.
+
+    Distances are measured as in `coilarray.geometry.check_rules`. Copper may overlap by up to 1 µm,
+    the tolerance of the rules, and the end of a path may meet its beginning. Bars that are not
+    flat, such as vias, are left out. With the `stackup` the error names the layer instead of the
+    height.
+
+    >>> bars = [Conductor([[0, y, 0], [1e-2, y, 0]], 2e-4, 35e-6, name=name) for name, y in (("A", 0), ("B", 1.5e-4))]
+    >>> require_apart(bars)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    coilarray.errors.GeometryError: copper of A – B overlaps on z 0 mm at (..., 0.075) mm, by 0.05 mm.
+    """
+    shapes: dict[bytes, int] = {}
+    traces = [trace for number, one in enumerate(conductors) for trace in _traces(number, one, shapes)]
+    for one, other, distance, x, y in itertools.chain(_within(traces), _between(traces)):
+        if distance <= -KEPT_WITHIN:
+            names = " – ".join(conductors[number].name for number in dict.fromkeys((one.path, other.path)))
+            layers = {} if stackup is None else {stackup.centre(name): f"layer {name}" for name in stackup.names}
+            at = layers.get(one.z, f"z {one.z * 1e3:.4g} mm")
+            raise GeometryError(
+                f"copper of {names} overlaps on {at} at {place_in_mm(x, y)}, by {-distance * 1e3:.4g} mm."
+            )
+
+
+def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iterator[_Trace]:
+    """Yield the flat runs of a path, recording their shapes."""
+    vertices, z = conductor.vertices, conductor.vertices[:, 2]
+    flat = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (conductor.widths > 0)
+    ends = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])))).tolist()
+    for start, stop in zip(ends[::2], ends[1::2], strict=True):
+        line, widths = vertices[start : stop + 1, :2], conductor.widths[start:stop]
+        closed = stop - start == len(flat) and np.hypot(*(line[-1] - line[0])) <= (widths[0] + widths[-1]) / 2
+        key = _steps(line - line[0], line).tobytes() + widths.tobytes()
+        thickness = float(conductor.thicknesses[start:stop].min())
+        yield _Trace(
+            number, line, widths, float(z[start]), thickness, bool(closed), shapes.setdefault(key, len(shapes))
+        )
+
+
+def _steps(way: FloatArray, line: FloatArray) -> FloatArray:
+    """Vectors in small fractions of a line's size, without −0."""
+    return np.asarray(np.round(way / (_ALIKE * np.abs(line - line[0]).max())) + 0.0)
+
+
+def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
+    """Yield nearest places of one path that face each other."""
+    for trace in {trace.shape: trace for trace in traces}.values():
+        # the cheaper of two that agree
+        if np.ptp(trace.widths) > 0 or simple_outline(trace.line, float(trace.widths[0])) is None:
+            for line, widths in _opened(trace) if trace.closed else [(trace.line, trace.widths)]:
+                gap = _trace_to_itself(line, widths / 2, _JOINED, within=0.0)
+                if gap is not None:
+                    yield trace, trace, gap[0], *gap[1].tolist()
+    for _, own in itertools.groupby(traces, key=lambda trace: trace.path):
+        for one, other in itertools.combinations(own, 2):
+            if one.is_level_with(other):
+                gap = _trace_to_trace((one.line, one.widths / 2), (other.line, other.widths / 2), within=0.0)
+                if gap is not None:
+                    yield one, other, gap[0], *gap[1].tolist()
+
+
+def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield a closed trace without either end.
+
+    End and beginning are joined to each other.
+    """
+    for line, widths in ((trace.line, trace.widths), (trace.line[::-1], trace.widths[::-1])):
+        step = np.diff(line, axis=0)
+        way = np.cumsum(np.hypot(*step.T))
+        left = _TRACE_DETOUR * (float(widths.max()) + _JOINED)
+        if left < way[-1]:
+            k = int(np.searchsorted(way, left, side="right"))
+            begin = line[k + 1] - (way[k] - left) / np.hypot(*step[k]) * step[k]
+            yield np.vstack((begin, line[k + 1 :])), widths[k:]
+
+
+def _between(traces: Sequence[_Trace]) -> Iterator[_Place]:
+    """Yield the places where traces of two paths meet.
+
+    Pairs with the same relative position are measured once.
+    """
+    margin = MITRE_LIMIT / 2 * np.array([trace.widths.max() for trace in traces])
+    low = np.array([trace.line.min(axis=0) for trace in traces]).reshape(-1, 2) - margin[:, None]
+    high = np.array([trace.line.max(axis=0) for trace in traces]).reshape(-1, 2) + margin[:, None]
+    boxes = np.array(shapely.box(*low.T, *high.T))
+    i, j = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+    seen = set()
+    for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
+        one, other = traces[a], traces[b]
+        if one.path == other.path or not one.is_level_with(other):
+            continue
+        alike = (one.shape, other.shape, *_steps(other.line[0] - one.line[0], one.line).tolist())
+        if alike in seen:
+            continue
+        seen.add(alike)
+        if shapely.dwithin(shapely.LineString(one.line), shapely.LineString(other.line), float(margin[a] + margin[b])):
+            for found in _clearances("", {"one": one.outline, "other": other.outline}, _NO_GAP):
+                if found.x is not None and found.y is not None:
+                    yield one, other, found.value, found.x, found.y

@@ -39,7 +39,7 @@ from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GeometryError, MetalError, NetworkError, require_finite
 from coilarray.geometry import FinitePlate, Plate
-from coilarray.geometry.answers import CurrentPaths
+from coilarray.geometry.conductor import CurrentPaths
 from coilarray.metal.plate_field import plate_field
 
 Termination = Literal["short", "open"]

@@ -13,7 +13,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.cli.maps import is_map, kept_table, read_ellipses, read_map
-from coilarray.compute.files import read_text
+from coilarray.compute.files import checked_rows, has_checksums, read_text
 from coilarray.errors import DamagedError, LocalizeError, shown
 
 if TYPE_CHECKING:
@@ -89,8 +89,6 @@ def _json_reading(text: str) -> Reading:
 
 
 def _csv_readings(content: str, path: Path) -> Iterator[Reading | LocalizeError]:
-    from coilarray.compute.checksum import checked_rows, has_checksums  # it loads NumPy
-
     try:
         rows = checked_rows(content, path) if has_checksums(content) else list(csv.reader(content.splitlines()))
     except DamagedError as error:

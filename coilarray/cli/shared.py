@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from coilarray.compute.files import is_own, write_atomically, write_text, writing
 from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, NetworkError, OutputError
 
 if TYPE_CHECKING:
@@ -45,23 +46,11 @@ def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *
             return None
         if suffixes:
             check_file(names[0], path, suffixes)
-        if path is not None and source is not None and source.name == "DEFAULT" and not _is_own(path):
+        if path is not None and source is not None and source.name == "DEFAULT" and not is_own(path):
             raise OutputError(f"{path} exists and is not from coilarray; name another file with {names[0]}.")
         return path
 
     return typer.Option(*names, help=text, callback=check)
-
-
-def _is_own(path: Path) -> bool:
-    """Test whether a file under a default name may be replaced: netCDF, or sealed as a calibration is."""
-    if not path.is_file():
-        return True
-    from coilarray.compute.checksum import has_seal  # it loads NumPy
-    from coilarray.compute.files import writing
-
-    with writing(path), path.open("rb") as file:
-        head = file.read(4)  # of a result that may be large
-        return head.startswith((b"\x89HDF", b"CDF")) or has_seal(head + file.read())
 
 
 def number_option(names: Sequence[str], low: float, high: float, text: str, *, above: bool = False) -> Any:
@@ -273,8 +262,6 @@ def require_new(path: Path, *, force: bool) -> None:
 
 def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
     """Refuse before any work a file that cannot be written."""
-    from coilarray.compute.files import writing
-
     if path is None:
         return
     if suffixes is not None and path.suffix.lower() not in suffixes:
@@ -291,8 +278,6 @@ def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -
 
 def check_folder(path: Path) -> None:
     """Refuse before any work a folder that cannot be written."""
-    from coilarray.compute.files import writing
-
     with writing(path):
         there = next(folder for folder in (path, *path.parents) if folder.exists())  # at last . or /
     if not there.is_dir():
@@ -303,7 +288,6 @@ def check_folder(path: Path) -> None:
 
 def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str]) -> None:
     """Write a dataset as netCDF, or its table as CSV."""
-    from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
 
     if out is not None and out.suffix.lower() == ".nc":
@@ -316,7 +300,6 @@ def draw(path: Path | None, plot: Callable[[], Figure | Axes]) -> None:
     """Draw a figure into a file, if one is given."""
     if path is None:
         return
-    from coilarray.compute.files import write_atomically
     from coilarray.viz.plots.style import save
 
     drawn = plot()

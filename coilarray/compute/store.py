@@ -21,8 +21,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coilarray.compute.checksum import canonical
-from coilarray.compute.files import FOLDER_VARIABLE, default_folder, make_folder, write_bytes, writing
+from coilarray.compute.files import FOLDER_VARIABLE, canonical, default_folder, make_folder, write_bytes, writing
 from coilarray.errors import OutputError
 
 if TYPE_CHECKING:

@@ -127,7 +127,7 @@ def export(
         write_step(array, target, name=design.name, sheets=covering)
     else:
         from coilarray.fabrication.solid_files import write_solids
-        from coilarray.geometry.solids import solids
+        from coilarray.geometry.copper import solids
 
         write_solids(solids(array, covering), target)
     return Exported(files, tuple(faults))

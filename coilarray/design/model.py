@@ -45,9 +45,9 @@ from coilarray.geometry import (
     Target,
     Unevenness,
 )
-from coilarray.geometry.answers import CurrentPaths
 from coilarray.geometry.arcs import Arc
 from coilarray.geometry.array import array_facts
+from coilarray.geometry.conductor import CurrentPaths
 from coilarray.geometry.connector import route_leads
 from coilarray.geometry.elastomer import Base, Strain
 from coilarray.geometry.spiral import Winding

@@ -25,7 +25,7 @@ from coilarray.design.keys import MM, entry_of, sections_of
 from coilarray.design.model import Design, DesignFile, build_design_file, design_of
 from coilarray.design.tables import SCHEMA, CircuitTable, Document, ReadoutTable, StateTable
 from coilarray.geometry import Array, FinitePlate, Plate, Sheet
-from coilarray.geometry.answers import CurrentPaths
+from coilarray.geometry.conductor import CurrentPaths
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # A list of plain values as tomli-w writes it, one value per line.

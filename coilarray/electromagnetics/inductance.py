@@ -19,7 +19,7 @@ from coilarray.electromagnetics.neumann import Accuracy as Accuracy
 from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry import Array, Conductor
 from coilarray.geometry.conductor import SMALLEST
-from coilarray.geometry.overlap import require_apart
+from coilarray.geometry.rules import require_apart
 
 _SCALE = MU_0 / (4 * np.pi)
 _SHORT = 1e-3  # length over distance below which a short series is more accurate than the closed forms

@@ -21,9 +21,8 @@ from coilarray.compute.extras import import_extra
 from coilarray.compute.files import require_suffix, write_atomically, write_bytes
 from coilarray.errors import OutputError
 from coilarray.geometry.array import Array
-from coilarray.geometry.copper import disc, drills
+from coilarray.geometry.copper import Prism, board_prisms, disc, drills, sheet_prisms
 from coilarray.geometry.elastomer import Sheet
-from coilarray.geometry.solids import Prism, board_prisms, sheet_prisms
 
 if TYPE_CHECKING:
     import trimesh
@@ -78,7 +77,7 @@ def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] =
     """Write a board and its sheets as STEP in mm.
 
     The file is an assembly of named and coloured parts, with the keys of
-    `coilarray.geometry.solids` and z = 0 at the top of the top copper. Barrels, drilled holes and
+    `coilarray.geometry.copper` and z = 0 at the top of the top copper. Barrels, drilled holes and
     the free edges of pads are true cylinders. Everything else has flat faces, also the arcs of
     traces, as made by `faceted_prisms`.
     """

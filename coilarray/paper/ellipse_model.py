@@ -38,7 +38,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.checksum import checksum
+from coilarray.compute.files import checksum
 from coilarray.errors import LocalizeError
 from coilarray.paper.ellipse import PARAMETERS, Ellipse
 

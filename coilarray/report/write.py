@@ -11,7 +11,7 @@ import xarray as xr
 
 from coilarray import viz
 from coilarray.circuit.coupling import provenance, terminations_of
-from coilarray.compute.files import make_folder, write_bytes, write_text, writing
+from coilarray.compute.files import is_own, make_folder, write_bytes, write_text
 from coilarray.compute.netcdf import netcdf_of
 from coilarray.compute.table import Group, Section, Table, Warn, html_card, html_table
 from coilarray.compute.threads import Progress, threads
@@ -26,8 +26,6 @@ from coilarray.report.page import html_page, now, provenance_section
 from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, both_planes, lead, model_words
 from coilarray.report.summary import summary_table, verdicts
 from coilarray.response.dataset import coils_outside
-
-_GENERATOR = b'name="generator" content="coilarray"'  # in the first bytes of every page
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +113,8 @@ def write_report(
     folder = Path(where)
     make_folder(folder)  # a folder that cannot be written is known before the work begins
     target = folder / "report.html"
-    if target.is_file():
-        with writing(target), target.open("rb") as earlier:
-            head = earlier.read(500)
-        if _GENERATOR not in head:
-            raise OutputError(f"{target} exists and is not a report of coilarray; move it, or choose another folder.")
+    if not is_own(target):
+        raise OutputError(f"{target} exists and is not a report of coilarray; move it, or choose another folder.")
     made: dict[str, Section] = {}
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:

@@ -18,8 +18,7 @@ import tomli_w
 import xarray as xr
 from pydantic import Field, model_validator
 
-from coilarray.compute.checksum import sealed, unsealed
-from coilarray.compute.files import write_bytes
+from coilarray.compute.files import sealed, unsealed, write_bytes
 from coilarray.design.keys import Table
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DamagedError, HardwareError, require_positive

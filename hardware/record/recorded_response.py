@@ -15,7 +15,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.arrays import BoolArray, FloatArray
-from coilarray.compute.checksum import with_checksums
+from coilarray.compute.files import with_checksums
 from coilarray.compute.netcdf import variables
 from coilarray.design.scan_states import referenced_names
 from coilarray.errors import HardwareError

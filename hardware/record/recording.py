@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from coilarray.compute.checksum import checksum
+from coilarray.compute.files import checksum
 from coilarray.design.model import Design, build_design
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault, read_scan

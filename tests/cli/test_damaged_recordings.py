@@ -8,7 +8,7 @@ from support.command_line import runner, successes
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import changed
 
-from coilarray.compute.checksum import sealed, with_checksums
+from coilarray.compute.files import sealed, with_checksums
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import open_recording
 

@@ -19,7 +19,7 @@ from support.refusals import refused
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 from coilarray.fabrication.solid_files import faceted_prisms, write_step
 from coilarray.geometry import Array, Placement, Sheet, drills, path_coil, solids
-from coilarray.geometry.solids import board_prisms, sheet_prisms
+from coilarray.geometry.copper import board_prisms, sheet_prisms
 
 pytestmark = pytest.mark.slow
 

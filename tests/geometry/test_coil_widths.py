@@ -23,9 +23,8 @@ from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.coil import path_coil
-from coilarray.geometry.copper import copper_by_layer, copper_features, drills, trace_outline, uniform_runs
+from coilarray.geometry.copper import copper_by_layer, copper_features, drills, solids, trace_outline, uniform_runs
 from coilarray.geometry.rules import FabRules, check_rules
-from coilarray.geometry.solids import solids
 from coilarray.geometry.spiral import Spiral
 
 ROUNDING = 1e-12  # relative, or m on a board of centimetres: a few operations in float64

@@ -23,8 +23,7 @@ from coilarray import (
     path_coil,
 )
 from coilarray.errors import GeometryError
-from coilarray.geometry.overlap import require_apart
-from coilarray.geometry.rules import KEPT_WITHIN
+from coilarray.geometry.rules import KEPT_WITHIN, require_apart
 
 WIDTH = 1e-3
 BAR = path_coil([[(0, 0), (10e-3, 0)]], WIDTH, WIDTH, VIA)

@@ -17,8 +17,7 @@ from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import forward_model, table_grid, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information
-from coilarray.localize.inverse import deviance, locate, locate_all
-from coilarray.localize.search import refine
+from coilarray.localize.inverse import deviance, locate, locate_all, refine
 from coilarray.response.map import MapAccuracy, response_map
 
 pytestmark = pytest.mark.slow

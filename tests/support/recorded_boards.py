@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 import tomli_w
 
-from coilarray.compute.checksum import unsealed
+from coilarray.compute.files import unsealed
 from coilarray.design.model import build_design
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock

@@ -7,8 +7,7 @@ import pytest
 import shapely
 from support.boards import SHEETS, reference_board
 
-from coilarray.geometry.copper import copper_features, drills
-from coilarray.geometry.solids import solids
+from coilarray.geometry.copper import copper_features, drills, solids
 from coilarray.viz.datasets.elastomer import sheet_meshes
 from coilarray.viz.datasets.field import field_grid
 from coilarray.viz.datasets.meshes import barrel_mesh, board_mesh, copper_mesh

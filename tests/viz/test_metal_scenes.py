@@ -11,7 +11,7 @@ from coilarray import load_design
 from coilarray.design.vary import vary
 from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Ball, Disc, FinitePlate, Plate, Ring, Target
-from coilarray.geometry.solids import plate_solid
+from coilarray.geometry.copper import plate_solid
 from coilarray.response.target import target_map
 from coilarray.viz.datasets.field import EDDY, EDDY_AMOUNT, field_lines
 from coilarray.viz.scenes import field as fields

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from coilarray.geometry import Ball, FinitePlate, Plate
 from coilarray.geometry.bodies import Body
-from coilarray.geometry.solids import plate_solid
+from coilarray.geometry.copper import plate_solid
 
 if TYPE_CHECKING:
     import pyvista

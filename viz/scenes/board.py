@@ -13,8 +13,8 @@ import numpy.typing as npt
 from coilarray.compute.display_units import true_minus
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import Array
+from coilarray.geometry.copper import board_solids, sheet_solids
 from coilarray.geometry.elastomer import Indenter, Sheet
-from coilarray.geometry.solids import board_solids, sheet_solids
 from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh, sheet_meshes
 from coilarray.viz.datasets.meshes import MM_PER_M, barrel_mesh, board_mesh, copper_mesh, surface_of
 from coilarray.viz.datasets.results import at_depth

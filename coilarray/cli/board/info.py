@@ -24,7 +24,7 @@ from coilarray.cli.shared import (
     write_numbers,
 )
 from coilarray.compute.display_units import PER_MILLION
-from coilarray.compute.files import read_text
+from coilarray.compute.files import checked_rows, has_checksums, has_seal, read_text, unsealed
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -132,8 +132,6 @@ def _verify(path: Path, *, as_json: bool) -> None:
             recording.check()
             scans, checksums, without = f"{recording.count()} scans, which ", True, ""
     else:
-        from coilarray.compute.checksum import checked_rows, has_checksums, has_seal, unsealed
-
         try:
             if path.suffix.lower() != ".csv":
                 if checksums := has_seal(content := path.read_bytes()):
