@@ -62,7 +62,7 @@ def studio(
     if not where.is_dir():
         raise OutputError(f"--folder must be a folder; got {where}.")
     live = LiveOptions(BoardOptions(board, wiring, settings=settings))
-    from coilarray.viz.studio.access import LOOPBACK, Address, bind, check_studio
+    from coilarray.viz.studio.services import LOOPBACK, Address, bind, check_studio
 
     address = Address(LOOPBACK if host is None else host, port, alone=host is None)
     check_studio()

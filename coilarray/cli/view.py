@@ -198,8 +198,7 @@ def _kind(out: Path | None) -> Kind:
 
 def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, int]]) -> None:
     """Refuse before a long computation what this machine cannot show."""
-    from coilarray.viz.scenes.page import check_page
-    from coilarray.viz.scenes.pictures import check_movie, check_rendering, check_window
+    from coilarray.viz.scenes.pictures import check_movie, check_page, check_rendering, check_window
 
     if kind == "page":
         check_page()
@@ -213,7 +212,7 @@ def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, in
 
 def _write_film(design: Design, out: Path, side: Side, pixels: dict[str, tuple[int, int]], depth: float | None) -> None:
     """Write the film of an indenter that moves along x."""
-    from coilarray.viz.scenes.touch import touch_along
+    from coilarray.viz.scenes.design import touch_along
 
     with shared.progress_bar("response") as progress:
         touch = touch_along(design, count=_FRAMES, depth=depth, progress=progress)
@@ -249,8 +248,8 @@ def _write_field(
     from coilarray.circuit.coupling import couple_design, operating_field
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
-    from coilarray.viz.datasets.field import field_grid
     from coilarray.viz.datasets.meshes import vtk_text
+    from coilarray.viz.datasets.results import field_grid
 
     if distance is not None:
         from coilarray.response.target import with_target_as_plate

@@ -49,7 +49,7 @@ def board_picture(design: Design) -> list[Picture]:
 def board_page(design: Design) -> str | None:
     """Return a page with a turnable board, None without PyVista."""
     from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
-    from coilarray.viz.scenes.page import scene_page
+    from coilarray.viz.scenes.pictures import scene_page
 
     try:
         return scene_page(

@@ -13,7 +13,7 @@ from coilarray.report.optimization import write_optimization_report
 from coilarray.studies.optimize import optimize_with, parse_goal, write_optimization
 from coilarray.studies.optimize.run import result_data, trial_text
 from coilarray.studies.quantities import evaluate
-from coilarray.viz.plots.optimize import plot_convergence
+from coilarray.viz.plots.studies import plot_convergence
 
 GOAL = """
 schema = 1

@@ -22,7 +22,7 @@ from coilarray.design.model import build_design, build_design_file, load_design_
 from coilarray.errors import MissingDependencyError
 from coilarray.localize.forward import table_grid
 from coilarray.response.dataset import on_board, origin_attributes
-from coilarray.viz.studio.access import check_studio
+from coilarray.viz.studio.services import check_studio
 from support.patience import PATIENCE, until
 
 HERE = Path(__file__).parent
@@ -389,9 +389,8 @@ def steady_board(request, link):
 def main():
     """Serve a studio with the stand-ins."""
     from coilarray.viz.studio import design, numbers, server, view
-    from coilarray.viz.studio.access import LOOPBACK, Address, bind
     from coilarray.viz.studio.server import serve
-    from coilarray.viz.studio.services import Services
+    from coilarray.viz.studio.services import LOOPBACK, Address, Services, bind
     from coilarray.viz.studio.work import Shelf, work_on
 
     parser = argparse.ArgumentParser()

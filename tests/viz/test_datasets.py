@@ -8,9 +8,8 @@ import shapely
 from support.boards import SHEETS, reference_board
 
 from coilarray.geometry.copper import copper_features, drills, solids
-from coilarray.viz.datasets.elastomer import sheet_meshes
-from coilarray.viz.datasets.field import field_grid
-from coilarray.viz.datasets.meshes import barrel_mesh, board_mesh, copper_mesh
+from coilarray.viz.datasets.meshes import barrel_mesh, board_mesh, copper_mesh, sheet_meshes
+from coilarray.viz.datasets.results import field_grid
 
 COPPER, DIELECTRIC = 35e-6, 0.215e-3
 

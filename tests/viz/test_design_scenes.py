@@ -15,11 +15,18 @@ from coilarray.errors import CoilarrayError, ElastomerError, GeometryError, Loca
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.dataset import on_board, origin_attributes
-from coilarray.viz.datasets.field import AMOUNT
-from coilarray.viz.datasets.results import COUPLING, DELTA
+from coilarray.viz.datasets.results import AMOUNT, COUPLING, DELTA
 from coilarray.viz.scenes.design import ITEMS, View, scene_of_design
-from coilarray.viz.scenes.field import Span, count_of, field_box, field_planes, line_seeds, points_of_box
-from coilarray.viz.scenes.results import CURRENT, scene_of_location
+from coilarray.viz.scenes.results import (
+    CURRENT,
+    Span,
+    count_of,
+    field_box,
+    field_planes,
+    line_seeds,
+    points_of_box,
+    scene_of_location,
+)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from coilarray.electromagnetics.field import grid_points, magnetic_field, vector_potential
 from coilarray.errors import GeometryError
-from coilarray.viz.datasets import field
+from coilarray.viz.datasets import results as field
 from coilarray.viz.datasets.meshes import surface_of
 
 RADIUS = 8e-3

@@ -15,9 +15,9 @@ from coilarray.design.vary import vary
 from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
 from coilarray.response.map import response_map
 from coilarray.viz.offscreen import NO_RENDERING
+from coilarray.viz.scenes.design import touch_along
 from coilarray.viz.scenes.pictures import save_movie
 from coilarray.viz.scenes.scene import Part, Scene
-from coilarray.viz.scenes.touch import touch_along
 
 renders = pytest.mark.usefixtures("rendering")
 SIZE = (160, 90)
@@ -36,7 +36,7 @@ def parts_of(scene):
 @pytest.mark.slow
 def test_a_touch_has_the_response_along_its_way(design, monkeypatch):
     ideal_map = functools.partial(response_map, imperfections=IDEAL)  # the true circuit takes seconds
-    monkeypatch.setattr("coilarray.viz.scenes.touch.response_map", ideal_map)
+    monkeypatch.setattr("coilarray.viz.scenes.design.response_map", ideal_map)
     touch = touch_along(design, count=5, depth=0.6e-3)
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
     np.testing.assert_allclose(touch.places[:, 0], np.linspace(outlines[:, 0].min(), outlines[:, 0].max(), 5))

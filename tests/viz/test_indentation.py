@@ -12,7 +12,7 @@ from support.plot_results import DENT, curves, dents, flat
 
 from coilarray import viz
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid
-from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh, indenter_outline
+from coilarray.viz.datasets.meshes import dented_sheet_meshes, indenter_mesh, indenter_outline
 
 HEIGHTS = np.array([0.0, 6e-3, 8e-3])
 EXTENT = (-20e-3, -12e-3, 25e-3, 14e-3)

@@ -13,9 +13,9 @@ from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Ball, Disc, FinitePlate, Plate, Ring, Target
 from coilarray.geometry.copper import plate_solid
 from coilarray.response.target import target_map
-from coilarray.viz.datasets.field import EDDY, EDDY_AMOUNT, field_lines
-from coilarray.viz.scenes import field as fields
+from coilarray.viz.datasets.results import EDDY, EDDY_AMOUNT, field_lines
 from coilarray.viz.scenes import metal
+from coilarray.viz.scenes import results as fields
 from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
 from coilarray.viz.scenes.metal import WorkingPoint, around_board, eddies_of_plates
 

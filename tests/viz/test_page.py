@@ -14,7 +14,7 @@ from support.patience import until
 
 from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes.page import save_page
+from coilarray.viz.scenes.pictures import save_page
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider, Text
 
 pytestmark = pytest.mark.slow

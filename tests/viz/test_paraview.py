@@ -5,8 +5,8 @@ import pytest
 import pyvista
 
 from coilarray.errors import OutputError
-from coilarray.viz.datasets.field import field_grid
-from coilarray.viz.scenes.paraview import save_vtk
+from coilarray.viz.datasets.results import field_grid
+from coilarray.viz.scenes.pictures import save_vtk
 from coilarray.viz.scenes.scene import Part, Scene
 
 

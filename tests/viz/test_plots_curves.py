@@ -10,7 +10,7 @@ from support.plot_results import curves, legend
 
 from coilarray.compute.display_units import DisplayUnit
 from coilarray.viz.plots import circuit as circuits
-from coilarray.viz.plots import sweep as sweeps
+from coilarray.viz.plots import studies as sweeps
 from coilarray.viz.plots.response import plot_bell_curve, plot_response, plot_target, response_figure, target_figure
 from coilarray.viz.plots.style import axis_unit
 

@@ -30,18 +30,16 @@ from coilarray.response.dataset import on_board
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
+from coilarray.viz.scenes.design import off_middle
 from coilarray.viz.scenes.scene import Part, Scale, Scene
-from coilarray.viz.scenes.touch import off_middle
-from coilarray.viz.studio import metal, numbers, structure, studies
+from coilarray.viz.studio import metal, numbers, runs, structure
 from coilarray.viz.studio.design import choices_of
-from coilarray.viz.studio.drawing import delta_bars, drawing, location_marks, top_view
-from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.runs import read_runs, run_folders, run_lines, run_of
 from coilarray.viz.studio.switches import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.touch import touched
-from coilarray.viz.studio.view import _legend
-from coilarray.viz.studio.work import MOST_COILS, Shelf, work_on
+from coilarray.viz.studio.view import _legend, delta_bars, drawing, location_marks, top_view
+from coilarray.viz.studio.work import MOST_COILS, Shelf, entries_of, number_of, text_of, work_on
 
 WOUND = "coils.hexagon.winding_layers"
 OPENED = load_design_file("starter")
@@ -236,7 +234,7 @@ def test_runs_are_read_as_they_were_written(tmp_path):
 @pytest.mark.slow
 def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, monkeypatch):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
-    monkeypatch.setattr(studies, "_EVERY", 0.0)
+    monkeypatch.setattr(runs, "_SENT_EVERY", 0.0)
     told = []
 
     def link(*progress):
@@ -244,15 +242,15 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
 
     link.send = told.append
     axes = ["array.pitch_mm=12,-1,6", "array.columns=2,3"]
-    found = studies.sweep_entries(OPENED.document, "starter", axes, ["span_mm"], link)
+    found = runs.sweep_entries(OPENED.document, "starter", axes, ["span_mm"], link)
     assert [one for one in told if isinstance(one, tuple)][-1] == (6, 6)
-    head, rows = studies.sweep_rows(found)
+    head, rows = runs.sweep_rows(found)
     assert head == ["array.pitch_mm", "array.columns", "span_mm", "fab_broken"]
     assert [row["point"] for row in rows] == [0, 1, None, None, 4, 5]  # no pitch is negative
     assert all(row["reason"] and row["cells"][2] == "–" for row in rows[2:4])
     assert [row["broken"] for row in rows] == [False, False, False, False, True, True]  # at 6 mm copper overlaps
     assert rows[4]["reason"] == "it breaks fabrication rules"
-    partial = [studies.sweep_rows(one)[1] for one in told if isinstance(one, studies.SweepResult)]
+    partial = [runs.sweep_rows(one)[1] for one in told if isinstance(one, runs.SweepResult)]
     assert [len(some) for some in partial] == [1, 2, 3, 4, 5, 6]
     work = work_on(OPENED, "starter")
     for row in (rows[0], rows[5]):
@@ -260,7 +258,7 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
         span = evaluate(taken.design, ["span_mm"])["span_mm"]
         assert float(row["cells"][2]) == pytest.approx(span, rel=1e-5)  # shown with six digits
     for entry in entries_of(OPENED):
-        axis = parse_axis(f"{entry.key}={studies.axis_text(entry)}")  # what is offered can be read
+        axis = parse_axis(f"{entry.key}={runs.axis_text(entry)}")  # what is offered can be read
         assert min(axis.values) <= entry.value <= max(axis.values)
 
 
@@ -273,7 +271,7 @@ def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
         "sample_yield": ("limit", [0.875]),
     }
     coords = {"output": ["worst_k", "span_mm"], "contributor": ["etch.L1", "etch.L2"], "limit": ["worst_k ≤ 0.1"]}
-    assert [row["cells"] for row in studies.tolerance_rows(xr.Dataset(two, coords))[1]] == [
+    assert [row["cells"] for row in runs.tolerance_rows(xr.Dataset(two, coords))[1]] == [
         ["worst_k", "−0.08", "7.11·10⁻⁵", "0.0123", "etch.L2 (75 %)"],
         ["span_mm", "5", "0", "0", "no error"],
         ["worst_k ≤ 0.1", "", "", "", "yield 87.5 %"],

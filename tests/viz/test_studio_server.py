@@ -23,11 +23,11 @@ from coilarray.cli.board.options import BoardOptions
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file
 from coilarray.errors import OutputError
-from coilarray.viz.studio.access import LOOPBACK, Address, bind, refusal, security_headers
-from coilarray.viz.studio.services import BoardRequest
+from coilarray.viz.studio.services import LOOPBACK, Address, BoardRequest, bind
 
 aiohttp = pytest.importorskip("aiohttp")
 msgpack = pytest.importorskip("msgpack")
+server = pytest.importorskip("coilarray.viz.studio.server")
 needs_studio = pytest.mark.usefixtures("studio_libraries")
 
 run, refused = runner("studio")
@@ -41,7 +41,7 @@ def problem(address, path="/", *, token=ALONE.token, host="127.0.0.1:80", **head
     from aiohttp.test_utils import make_mocked_request
 
     named = {name.replace("_", "-"): value for name, value in {"Host": host, **headers}.items()}
-    return refusal(make_mocked_request("GET", f"{path}?token={token}", headers=named), address, COOKIE)
+    return server.refusal(make_mocked_request("GET", f"{path}?token={token}", headers=named), address, COOKIE)
 
 
 @pytest.mark.parametrize("path", ["/", "/open/tab", "/ws/x", "/vue.global.js"])
@@ -70,14 +70,14 @@ def test_another_site_may_link_to_the_page_and_use_nothing_of_it(site):
 
 
 def test_only_the_studio_may_run_scripts_and_only_a_name_gets_a_socket():
-    policy = security_headers("lab.example:80")["Content-Security-Policy"]
+    policy = server.security_headers("lab.example:80")["Content-Security-Policy"]
     assert policy.startswith("default-src 'self';")
     assert "frame-ancestors 'none'" in policy
     assert "http:" not in policy
     assert "https:" not in policy
     assert policy.endswith("; connect-src 'self' ws://lab.example:80 wss://lab.example:80")
     for name in ("a b", "a;script-src *", "*", "[::1"):
-        assert security_headers(name)["Content-Security-Policy"].endswith("; connect-src 'self'")
+        assert server.security_headers(name)["Content-Security-Policy"].endswith("; connect-src 'self'")
 
 
 @pytest.fixture(scope="module")

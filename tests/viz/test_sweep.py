@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from matplotlib.collections import QuadMesh
 
-from coilarray.viz.plots.sweep import MOST_PANELS, sweep_figure
+from coilarray.viz.plots.studies import MOST_PANELS, sweep_figure
 
 PITCH = ("array.pitch_mm", [10.0, 12.0, 14.0, 16.0], {"units": "mm", "design_value": 13.0})
 COLUMNS = ("array.columns", [2, 3, 6], {"units": "1", "design_value": 9})

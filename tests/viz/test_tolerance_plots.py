@@ -10,7 +10,7 @@ from support.tolerance_boards import loops
 
 from coilarray.report import tables
 from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
-from coilarray.viz.plots.tolerance import tolerance_figure
+from coilarray.viz.plots.studies import tolerance_figure
 
 K, L = "k[upper,lower]", "inductance_uH[upper]"
 SPREADS = {"etch": Spread(board=1e-6, layer=2e-6), "dielectric": Spread("uniform", board=0.01)}

@@ -15,8 +15,16 @@ from coilarray.errors import GeometryError
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import board_solids, sheet_solids
 from coilarray.geometry.elastomer import Indenter, Sheet
-from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh, sheet_meshes
-from coilarray.viz.datasets.meshes import MM_PER_M, barrel_mesh, board_mesh, copper_mesh, surface_of
+from coilarray.viz.datasets.meshes import (
+    MM_PER_M,
+    barrel_mesh,
+    board_mesh,
+    copper_mesh,
+    dented_sheet_meshes,
+    indenter_mesh,
+    sheet_meshes,
+    surface_of,
+)
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, METAL, SHEETS, cycled
 from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Text

@@ -22,8 +22,8 @@ from coilarray.metal.finite_plates import eddy_currents
 from coilarray.metal.plate_field import plate_currents
 from coilarray.response.setup import target_of
 from coilarray.response.target import target_map
-from coilarray.viz.datasets.field import EDDY_AMOUNT, Eddies, eddy_arrows
 from coilarray.viz.datasets.meshes import body_mesh, plate_mesh, surface_of
+from coilarray.viz.datasets.results import EDDY_AMOUNT, Eddies, eddy_arrows
 from coilarray.viz.palette import METAL, METALS, cycled
 from coilarray.viz.scenes.board import Box
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider

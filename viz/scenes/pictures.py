@@ -1,24 +1,34 @@
-"""Scenes as pictures, films (GIF, MP4) and windows."""
+"""Scenes as pictures, films, windows, web pages and VTK files."""
 
 from __future__ import annotations
 
+import base64
+import io
+import json
+import re
+import shutil
+import tempfile
+import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.extras import import_extra
-from coilarray.compute.files import write_atomically
+from coilarray.compute.files import hidden_prefix, remove_left, write_atomically, write_text, writing
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.viz.offscreen import rendering_problem, silent_screen, window_problem, without_screen
+from coilarray.viz.datasets.meshes import VTK_SUFFIXES, vtk_text
+from coilarray.viz.offscreen import rendering_problem, require_pyvista, silent_screen, window_problem, without_screen
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.draw import draw, draw_parts, font_file, pixel_of, text_name
-from coilarray.viz.scenes.scene import Scene, Side
+from coilarray.viz.scenes.draw import actor_of, bar_of, draw, draw_parts, font_file, gradient, pixel_of, text_name
+from coilarray.viz.scenes.scene import SIDES, Part, Scale, Scene, Side, aim
 
 SIZE = (1600, 900)
 """Default width and height of a picture in pixels."""
@@ -251,3 +261,192 @@ def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]
         letters = {"font_size": 7, "color": INK, "font_file": font_file()}  # PyVista's points have two pixels
         plotter.add_text(group, position=(_RIM + 1.5 * _BOX, y), name=f"name of switch {group}", **letters)
     return switches
+
+
+_SIZE = (1600, 900)  # size of the picture to which line widths refer
+_STOPS = 32  # colours of a bar
+_THIN = 2.0  # line width above which a line becomes a tube, as browsers draw all lines one pixel wide
+_SIDES = 8  # sides of such a tube
+_ICONS = re.compile(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*")
+# The browser contacts no host, whatever the viewer may try.
+_POLICY = (
+    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:\">"
+)
+
+
+def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
+    """Write a scene as a web page.
+
+    The text comes from `scene_page`. Raises MissingDependencyError if trame-vtk is not installed.
+    Raises OutputError if the file cannot be written.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that is shown.
+    path, title : Path and str
+        File to write, which appears only when it is complete, and title of the page.
+    side : {"oblique", "top", "front", "right"}
+        Side from which it is seen first.
+    """
+    write_text(path, scene_page(scene, title=title, side=side))
+
+
+def scene_page(scene: Scene, *, title: str = "coilarray", side: Side = "oblique") -> str:
+    """Make a web page with a scene to turn, or raise MissingDependencyError."""
+    from jinja2 import Environment, PackageLoader
+    from markupsafe import escape
+
+    viewer = _viewer()
+    loader = PackageLoader("coilarray.viz", "scenes")
+    template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True).get_template("page.html.j2")
+    texts = sorted(scene.texts, key=lambda text: not text.always)  # the first text stays if two overlap
+    keys = ("text", "position", "height", "bold", "group")
+    addition = template.render(
+        title=title,
+        ink=INK,
+        groups={group: gradient(colours) for group, colours in scene.groups.items()},
+        notes=scene.notes,
+        texts=[{**{key: getattr(text, key) for key in keys}, "hiddenFrom": text.hidden_from} for text in texts],
+        group_of_actor=[part.group for part in scene.parts],
+        step_of_actor=[part.step for part in scene.parts],
+        slider=None if scene.slider is None else asdict(scene.slider),
+        bars=[_bar(scale) for scale in scene.scales],
+        views={name: _view(scene, name) for name in SIDES},
+        first_side=side,
+        data=base64.b64encode(_archive(scene)).decode("ascii"),
+    )
+    head, body = viewer.split("</body>")
+    head = re.sub("<title>.*?</title>", lambda _: f"<title>{escape(title)}</title>{_POLICY}", head, count=1)
+    return _ICONS.sub("data:,", head) + addition + "</body>" + body
+
+
+def check_page() -> None:
+    """Raise MissingDependencyError before a scene is made for a page."""
+    require_pyvista("pages", "3d")
+    _viewer()
+
+
+def _viewer() -> str:
+    """Page of trame-vtk that shows scenes of vtk.js."""
+    tools = import_extra("trame_vtk.tools.vtksz2html", "pages", package="trame-vtk", extra="3d")
+    text = Path(tools.HTML_VIEWER_PATH).read_text(encoding="utf-8")
+    if text.count("</body>") != 1 or "OfflineLocalView" not in text:
+        raise MissingDependencyError(
+            "pages need a trame-vtk whose viewer this version knows; install trame-vtk 2.8 to 2.11."
+        )
+    return text
+
+
+def _archive(scene: Scene) -> bytes:
+    """Meshes and colours in the format of the viewer."""
+    from vtkmodules.vtkRenderingCore import vtkRenderer
+
+    serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="3d")
+    serializers.initialize_serializers()
+    camera = aim(scene.bounds, _SIZE, "oblique")
+    renderer = vtkRenderer()
+    renderer.SetBackground(1.0, 1.0, 1.0)
+    for part in scene.parts:
+        renderer.AddActor(actor_of(_thick(part, 2 * camera.scale / _SIZE[1])))
+    context = serializers.SynchronizationContext()
+    name = serializers.reference_id(renderer)
+    window: dict[str, Any] = {
+        "parent": "0x0",
+        "id": "window",
+        "type": "vtkRenderWindow",
+        "properties": {"numberOfLayers": 1},
+        "dependencies": [serializers.serialize(None, renderer, name, context, 0)],
+        "calls": [["addRenderer", [f"instance:${{{name}}}"]]],
+        "mtime": 1,
+    }
+    arrays = {}
+    for array in serializers.extract_array_hash(window):
+        arrays[array["hash"]] = {**array, "content": context.get_cached_data_array(array["hash"], False)}
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("index.json", json.dumps({"scene": window, "hashes": arrays}))
+    return buffer.getvalue()
+
+
+def _thick(part: Part, mm_per_pixel: float) -> Part:
+    """Turn thick lines into tubes."""
+    mesh: Any = part.mesh
+    if part.line_width <= _THIN or not getattr(mesh, "n_lines", 0):
+        return part
+    tube = mesh.tube(radius=part.line_width * mm_per_pixel / 2, n_sides=_SIDES, capping=True)
+    return replace(part, mesh=tube)
+
+
+def _view(scene: Scene, side: Side) -> dict[str, Any]:
+    """Camera for a side in the script's terms."""
+    camera = aim(scene.bounds, _SIZE, side)
+    position, focus, up = (np.array(one) for one in (camera.position, camera.focus, camera.up))
+    distance = float(np.linalg.norm(position - focus))
+    out = (position - focus) / distance
+    box = np.array(scene.bounds).reshape(3, 2)
+    corners = np.stack(np.meshgrid(*box), axis=-1).reshape(-1, 3)
+    extent = np.ptp(corners @ np.column_stack((np.cross(up, out), up)), axis=0)
+    return {
+        "middle": focus.tolist(), "out": out.tolist(), "up": up.tolist(), "distance": distance,
+        "extent": extent.tolist(),
+    }  # fmt: skip
+
+
+def _bar(scale: Scale) -> dict[str, Any]:
+    """Title, colours and numbers of a colour bar."""
+    title, colours, numbers = bar_of(scale, _STOPS)
+    places = np.linspace(0.0, 100.0, len(numbers)).tolist()
+    ticks = [{"at": at, "text": text} for at, text in zip(places, numbers, strict=True)]
+    return {"title": title, "colours": gradient(colours, "top"), "ticks": ticks}
+
+
+_UNSAFE = re.compile(r"[^0-9A-Za-z._-]+")
+
+
+def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
+    """Write a scene for ParaView, lengths in mm.
+
+    Raises OutputError if the files cannot be written. Earlier files are kept then.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to write, with its arrays in SI units and without its colours.
+    path : Path
+        Multi-block file, .vtm. The files of its parts (.vtp, .vtu or .vtr) are in the folder of
+        this name beside it.
+
+    Returns
+    -------
+    tuple of Path
+        The folder and the file.
+    """
+    files = [
+        f"{path.stem}/{k:02d}_{_UNSAFE.sub('_', part.name)}{VTK_SUFFIXES[type(part.mesh).__name__]}"
+        for k, part in enumerate(scene.parts)
+    ]
+    blocks = [
+        f"<DataSet index={quoteattr(str(k))} name={quoteattr(part.name)} file={quoteattr(file)}/>\n"
+        for k, (part, file) in enumerate(zip(scene.parts, files, strict=True))
+    ]
+    kind = "vtkMultiBlockDataSet"
+    index = f'<VTKFile type="{kind}" version="1.0">\n<{kind}>\n{"".join(blocks)}</{kind}>\n</VTKFile>\n'
+    folder, placed = path.parent, (path.with_suffix(""), path)
+    if placed[0].exists() and not path.exists():
+        raise OutputError(f"cannot write {path}: there is a folder {placed[0]}, which is not of such a file.")
+    with (
+        writing(f"into {folder}"),
+        tempfile.TemporaryDirectory(prefix=hidden_prefix("vtk"), dir=folder, ignore_cleanup_errors=True) as temporary,
+    ):
+        remove_left(folder)
+        Path(temporary, path.stem).mkdir()
+        for part, file in zip(scene.parts, files, strict=True):
+            Path(temporary, file).write_text(vtk_text(part.mesh), encoding="utf-8")
+        Path(temporary, path.name).write_text(index, encoding="utf-8")
+        for target in placed:
+            if target.is_dir():
+                shutil.rmtree(target)
+            Path(temporary, target.name).replace(target)
+    return placed

@@ -20,10 +20,9 @@ from coilarray.geometry.arcs import SIDES
 from coilarray.geometry.array import array_words
 from coilarray.studies.create.plan import Choices, Shape, read_arrangement, read_size
 from coilarray.viz.studio import structure
-from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session
-from coilarray.viz.studio.work import MOST_COILS, Work, work_on
+from coilarray.viz.studio.work import MOST_COILS, Work, entries_of, number_of, text_of, work_on
 
 
 class DesignPanel(Panel):

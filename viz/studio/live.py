@@ -23,7 +23,10 @@ from coilarray.localize.inverse import location_lines
 from coilarray.localize.presses import Press, baseline_text
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.scene import Scene
-from coilarray.viz.studio.drawing import (
+from coilarray.viz.studio.job import ZERO, Outcome
+from coilarray.viz.studio.services import BoardFrame, BoardRequest
+from coilarray.viz.studio.session import Panel, Session
+from coilarray.viz.studio.view import (
     LEAST,
     RED,
     BoardParts,
@@ -35,9 +38,6 @@ from coilarray.viz.studio.drawing import (
     state_colours,
     top_view,
 )
-from coilarray.viz.studio.job import ZERO, Outcome
-from coilarray.viz.studio.services import BoardFrame, BoardRequest
-from coilarray.viz.studio.session import Panel, Session
 
 SPANS = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}
 """Times in s over which curves are shown."""

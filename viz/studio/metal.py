@@ -31,12 +31,12 @@ from coilarray.viz.scenes.metal import (
     working_point,
 )
 from coilarray.viz.scenes.scene import Scene
-from coilarray.viz.studio.drawing import BoardParts
-from coilarray.viz.studio.entries import number_of, place_text
 from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Circuit, Panel, Session
 from coilarray.viz.studio.structure import without_entry
+from coilarray.viz.studio.view import BoardParts
+from coilarray.viz.studio.work import number_of, place_text
 
 KINDS = ("plate above", "plate below", "target")
 """Kinds of a new body."""

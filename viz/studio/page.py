@@ -13,9 +13,8 @@ from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
 from coilarray.viz.studio.live import LivePanel
 from coilarray.viz.studio.metal import MetalPanel
 from coilarray.viz.studio.numbers import NumbersPanel
-from coilarray.viz.studio.runs import RunsPanel
+from coilarray.viz.studio.runs import RunsPanel, StudiesPanel
 from coilarray.viz.studio.session import Session, Setup, template
-from coilarray.viz.studio.studies import StudiesPanel
 from coilarray.viz.studio.switches import SwitchesPanel
 from coilarray.viz.studio.touch import TouchPanel
 from coilarray.viz.studio.view import ScenePanel

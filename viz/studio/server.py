@@ -1,10 +1,11 @@
-"""Web server of the studio, one session per page."""
+"""Web server of the studio: which requests it answers, and one session per page."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import gc
+import hmac
 import logging
 import os
 import re
@@ -19,9 +20,8 @@ from trame_client.module import vue3
 
 from coilarray.errors import CoilarrayError
 from coilarray.viz.offscreen import rendering_problem
-from coilarray.viz.studio.access import REPORT_POLICY, Address, refusal, security_headers
 from coilarray.viz.studio.page import Page
-from coilarray.viz.studio.services import Services
+from coilarray.viz.studio.services import Address, Services
 from coilarray.viz.studio.session import Setup, template
 from coilarray.viz.studio.work import Shelf, Work
 
@@ -34,6 +34,20 @@ _GOODBYE = 2.0  # s, time for requests to end
 _THREADS = 3
 _MOST_PAGES = 12
 _TOO_MANY = f"the studio serves at most {_MOST_PAGES} pages at once"
+_OWN_HOSTS = ("127.0.0.1", "localhost", "[::1]")
+_ANOTHER_PAGE = "a request from another page."
+_HOST = re.compile(r"[A-Za-z0-9_.-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
+# The connection of trame's client decides which scripts run, so only the studio is allowed.
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; frame-ancestors 'none'; "
+    "base-uri 'self'; form-action 'none'; object-src 'none'; connect-src 'self'"
+)
+# of a report: no scripts, nothing loaded, own origin
+_REPORT_POLICY = (
+    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'"
+)
 
 
 def serve(
@@ -192,7 +206,7 @@ class _Studio:
         path = self._reports.get(request.match_info["key"])
         if path is None or not path.is_file():
             raise web.HTTPNotFound
-        return web.FileResponse(path, headers={"Content-Security-Policy": REPORT_POLICY})
+        return web.FileResponse(path, headers={"Content-Security-Policy": _REPORT_POLICY})
 
     async def _asset(self, request: web.Request) -> web.StreamResponse:
         """Serve scripts, styles and fonts."""
@@ -229,3 +243,36 @@ def _file_of(folder: Path, name: str) -> web.StreamResponse:
     if not inside:
         raise web.HTTPNotFound
     return web.FileResponse(path)
+
+
+def refusal(request: web.Request, address: Address, cookie: str) -> str:
+    """Reason why a request is refused, empty if answered.
+
+    Refused are other host names, scripts of other pages, and requests without the token, which a
+    `cookie` holds.
+    """
+    host = request.headers.get("Host", "")
+    origin = request.headers.get("Origin")
+    if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+        return _ANOTHER_PAGE
+    # Programs send no such header. A link of another site may open only the page itself, as a user
+    # does.
+    site = request.headers.get("Sec-Fetch-Site", "none")
+    opens = request.path == "/" and request.headers.get("Sec-Fetch-Dest") == "document"
+    if site not in ("same-origin", "none") and not opens:
+        return _ANOTHER_PAGE
+    if address.alone and re.sub(r":\d+$", "", host) not in _OWN_HOSTS:
+        return "it is served to this computer alone."
+    given = request.query.get("token") or request.cookies.get(cookie, "")
+    if not hmac.compare_digest(given.encode(), address.token.encode()):
+        return "the address lacks its token; open the one that was printed."
+    return ""
+
+
+def security_headers(host: str) -> dict[str, str]:
+    """Security headers of a response."""
+    sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
+    return {
+        "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-cache",
+        "Cross-Origin-Resource-Policy": "same-origin", "Content-Security-Policy": _POLICY + sockets,
+    }  # fmt: skip

@@ -7,11 +7,19 @@ arguments.
 
 from __future__ import annotations
 
+import errno
+import os
+import secrets
+import socket
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coilarray.compute.extras import import_extra
+from coilarray.errors import OutputError
+from coilarray.viz.offscreen import require_pyvista
 from coilarray.viz.studio.job import Link
 
 if TYPE_CHECKING:
@@ -89,3 +97,55 @@ class Services:
     reference: Sequence[str] = ()  # states that nothing touches, for the first reading
     alone: bool = False  # whether the page is the live display alone, and reads at once
     failed: Callable[[str], None] = lambda problem: None  # called with the reason if reading a board has failed
+
+
+LOOPBACK = "127.0.0.1"
+"""Default host of the studio, for this computer alone."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Address of the studio."""
+
+    host: str  # name or IP address on which it listens
+    port: int  # 0 takes a free port
+    alone: bool = False  # whether browsers must name this computer, as its own browsers do
+    # sent by every browser, as this computer may have other accounts
+    token: str = field(default_factory=partial(secrets.token_urlsafe, 24))
+
+
+def check_studio() -> None:
+    """Raise MissingDependencyError if a library of the studio is missing."""
+    require_pyvista("pages of the studio", "studio")
+    needed = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
+    for module, package in {**needed, "aiohttp": "aiohttp"}.items():
+        import_extra(module, "pages of the studio", package=package, extra="studio")
+
+
+def bind(address: Address) -> socket.socket:
+    """Bind the port of the studio, or raise an OutputError."""
+    if not 0 <= address.port <= 65535:
+        raise OutputError(f"--port must be 0 to 65535; got {address.port}.")
+    try:
+        kind, _, _, _, place = socket.getaddrinfo(
+            address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(
+            f"--host must be a name or number of this computer; got {address.host!r} ({reason})."
+        ) from None
+    listening = socket.socket(kind, socket.SOCK_STREAM)
+    try:
+        if os.name == "posix":
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(place)
+        listening.listen(64)
+    except OSError as error:
+        listening.close()
+        if error.errno == errno.EADDRINUSE:
+            raise OutputError(
+                f"port {address.port} is in use; give another one with --port, or --port 0 for any that is free."
+            ) from None
+        raise OutputError(f"cannot listen on {address.host}, port {address.port}: {error.strerror}.") from None
+    return listening

@@ -10,8 +10,8 @@ from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError
 from coilarray.geometry.array import LatticeKind
-from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.services import Document
+from coilarray.viz.studio.work import number_of
 
 LATTICES = (*get_args(LatticeKind), "free")
 """Kinds of lattice that an array may have."""

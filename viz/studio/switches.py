@@ -20,12 +20,11 @@ from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import NetworkError
 from coilarray.geometry.array import Array
-from coilarray.viz.datasets.field import AMOUNT, field_grid, require_memory
-from coilarray.viz.scenes.field import Span, scale_of_field, scene_of_slices
-from coilarray.viz.scenes.results import colours_of_currents
+from coilarray.viz.datasets.results import AMOUNT, field_grid, require_memory
+from coilarray.viz.scenes.results import Span, colours_of_currents, scale_of_field, scene_of_slices
 from coilarray.viz.scenes.scene import Scene
-from coilarray.viz.studio.drawing import BoardParts
 from coilarray.viz.studio.session import Circuit, Panel, Session
+from coilarray.viz.studio.view import BoardParts
 
 if TYPE_CHECKING:
     import pyvista

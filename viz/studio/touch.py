@@ -16,12 +16,12 @@ from coilarray.localize.inverse import Location, locate, location_lines
 from coilarray.response.dataset import on_board
 from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.board import VEILED, scene_of_dent
+from coilarray.viz.scenes.design import dent_of_design, off_middle
 from coilarray.viz.scenes.results import scene_of_location
 from coilarray.viz.scenes.scene import Scene
-from coilarray.viz.scenes.touch import dent_of_design, off_middle
-from coilarray.viz.studio.drawing import BoardParts, circle, delta_bars, drawing, location_marks, top_view
-from coilarray.viz.studio.entries import number_of, place_text
 from coilarray.viz.studio.session import Panel, Session
+from coilarray.viz.studio.view import BoardParts, circle, delta_bars, drawing, location_marks, top_view
+from coilarray.viz.studio.work import number_of, place_text
 
 _SHOWN = 1e-5  # m, last digit of a place on the page, as a place at the edge may be rounded beyond it
 _LEAST = 0.5  # mm, radius of a drawn indenter

@@ -263,8 +263,7 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
 
     HardwareError if the reading of the board failed.
     """
-    from coilarray.viz.studio.access import LOOPBACK, Address, bind, check_studio
-    from coilarray.viz.studio.services import Services
+    from coilarray.viz.studio.services import LOOPBACK, Address, Services, bind, check_studio
     from coilarray.viz.studio.work import Shelf, work_on
 
     check_studio()

@@ -1,11 +1,12 @@
-"""Figures of sweeps: lines, coupling zeros, maps and dots."""
+"""Figures of sweeps, searches and tolerance studies."""
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +18,23 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy.interpolate import PchipInterpolator
 
-from coilarray.compute.display_units import true_minus
-from coilarray.viz.palette import BLUE, COILS, GREY, INK, SEQUENTIAL, UNKNOWN, VERMILLION, curve_look
+from coilarray.compute.display_units import MM, true_minus
+from coilarray.geometry.array import Array
+from coilarray.viz.palette import (
+    BLUE,
+    COILS,
+    GREY,
+    INK,
+    KINDS,
+    PALE,
+    SEQUENTIAL,
+    SHADE,
+    UNKNOWN,
+    VERMILLION,
+    curve_look,
+)
 from coilarray.viz.plots import style
+from coilarray.viz.plots.board import plot_board
 
 MOST_PANELS = 24
 """Largest number of panels in `sweep_figure`."""
@@ -347,3 +362,263 @@ def _label(array: xr.DataArray) -> str:
 def _unit(array: xr.DataArray) -> str:
     unit = str(array.attrs.get("units", "1"))
     return "" if unit == "1" else unit
+
+
+@style.styled
+def plot_convergence(
+    scores: npt.ArrayLike,
+    feasible: npt.ArrayLike,
+    *,
+    label: str,
+    maximized: bool = False,
+    polished_from: int | None = None,
+    start: float | None = None,
+    log: bool = False,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the score of every trial.
+
+    A line is the best feasible score up to each trial. Raises ValueError if the shapes do not fit.
+
+    Parameters
+    ----------
+    scores, feasible : array_like of float and of bool, shape (n,)
+        Score of every trial, NaN if there is no such board, and whether it keeps all bounds.
+    label : str
+        Label of the vertical axis, with the unit.
+    maximized, log : bool
+        Whether larger is better, and whether the axis is logarithmic if all scores are above zero.
+    polished_from : int, optional
+        Index of the first trial of the local solver.
+    start : float, optional
+        Score of the given design, drawn as a dashed line.
+    """
+    values, kept = np.asarray(scores, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
+    if values.ndim != 1 or values.shape != kept.shape:
+        raise ValueError(f"scores and feasible must be rows of one length; got {values.shape} and {kept.shape}.")
+    ax = ax or style.new_axes(7.0, 3.6)
+    number = np.arange(values.size)
+    kept = kept & np.isfinite(values)
+    ax.scatter(number[~kept], values[~kept], s=12, color=PALE, marker="x", linewidth=0.9, label="breaks a bound")
+    ax.scatter(number[kept], values[kept], s=14, color=BLUE, alpha=0.7, linewidth=0, label="keeps all bounds")
+    if kept.any():
+        worst = -np.inf if maximized else np.inf
+        best = (np.maximum if maximized else np.minimum).accumulate(np.where(kept, values, worst))
+        shown = np.isfinite(best)
+        ax.step(number[shown], best[shown], where="post", color=VERMILLION, label="best so far")
+        _focus(ax, values[kept] if start is None else np.append(values[kept], start), log)
+    if start is not None:
+        ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="given design")
+    if polished_from is not None:
+        ax.axvspan(polished_from - 0.5, values.size - 0.5, color=SHADE, zorder=0, label="local solver")
+    ax.set(xlim=(-0.5, max(values.size - 0.5, 0.5)), xlabel="trial", ylabel=label)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    style.faint_grid(ax, "y")
+    style.legend_above(ax, 5)
+    return ax
+
+
+@style.styled
+def plot_front(
+    points: npt.ArrayLike,
+    feasible: npt.ArrayLike,
+    front: Sequence[int],
+    *,
+    labels: tuple[str, str],
+    start: tuple[float, float] | None = None,
+    named: Mapping[int, str] | None = None,
+    stairs: Literal["pre", "post"] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw two scores of all trials.
+
+    The scores are drawn against each other, with the Pareto front and the given design. Raises
+    ValueError if the shapes do not fit.
+
+    Parameters
+    ----------
+    points, feasible : array_like of float, shape (n, 2), and of bool, shape (n,)
+        Scores of the trials, and whether each keeps all bounds. Other trials are left out.
+    front : sequence of int
+        Indices of the points on the front. A single point is called the best.
+    labels, start : tuple of str, and of float, optional
+        Labels of both axes, with units, and the scores of the given design.
+    named : mapping of int to str, optional
+        Names to write beside points, by their indices.
+    stairs : {"pre", "post"}, optional
+        Draw the front as a staircase: ``"post"`` if the first score is minimized, ``"pre"`` if it
+        is maximized. None draws no line, as for two out of more scores.
+    """
+    values, kept = np.asarray(points, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
+    if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:
+        raise ValueError(f"points must have shape (n, 2) and feasible (n,); got {values.shape} and {kept.shape}.")
+    ax = ax or style.new_axes(6.5, 4.6)
+    ax.scatter(values[kept, 0], values[kept, 1], s=14, color=PALE, linewidth=0, label="keeps all bounds")
+    edge = values[sorted(front, key=lambda k: tuple(values[k].tolist()))]
+    if len(edge):
+        if stairs is not None:
+            ax.step(edge[:, 0], edge[:, 1], where=stairs, color=VERMILLION, linewidth=0.8, alpha=0.6)
+        name = "Pareto front" if len(edge) > 1 else "best"
+        ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label=name, zorder=3)
+        _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
+    if start is not None:
+        ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="given design", zorder=4)
+    for k, name in (named or {}).items():
+        ax.annotate(name, values[k].tolist(), xytext=(6, 6), textcoords="offset points", weight="bold")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    style.faint_grid(ax)
+    style.legend_above(ax, 3)
+    return ax
+
+
+@style.styled
+def boards_figure(boards: Mapping[str, Array]) -> Figure:
+    """Draw boards below each other, at one scale.
+
+    Parameters
+    ----------
+    boards : mapping of str to Array
+        Boards by their titles, at least one.
+    """
+    edges = np.array([array.bounds for array in boards.values()])
+    (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
+    width, height = style.figure_size(x_max - x_min, y_max - y_min)
+    figure = style.new_figure(width, height * len(boards))
+    rim = 0.02 * (x_max - x_min + y_max - y_min)
+    for k, (title, array) in enumerate(boards.items()):
+        ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))
+        ax.set(xlim=MM.of((x_min - rim, x_max + rim)), ylim=MM.of((y_min - rim, y_max + rim)), title=title)
+    return figure
+
+
+def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
+    """Show all trials that keep the bounds."""
+    if log and values.min() > 0:
+        ax.set_yscale("log")
+        ax.set_ylim(values.min() / 1.5, values.max() * 1.5)
+        return
+    room = 0.06 * (float(np.ptp(values)) or abs(float(values[0])) or 1.0)
+    ax.set_ylim(values.min() - room, values.max() + room)
+
+
+def _focus_both(ax: Axes, wanted: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> None:
+    """Show the front and the start."""
+    low, high = wanted.min(axis=0), wanted.max(axis=0)
+    room = np.where(high > low, high - low, np.abs(high) + 1e-12)
+    near = np.clip(others, low - 0.15 * room, high + 1.0 * room)
+    low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
+    rim = 0.05 * np.where(high > low, high - low, 1.0)
+    ax.set_xlim(low[0] - rim[0], high[0] + rim[0])
+    ax.set_ylim(low[1] - rim[1], high[1] + rim[1])
+
+
+_MOST_HISTOGRAMS = 6
+_LEAST_SHARE = 0.02
+
+
+@style.styled
+def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -> Figure:
+    """Draw the shares of the contributors.
+
+    With samples the histograms of the first outputs are drawn too. Raises ValueError if the
+    analysis has no such output, or none is asked for.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Result of `coilarray.studies.tolerance.analyse`.
+    outputs : sequence of str, optional
+        Names of the outputs, all by default. The first six have a histogram.
+    """
+    names = list(outputs) if outputs is not None else result.output.values.tolist()
+    for name in names:
+        if name not in result.output.values:
+            raise ValueError(f"the analysis has no output {name!r}; there are {', '.join(result.output.values)}.")
+    if not names:
+        raise ValueError("at least one output must be drawn; got none.")
+    shown = names[:_MOST_HISTOGRAMS] if "value" in result else []
+    rows = -(-len(shown) // _COLUMNS)
+    width, bars = _shares_size(len(names))
+    figure = style.new_figure(width, bars + 2.2 * rows)
+    grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[bars] + [2.2] * rows)
+    plot_shares(result.sel(output=names), figure.add_subplot(grid[0, :]))
+    for k, name in enumerate(shown):
+        plot_boards(result, name, figure.add_subplot(grid[1 + k // _COLUMNS, k % _COLUMNS]))
+    return figure
+
+
+@style.styled
+def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Stack the shares of every kind of error.
+
+    They are shares in the variance of each output. Board parts are plain, and layers are hatched.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Result of `coilarray.studies.tolerance.analyse`.
+    """
+    names = result.output.values.tolist()
+    ax = ax or style.new_axes(*_shares_size(len(names)))
+    places = np.arange(len(names))
+    left = np.zeros(len(names))
+    kinds = list(dict.fromkeys(zip(result.table.values.tolist(), result.part.values.tolist(), strict=True)))
+    tables = list(dict.fromkeys(table for table, _ in kinds))
+    for table, part in kinds:
+        there = (result.table.values == table) & (result.part.values == part)
+        share = result.share.values[there].sum(axis=0)
+        if share.max() < _LEAST_SHARE:
+            continue
+        colour, hatch, where = KINDS[tables.index(table) % len(KINDS)], "", "board"
+        if part != "board":
+            hatch, where = "////", "layers"
+        look: dict[str, Any] = {"color": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.4}
+        ax.barh(places, share * 100, left=left, height=0.75, label=f"{table}, {where}", **look)
+        left += share * 100
+    spread = result.linear_deviation.values > 0
+    ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=UNKNOWN, label="others")
+    ax.set_yticks(places, names)
+    ax.invert_yaxis()
+    ax.set(xlim=(0, 100), xlabel="share of the linearised variance (%)")
+    ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize="small")
+    return ax
+
+
+@style.styled
+def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes:
+    """Draw the histogram of an output over the drawn boards.
+
+    The linearised spread and the limits are drawn too.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Result of `coilarray.studies.tolerance.analyse` with samples.
+    output : str
+        Name of the output.
+    """
+    ax = ax or style.new_axes(4.0, 3.0)
+    at = result.sel(output=output)
+    values: npt.NDArray[np.float64] = at.value.values[np.isfinite(at.value.values)]
+    nominal, deviation = float(at.nominal), float(at.linear_deviation)
+    ax.hist(values, bins="sturges", density=True, color=BLUE, alpha=0.6, label=f"{values.size} boards")
+    low = min(float(values.min()), nominal - 3 * deviation)
+    high = max(float(values.max()), nominal + 3 * deviation)
+    if deviation > 0:
+        x = np.linspace(low, high, 200)
+        normal = np.exp(-(((x - nominal) / deviation) ** 2) / 2) / (deviation * np.sqrt(2 * np.pi))
+        ax.plot(x, normal, color=INK, label="linear")
+    if "limited" in result:
+        of_output = result.limited.values == output
+        limits = np.r_[result.at_least.values[of_output], result.at_most.values[of_output]]
+        for k, limit in enumerate(limits[np.isfinite(limits)].tolist()):
+            ax.axvline(limit, color=VERMILLION, linestyle="--", label="" if k else "limit")  # once in the legend
+    ax.set(xlabel=output, yticks=[])
+    ax.locator_params(axis="x", nbins=4)
+    style.legend_above(ax, 3, "center", columnspacing=0.8, fontsize="small", handlelength=1.2)
+    return ax
+
+
+def _shares_size(outputs: int) -> tuple[float, float]:
+    """Size in inches of a figure of the shares."""
+    return 9.0, 0.9 + 0.24 * outputs
