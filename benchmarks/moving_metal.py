@@ -23,7 +23,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, load_design
 from coilarray.geometry.bodies import MATERIALS, FinitePlate, Rectangle
 from coilarray.metal.finite_plates import moving_plate
-from coilarray.paper.published import published_model
+from coilarray.paper.ellipse_model import published_model
 from coilarray.response.map import Imperfections, MapAccuracy, respond, response_map
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.data import COARSE, measurement, model_values

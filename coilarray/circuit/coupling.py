@@ -40,7 +40,7 @@ from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GeometryError, MetalError, NetworkError, require_finite
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.geometry.conductor import CurrentPaths
-from coilarray.metal.plate_field import plate_field
+from coilarray.metal.flat_plates import plate_field
 
 Termination = Literal["short", "open"]
 """Termination of a passive coil: ``"short"`` to ground, or ``"open"``."""

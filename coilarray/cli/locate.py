@@ -245,7 +245,7 @@ def _model(
     """Return a model's states, number of unknowns, and loader."""
     is_file = source is not None and source.lower().endswith(".json")
     if is_file or source == _PUBLISHED:
-        from coilarray.paper.published import published_model
+        from coilarray.paper.ellipse_model import published_model
 
         ellipses = read_ellipses(Path(str(source))) if is_file else published_model()
         return ellipses.names, 2, lambda: ellipses

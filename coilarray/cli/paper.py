@@ -46,8 +46,7 @@ def fit(
     depth = None if depth_mm is None else depth_mm * 1e-3
     from coilarray.compute.files import write_text
     from coilarray.paper.ellipse import fit_ellipses
-    from coilarray.paper.ellipse_model import ellipse_model, model_to_json
-    from coilarray.paper.published import published_model
+    from coilarray.paper.ellipse_model import ellipse_model, model_to_json, published_model
     from coilarray.report.position import fit_table, polynomial_table
     from coilarray.response.map import response_map
     from coilarray.response.setup import indentation_of

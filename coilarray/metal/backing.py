@@ -13,9 +13,9 @@ from coilarray.electromagnetics.field import Source
 from coilarray.electromagnetics.flat_stack import Backing, PassedWaves, Segments, mirrored_segments
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
+from coilarray.metal.coupled_plates import LayeredAir
 from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, eddy_currents, solve_outlined
 from coilarray.metal.flat_plates import stack_below
-from coilarray.metal.layered_air import LayeredAir
 
 _SAME_PLACE = 1e-9  # of the plate's size
 _SHORT = 1e-3  # of the plate's size: length of the pieces that carry the current at one point

@@ -1,4 +1,4 @@
-"""Exact response of a ball over coils and sheets.
+"""Response of a ball over flat or dented sheets, and of any target.
 
 About the centre of a ball of radius a the potential of the coils, H = −∇Ψ, is a sum of R^l
 P_l^m(cos θ) e^{imφ}. Each term induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m
@@ -16,13 +16,21 @@ and a multipole sends down the waves (−1)^(l+m)/(l − m)! ∫ k^l e^{kζ} J_m
 below reflect to the ball. With the multipoles scaled to the weights w_l(k) = (−1)^(l+m) (ka)^l/√((l
 + m)! (l − m)!), both are integrals of w. The field at the ball is the sum of the coils' field and
 all reflections. By reciprocity the same weights lead back to the coils.
+
+In a dent the ball responds to the harmonics P_l of the potential on its sphere. With P̂_l normalised
+over sin θ dθ, the harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d = U_f + ψ are
+the harmonics of the flat sheets' U_f, at the places that the mapping of
+`coilarray.elastomer.scattering` gives, less pᵀ a_d⁻¹ Δa(U_f, ·), with the load p of P̂_l on the
+sphere. A layer of the strength P̂_l' on it makes the harmonics pᵀ a_d⁻¹ p', whose values in air are
+known. The reflection by the sheets is the difference to air on the same elements, so that the layer
+needs no elements for itself.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +40,9 @@ from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, part_of, ranges, run_blocks
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.field import Source
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.scattering import DentedSpace, LayerMesh, radial_pattern
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.flat_stack import (
     Backing,
     Layer,
@@ -47,10 +57,12 @@ from coilarray.electromagnetics.flat_stack import (
     wave_count,
     wave_rule,
 )
+from coilarray.electromagnetics.neumann import Accuracy
 from coilarray.errors import MetalError
-from coilarray.geometry import Ball, FinitePlate, Material, Plate, Sheet
-from coilarray.metal.backing import backings_of, outlined_below
-from coilarray.metal.finite_plates import OutlinedPlates
+from coilarray.geometry import Ball, FinitePlate, Material, Plate, Sheet, Target
+from coilarray.metal.backing import backings_of, outlined_below, require_below
+from coilarray.metal.finite_plates import OutlinedPlates, PlateError, moving_plate, outlined_inductance
+from coilarray.metal.flat_plates import plate_inductances
 from coilarray.metal.frequencies import checked_frequencies
 
 _LEFT_OUT = 1e-7  # of the energy, left out with multipoles of higher order
@@ -392,3 +404,198 @@ def _require_above(at: FloatArray, ball: Ball, sheets: Sequence[Sheet]) -> None:
             f"a ball must lie above the sheets, at z >= {top * 1e3:.4g} mm; it reaches down to "
             f"z = {lowest * 1e3:.4g} mm."
         )
+
+
+_NODES = 48  # of the integral over the sphere, from pole to pole
+
+
+@dataclass(frozen=True, eq=False)
+class SphereInDent:
+    """Harmonics on a sphere for m from 0, l from max(m, 1) to the orders.
+
+    `fields` (orders, k) are of the dented potential for the incident e^{−kz} J_m(kr), `returned`
+    (orders, orders) in 1/m the harmonics that sheets add for a layer of unit strength.
+    """
+
+    fields: tuple[FloatArray, ...]
+    returned: tuple[FloatArray, ...]
+
+
+def sphere_in_dent(
+    dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
+) -> SphereInDent:
+    """Solve the dented sheets for a sphere, in m, k in 1/m."""
+    space = DentedSpace(dent, mesh)
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    r, z = radius * np.sqrt(1 - nodes**2), height + radius * nodes
+    unmoved = _unmoved(dent, r, z)
+    at = space.basis.probes(np.array([r, unmoved]))
+    profile = space.background(z, wavenumbers) + space.reaction(unmoved, wavenumbers)
+    air = space.air()
+
+    def solve(m: int) -> tuple[FloatArray, FloatArray]:
+        """Fields and reflections of one harmonic."""
+        harmonics = _normalised(orders, m, nodes) * weights
+        layers = np.asarray(at.T @ harmonics.T)
+        count = layers.shape[1]
+        solved = space.energies(m, np.hstack((layers, space.force(m, space.waves(m, wavenumbers)))))
+        seen = harmonics @ (radial_pattern("axial", m, r, wavenumbers) * profile)
+        return seen - solved[:count, count:], solved[:count, :count] - space.energies(m, layers, air)
+
+    every = run_blocks(solve, range(orders + 1))
+    return SphereInDent(tuple(fields for fields, _ in every), tuple(returned for _, returned in every))
+
+
+def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
+    """Heights in m in flat sheets of points in dented sheets."""
+    anchors, faces = dent.anchors()
+    moved = dent.faces(r)[:, list(faces)]
+    still = np.zeros((len(r), 1))
+    low = [still] if len(anchors) == len(faces) + 2 else []
+    heights = anchors + np.concatenate([*low, moved, still], axis=1)
+    inside = [np.interp(height, row, anchors) for height, row in zip(z, heights, strict=True)]
+    return np.where((z > anchors[0]) & (z < anchors[-1]), inside, z)
+
+
+def _normalised(orders: int, m: int, x: FloatArray) -> FloatArray:
+    """Normalised associated Legendre functions P_l^m(x), l from max(m, 1).
+
+    With ∫ P² dx = 1, without the sign of Condon and Shortley. The recurrence in l stays within the
+    range of numbers at any order, unlike factorials and P_l^m themselves (Holmes and Featherstone,
+    J. Geodesy 76, 279 (2002), Eqs. 11 to 13).
+    """
+    odd = np.arange(1, 2 * m, 2)
+    found = [np.sqrt((m + 0.5) * np.prod(odd / (odd + 1))) * (1 - x**2) ** (m / 2)]
+    before = np.zeros_like(x)
+    for order in range(m + 1, orders + 1):
+        a = math.sqrt((4 * order**2 - 1) / (order**2 - m**2))
+        b = math.sqrt(((order - 1) ** 2 - m**2) / (4 * (order - 1) ** 2 - 1))
+        found.append(a * (x * found[-1] - b * before))
+        before = found[-2]
+    return np.array(found[max(1 - m, 0) :])
+
+
+def indenter_inductance(
+    source: Source,
+    ball: Ball,
+    dents: Sequence[Dent],
+    places: FloatArray,
+    frequency: float,
+    distances: Sequence[float] | None = None,
+    backing: Backing | None = None,
+    outlined: OutlinedPlates | None = None,
+    *,
+    mesh: LayerMesh | None = None,
+) -> ComplexArray:
+    """Change of the impedance matrix by a ball in its dents.
+
+    The result (dents, places, coils, coils) is ΔL − jΔR/ω in H relative to the dented sheets
+    without the ball. The `dents` are of the same sheets, for example one for each depth.
+    `distances` are heights in m of the ball's lowest point over the sheets of each dent, above zero
+    if they are not dented, inf without the ball. `backing` has plates below the coils, and
+    `outlined` the finite plates there, which also reflect the field of the ball's dipole.
+
+    In its dent the ball is solved together with the dented sheets. This agrees within 0.5 % with
+    finite elements at 1 mm in the sheets of gast2020. Flat sheets as thick as under the tip would
+    make the effect of aluminium 9 % too large there and the effect of ferrite 0.5 to 2 % too small
+    at 0.5 mm, sheets that the tip just touches 8 to 25 % too small.
+
+    Over a backing the reflected field of the coils is included completely. The reflected field of
+    ball and dent is left out, except for a ball over flat sheets and layers, and for the reflection
+    of the ball's dipole by finite plates, as if the sheets were flat.
+    """
+    coils = len(as_conductors(source))
+    change = np.zeros((len(dents), len(places), coils, coils), dtype=np.complex128)
+    lowest = np.array([dent.heights[-1] + dent.displacement[0, -1] for dent in dents])
+    heights = lowest + (0.0 if distances is None else np.array(distances)) + ball.radius
+    level = np.array([not np.isfinite(dent.clearance) for dent in dents])  # the magnetic faces are flat
+    flat, pressed = (np.flatnonzero(np.isfinite(heights) & kind) for kind in (level, ~level))
+
+    def centres(numbers: IntArray) -> FloatArray:
+        return np.column_stack((np.tile(places, (len(numbers), 1)), np.repeat(heights[numbers], len(places))))
+
+    def returned(at: FloatArray, dent: Dent) -> ComplexArray | None:
+        return None if outlined is None else returned_dipoles(outlined, ball, at, _flat_sheets(dent))
+
+    if len(flat):
+        first = dents[flat[0]]
+        sheets = _flat_sheets(first)
+        at, f = centres(flat), np.array([frequency])
+        found = ball_over(source, ball, at, f, sheets, backing, returned(at, first))
+        change[flat] = found.reshape(len(flat), *change.shape[1:])
+
+    def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
+        """Multipoles of the ball in the nearest dent."""
+        dent, orders = dents[pressed[np.abs(heights[pressed] - height).argmin()]], alpha.shape[1]
+        seen = sphere_in_dent(dent, ball.radius, height, wavenumbers, orders, mesh or LayerMesh())
+        fields, answers = [], []
+        for field, returned in zip(seen.fields, seen.returned, strict=True):
+            order = np.arange(orders - len(field) + 1, orders + 1)
+            scale = np.sqrt(order + 0.5)
+            scaled = scale[:, None] * field
+            fields.append(with_images(scaled, backing, wavenumbers, dent.thicknesses, dent.permeabilities))
+            answers.append(
+                multipole_response(alpha[:, order[0] - 1 :], 2 * ball.radius * np.outer(scale, scale) * returned)
+            )
+        return Multipoles(fields, answers)
+
+    if len(pressed):
+        at = centres(pressed)
+        back = returned(at, dents[pressed[0]])
+        found = multipole_inductance(source, ball, at, [frequency], answer, backing, back)
+        change[pressed] = found.reshape(len(pressed), *change.shape[1:])
+    return change
+
+
+def _flat_sheets(dent: Dent) -> list[Sheet]:
+    """Return the sheets of a dent in their flat state."""
+    return [
+        Sheet(f"sheet {k + 1}", thickness, mu)
+        for k, (thickness, mu) in enumerate(zip(dent.thicknesses, dent.permeabilities, strict=True))
+    ]
+
+
+def target_inductance(
+    source: Source,
+    target: Target,
+    places: FloatArray,
+    distances: Sequence[float],
+    frequencies: FloatArray,
+    sheets: Sequence[Sheet] = (),
+    plates: Sequence[Plate | FinitePlate] = (),
+    *,
+    accuracy: Accuracy = "full",
+    fineness: float = 1.0,
+    progress: Progress | None = None,
+) -> tuple[ComplexArray, PlateError | None]:
+    """Change of the impedance matrix by a target, in H.
+
+    The change (d, p, f, n, n) is ΔZ/(jω) = ΔL − jΔR/ω, with the target minus without. The second
+    result are the errors of a finite plate, else None. The target's centre is at `places` (p, 2) in
+    m on the board, its nearest point at `distances` in m from the upper face of the sheets, or from
+    the board without sheets. `plates` are fixed metal. `accuracy` is of an infinite target,
+    `fineness` of the mesh of a finite plate.
+    """
+    face, body = sum(sheet.thickness for sheet in sheets), target.body
+    heights = [target.height(face, distance) for distance in distances]
+    if isinstance(body, Ball):
+        require_below(plates, "a sphere")
+    if isinstance(body, Plate):
+        moved = [replace(body, z=z) for z in heights]
+        endless = [plate for plate in plates if isinstance(plate, Plate)]
+        cases = [endless, *([*endless, one] for one in moved)]
+        every = plate_inductances(source, cases, frequencies, sheets, accuracy=accuracy, progress=progress)
+        if len(endless) < len(plates):
+            outlined = ([*plates], *([*plates, one] for one in moved))
+            every = every + [outlined_inductance(source, c, frequencies, sheets, fineness=fineness) for c in outlined]
+        return np.repeat((every[1:] - every[0])[:, None], len(places), axis=1), None
+    positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
+    error = None
+    if isinstance(body, FinitePlate):
+        error = moving_plate(source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress)
+        change = error.change
+    else:
+        change = ball_inductance(
+            source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
+        )
+    return change.reshape(len(heights), len(places), *change.shape[1:]), error

@@ -21,13 +21,11 @@ from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.bodies import TOUCHING, FinitePlate, Plate
-from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, SolvedPlates, linked_fluxes
+from coilarray.metal.coupled_plates import LayeredAir, PlatesInAir, PosedPlate, SolvedPlates, linked_fluxes
 from coilarray.metal.frequencies import checked_frequencies
-from coilarray.metal.half_body import EddyBody
-from coilarray.metal.layered_air import LayeredAir
+from coilarray.metal.half_body import EddyBody, ModelError, model_error, own_share, surface_impedance, with_rim
 from coilarray.metal.magnetic_plates import magnetic_changes, magnetic_currents, require_skin
 from coilarray.metal.plate_mesh import Footprint, inscribed_radius, plate_meshes
-from coilarray.metal.surface_impedance import ModelError, model_error, own_share, surface_impedance, with_rim
 
 LARGEST_ERROR = 0.1  # relative error of ΔL by the model beyond which a plate is refused
 _OF_SPREAD = 0.5  # share of the impedance's error at twice the chosen wavenumber that all waves together make
@@ -127,9 +125,9 @@ def moving_plate(
 
     The currents on the faces and the rim follow from a stream function
     (`coilarray.metal.half_body`). Their impedance holds for any ratio of thickness to skin depth
-    (`coilarray.metal.surface_impedance`), if either is small compared with the plate's width and
+    (`coilarray.metal.half_body`), if either is small compared with the plate's width and
     the distances to coils and other metal. Sheets and infinite plates reflect the fields of coils
-    and currents (`coilarray.metal.layered_air`). One matrix serves every position in air, over
+    and currents (`coilarray.metal.coupled_plates`). One matrix serves every position in air, over
     layers every height. Beside fixed finite plates it is assembled at every position, and all
     plates are solved together. A magnetic plate has its own equations
     (`coilarray.metal.magnetic_plates`), which hold if it is at least three skin depths thick.
@@ -138,7 +136,7 @@ def moving_plate(
     order of linear elements. The error of the mesh is this correction of the finer mesh, which
     covers orders of convergence from 1.3 upwards, for ΔL and ΔR separately. The error of the model
     has two parts: the impedance is taken at one wavenumber for all patterns of the current, and the
-    rim (`coilarray.metal.surface_impedance.with_rim`), where a plate within the coils has most of
+    rim (`coilarray.metal.half_body.with_rim`), where a plate within the coils has most of
     its losses, is approximate.
 
     >>> from coilarray.geometry.bodies import MATERIALS

@@ -20,14 +20,14 @@ place H_c = −∇u, with S u = −t, and by reciprocity
 
     ΔL_ij − jΔR_ij/ω = −µ0 (c_iᵀ (Λ + ℓ S)⁻¹ c_j − u_iᵀ b_j/µ0 + ℓ u_iᵀ t_j),   c = ℓ t − b/µ0.
 
-Between sheets and infinite plates, G = 1/4πr also has the images of `coilarray.metal.layered_air`:
+Between sheets and infinite plates, G = 1/4πr also has the images of `coilarray.metal.coupled_plates`:
 shares of charges and double layers, of the other sign in mirror images. H_c is then the coils'
 field between the layers.
 
 The skin depth is at most a third of the thickness, small against the width. Holes would need cuts.
 
 Near an edge the field enters from both sides, which the condition does not include. With the same H
-along the edge on both faces the strip of `coilarray.metal.surface_impedance` has, for t ≫ δ, F = (1
+along the edge on both faces the strip of `coilarray.metal.half_body` has, for t ≫ δ, F = (1
 − 8/πkt)/k: at each of its two edges the surface is short of 8/(2√2 π) = 0.9 skin depths, about a
 half on either side. A change of ℓ on a part of the surface changes ΔL − jΔR/ω by −µ0 δℓ ∫ H_t·H_t
 there. The error of the edges is estimated as this change for |δℓ| = |ℓ| within half a skin depth of
@@ -54,9 +54,8 @@ from coilarray.electromagnetics.kernels.triangles import double_layers
 from coilarray.errors import MetalError
 from coilarray.geometry import Conductor
 from coilarray.geometry.bodies import FinitePlate
-from coilarray.metal.coupled_plates import ONE_IMAGE, PlatesInAir, PosedPlate, distinct_sums, fields_on
+from coilarray.metal.coupled_plates import ITSELF, ONE_IMAGE, Image, PlatesInAir, PosedPlate, distinct_sums, fields_on
 from coilarray.metal.half_body import MIRROR, ROWS, EddyBody, inductance, pair_integrals
-from coilarray.metal.layered_air import ITSELF, Image
 
 _DEPTHS = 3.0  # least thickness in skin depths
 _AT_EDGE = 0.5  # skin depths on either side of an edge

@@ -22,7 +22,7 @@ from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import LocalizeError
 from coilarray.geometry import MATERIALS, Conductor, Hemisphere
 from coilarray.paper.ellipse import PARAMETERS, fit_ellipses, refined_map
-from coilarray.paper.published import published_model, undetermined_levels
+from coilarray.paper.ellipse_model import published_model, undetermined_levels
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import indentation_of, map_axes
 

@@ -14,8 +14,15 @@ from coilarray.compute.table import Column, Table, Value, cell, dataset_table, r
 from coilarray.errors import LocalizeError
 from coilarray.localize.inverse import Location
 from coilarray.paper.ellipse import Ellipse, fit_ellipses
-from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
-from coilarray.paper.published import published_model, undetermined_levels
+from coilarray.paper.ellipse_model import (
+    SEMIAXIS_ADDITION,
+    EllipseModel,
+    EllipsePosition,
+    ellipse_model,
+    locate_x,
+    published_model,
+    undetermined_levels,
+)
 from coilarray.response.dataset import axis_label, in_ellipse_window, origin_of
 from coilarray.response.interpolation import PARAMETERS
 

@@ -30,8 +30,7 @@ from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import Margin, check_rules
 from coilarray.geometry.array import array_words
-from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
-from coilarray.paper.published import difference_from_published, published_model
+from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, difference_from_published, published_model
 from coilarray.report import circuit_tables, figures, position, response_tables, tables
 from coilarray.report.drawing import Drawing
 from coilarray.report.summary import position_bounds

@@ -17,7 +17,7 @@ from coilarray.circuit.network import Network, Resonance, cases_at_once, changed
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress, part_of, ranges
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.elastomer.face_shift import shift_inductance
+from coilarray.elastomer.finite_sample import shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.flat_stack import Backing
@@ -25,9 +25,8 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.metal.backing import backings_of, outlined_below
+from coilarray.metal.ball import indenter_inductance, target_inductance
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
-from coilarray.metal.indenter import indenter_inductance
-from coilarray.metal.target import target_inductance
 from coilarray.response.setup import Experiment, Level, MapAxes, together
 
 if TYPE_CHECKING:

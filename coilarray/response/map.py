@@ -24,7 +24,7 @@ from coilarray.compute.store import Keep, not_kept
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState
-from coilarray.elastomer.face_shift import shift_energy
+from coilarray.elastomer.finite_sample import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.errors import ElastomerError, NetworkError
@@ -184,7 +184,7 @@ def response_map(
     see `coilarray.response.near`.
 
     The eddy currents and the magnetisation of an indenter with a material count at the mean
-    frequency of the states, `coilarray.metal.indenter.indenter_inductance`. Beside plates below the
+    frequency of the states, `coilarray.metal.ball.indenter_inductance`. Beside plates below the
     coils, every position includes the field of coils and dent that the plates send back. Their
     losses count in the resonance. For plates with an outline, only the field of the coils is
     included. The field of the dent is left out. It would change ΔL by up to 2 % if a dent comes

@@ -262,7 +262,7 @@ def _finite(
     changes its effect on the field. Both are weighted sums of dents, whose weights add up to zero
     beside the weights of the wide sample. A round tip presses equally on a slope, so that the dent
     turns about the tip's centre. Other tips are taken for pivots themselves. The rest,
-    `SampleCorrection.moved`, is to first order in `coilarray.elastomer.face_shift`.
+    `SampleCorrection.moved`, is to first order in `coilarray.elastomer.finite_sample`.
     """
     assert setup.sample_bounds is not None
     sample, sheets, contact = Sample(setup.sample_bounds, setup.unevenness), wide.sheets, wide.contact

@@ -117,7 +117,7 @@ def compare_responses(
 
     Examples
     --------
-    >>> from coilarray.paper.published import published_map
+    >>> from coilarray.paper.ellipse_model import published_map
     >>> simulated = published_map()
     >>> found = compare_responses(simulated.assign(delta=1.1 * simulated.delta), simulated)
     >>> found.scale.round(6).values.tolist(), float(abs(found["shift"]).max().round(9))

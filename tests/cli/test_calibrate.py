@@ -10,8 +10,7 @@ from support.made_up import made_up_ellipses
 import coilarray.studies.calibrate.calibration as calibration
 from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
-from coilarray.paper.ellipse_model import model_to_json
-from coilarray.paper.published import published_map, published_model
+from coilarray.paper.ellipse_model import model_to_json, published_map, published_model
 
 run, refused = runner("calibrate")
 GAP = "coils.hexagon.gap_mm"

@@ -15,7 +15,7 @@ from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware.record.recorded_response import recorded_response
 from coilarray.hardware.record.recording import open_recording
-from coilarray.paper.published import published_map
+from coilarray.paper.ellipse_model import published_map
 from coilarray.report.comparison import scale_table
 from coilarray.studies.comparison import compare_responses
 

@@ -24,8 +24,14 @@ from coilarray.elastomer.contact_grid import ContactMesh
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.paper.ellipse_model import ellipse_model, locate_x, model_from_json
-from coilarray.paper.published import published_map, published_model, table_a1
+from coilarray.paper.ellipse_model import (
+    ellipse_model,
+    locate_x,
+    model_from_json,
+    published_map,
+    published_model,
+    table_a1,
+)
 from coilarray.response.map import Imperfections, response_map
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]

@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from scipy.special import j0, jn_zeros
 from skfem import Functional, LinearForm, MeshQuad
 
+from coilarray.elastomer.contact import compliance, elastic_body
 from coilarray.elastomer.contact_grid import (
     ContactMesh,
     ContactZone,
@@ -29,7 +30,6 @@ from coilarray.elastomer.contact_grid import (
     stack_of,
     weight,
 )
-from coilarray.elastomer.elasticity import compliance, elastic_body
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Paraboloid, Sheet
 

@@ -60,8 +60,7 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate_all
 from coilarray.paper.distortion import DISTORTION
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.paper.ellipse_model import ellipse_model, locate_x, model_to_json
-from coilarray.paper.published import published_map, published_model
+from coilarray.paper.ellipse_model import ellipse_model, locate_x, model_to_json, published_map, published_model
 from coilarray.report.position import cause_table, distortion_table, indenter_table, residual_table
 from coilarray.response.dataset import on_board
 from coilarray.studies.calibrate.calibration import CALIBRATION, calibrated_imperfections, posterior_draws

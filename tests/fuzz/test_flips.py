@@ -12,8 +12,7 @@ from coilarray.hardware.record.calibration import calibrate_board, load_calibrat
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
 from coilarray.hardware.record.recording import open_recording, summarize_recording
-from coilarray.paper.ellipse_model import model_to_json
-from coilarray.paper.published import published_model
+from coilarray.paper.ellipse_model import model_to_json, published_model
 
 PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
 

@@ -18,10 +18,10 @@ from coilarray.electromagnetics.flat_stack import Layer, layer_waves
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Ball, Sheet, Target
 from coilarray.geometry.bodies import MATERIALS, Disc, FinitePlate, Material, Plate, Rectangle, Ring
+from coilarray.metal.ball import target_inductance
+from coilarray.metal.coupled_plates import LayeredAir, _fitted
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
-from coilarray.metal.layered_air import LayeredAir, _fitted
-from coilarray.metal.target import target_inductance
 
 ALUMINIUM = MATERIALS["aluminium"]
 PERFECT = Material("perfect", math.inf)

@@ -26,9 +26,8 @@ from coilarray.geometry.bodies import MATERIALS, Disc, FinitePlate, Material, Pl
 from coilarray.metal import coupled_plates
 from coilarray.metal.finite_plates import eddy_currents, moving_plate
 from coilarray.metal.flat_plates import plate_inductance
-from coilarray.metal.half_body import EddyBody
+from coilarray.metal.half_body import EddyBody, SurfaceImpedance, surface_impedance
 from coilarray.metal.plate_mesh import plate_meshes
-from coilarray.metal.surface_impedance import SurfaceImpedance, surface_impedance
 
 ALUMINIUM = MATERIALS["aluminium"]
 PERFECT = SurfaceImpedance(0, 0, 0, 0)

@@ -9,8 +9,7 @@ from support.references import polygon
 from coilarray.elastomer.dent import Dent
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.geometry import MATERIALS, Ball, Material, Sheet
-from coilarray.metal.ball import ball_inductance
-from coilarray.metal.indenter import _normalised, indenter_inductance
+from coilarray.metal.ball import _normalised, ball_inductance, indenter_inductance
 
 RADIUS = 2.5e-3
 LOOPS = [(3e-3, -1e-3), (7e-3, -1e-3), (11e-3, -1e-3)]  # radius and height in m

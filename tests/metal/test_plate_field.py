@@ -7,8 +7,7 @@ from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Material, Plate, Sheet
-from coilarray.metal.flat_plates import plate_inductance
-from coilarray.metal.plate_field import plate_currents, plate_field
+from coilarray.metal.flat_plates import plate_currents, plate_field, plate_inductance
 
 RADIUS = 8e-3
 ANGLE = np.linspace(0, 2 * np.pi, 121)

@@ -15,7 +15,7 @@ import coilarray.paper.distortion as distortion_module
 from coilarray import load_design
 from coilarray.errors import LocalizeError
 from coilarray.paper.distortion import EllipseCurves, distortion, ellipse_curves
-from coilarray.paper.published import published_map, published_model
+from coilarray.paper.ellipse_model import published_map, published_model
 from coilarray.report.position import indenter_table
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import map_axes

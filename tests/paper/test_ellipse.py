@@ -28,8 +28,8 @@ from coilarray.paper.ellipse_model import (
     ellipse_model,
     intersect,
     locate_x,
+    published_model,
 )
-from coilarray.paper.published import published_model
 from coilarray.response.dataset import in_ellipse_window
 
 pytestmark = pytest.mark.slow

@@ -14,8 +14,11 @@ import pytest
 from support.ellipses import readings_at, x_errors
 
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, ellipse_model, locate_x
-from coilarray.paper.published import (
+from coilarray.paper.ellipse_model import (
+    SEMIAXIS_ADDITION,
+    EllipseModel,
+    ellipse_model,
+    locate_x,
     published_map,
     published_model,
     published_rows,

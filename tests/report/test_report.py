@@ -28,8 +28,7 @@ from coilarray.design.bundled import read
 from coilarray.design.model import parse_design_file
 from coilarray.errors import LocalizeError
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.paper.ellipse_model import ellipse_model, locate_x
-from coilarray.paper.published import published_map
+from coilarray.paper.ellipse_model import ellipse_model, locate_x, published_map
 from coilarray.report.position import map_positions
 from coilarray.report.summary import summary_table
 from coilarray.response.dataset import coils_outside, in_ellipse_window, on_board

@@ -8,7 +8,7 @@ import pytest
 from support.plot_results import calibration
 
 from coilarray.errors import OutputError
-from coilarray.paper.published import published_model, undetermined_levels
+from coilarray.paper.ellipse_model import published_model, undetermined_levels
 from coilarray.report.calibration import (
     calibration_notes,
     calibration_tables,

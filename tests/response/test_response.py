@@ -21,13 +21,12 @@ from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.elastomer.contact import DEFAULT_MESH
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.line_model import cross_section, line_dent_inductance, line_inductance
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Cone, FlatPunch, Sheet
-from coilarray.paper.two_dimensional import line_response
+from coilarray.paper.two_dimensional import cross_section, line_dent_inductance, line_inductance, line_response
 from coilarray.response.map import Imperfections, response_map
 
 pytestmark = pytest.mark.slow

@@ -16,7 +16,7 @@ from coilarray.compute.store import open_store
 from coilarray.design.model import build_design
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.geometry import Seat
-from coilarray.paper.published import published_map, published_model
+from coilarray.paper.ellipse_model import published_map, published_model
 from coilarray.response.map import Imperfections, response_map
 from coilarray.studies.calibrate import calibration
 from coilarray.studies.calibrate.calibration import calibrated_imperfections, posterior_draws

@@ -8,7 +8,7 @@ from support.localize_boards import ROW, bells, response
 import coilarray.studies.comparison
 from coilarray.errors import LocalizeError
 from coilarray.paper.ellipse import PARAMETERS, fit_ellipses
-from coilarray.paper.published import published_map
+from coilarray.paper.ellipse_model import published_map
 from coilarray.studies.comparison import compare_responses, level_curves
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_noisy_copies")]

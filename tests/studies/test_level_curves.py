@@ -6,7 +6,7 @@ from support.localize_boards import ROW, board
 
 import coilarray.studies.comparison
 from coilarray.paper.ellipse import PARAMETERS, fit_ellipses
-from coilarray.paper.published import published_map
+from coilarray.paper.ellipse_model import published_map
 from coilarray.studies.comparison import level_curves
 
 pytestmark = pytest.mark.slow

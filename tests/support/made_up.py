@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.design.model import Design, build_design
-from coilarray.paper.published import published_model
+from coilarray.paper.ellipse_model import published_model
 
 
 def made_up_distortion(design: Design, states: Iterable[str] = ("coil1", "coil2", "coil3"), **_: object) -> xr.Dataset:

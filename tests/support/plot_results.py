@@ -13,8 +13,7 @@ from coilarray.hardware.record.stability import stability
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.paper.ellipse_model import ellipse_model
-from coilarray.paper.published import published_model
+from coilarray.paper.ellipse_model import ellipse_model, published_model
 from coilarray.studies.calibrate.plan import check_plan
 from support.localize_boards import ROW
 from support.localize_boards import board as row_of_bells

@@ -12,8 +12,7 @@ from support.plot_results import bounds, curves, distortion, x_error
 
 from coilarray import viz
 from coilarray.paper.ellipse import fit_ellipses
-from coilarray.paper.ellipse_model import ellipse_model, intersect
-from coilarray.paper.published import published_map, published_model
+from coilarray.paper.ellipse_model import ellipse_model, intersect, published_map, published_model
 
 DELTA = np.array([1e-4, 5e-4, 1e-3])
 

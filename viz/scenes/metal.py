@@ -19,7 +19,7 @@ from coilarray.errors import MetalError
 from coilarray.geometry import Array, Ball, FinitePlate, Plate
 from coilarray.geometry.bodies import Body
 from coilarray.metal.finite_plates import eddy_currents
-from coilarray.metal.plate_field import plate_currents
+from coilarray.metal.flat_plates import plate_currents
 from coilarray.response.setup import target_of
 from coilarray.response.target import target_map
 from coilarray.viz.datasets.meshes import body_mesh, plate_mesh, surface_of

@@ -123,7 +123,7 @@ def _response(
     if is_map(name):
         return read_response(Path(name)), ()
     if name == "published":
-        from coilarray.paper.published import published_map
+        from coilarray.paper.ellipse_model import published_map
 
         x, y = (None, None) if beside is None else _around(beside, largest_shift)
         return published_map(x, y), ()

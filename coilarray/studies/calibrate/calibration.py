@@ -25,8 +25,7 @@ from coilarray.design.model import Design, DesignFile, build_design, build_desig
 from coilarray.design.vary import no_longer_assumed, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
-from coilarray.paper.ellipse_model import EllipseModel
-from coilarray.paper.published import difference_from_published, published_model
+from coilarray.paper.ellipse_model import EllipseModel, difference_from_published, published_model
 from coilarray.response.setup import Imperfections, indentation_of
 from coilarray.studies.calibrate.data import Measurement, evaluate_model, imperfections_of, measurement
 from coilarray.studies.calibrate.fit import DRAWS, Fit, Problem, at_bound, fit, posterior, together

@@ -26,8 +26,7 @@ from coilarray.errors import GoalError
 from coilarray.geometry.arcs import place_in_mm
 from coilarray.paper.distortion import ellipse_curves
 from coilarray.paper.ellipse import PARAMETERS
-from coilarray.paper.ellipse_model import DEGREE, EllipseModel
-from coilarray.paper.published import undetermined_levels
+from coilarray.paper.ellipse_model import DEGREE, EllipseModel, undetermined_levels
 from coilarray.response.dataset import RESPONSE, map_origin
 from coilarray.response.map import MapAccuracy, response_map
 from coilarray.response.setup import Imperfections, indentation_of
