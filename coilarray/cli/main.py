@@ -8,42 +8,85 @@ import functools
 import io
 import os
 import re
+import signal
+import socket
 import sys
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
-from typing import Any
+from contextlib import contextmanager, nullcontext, suppress
+from threading import Event, Thread
+from typing import Any, NoReturn
 
 import typer
 import typer.core
 
-from coilarray.cli import (
-    calibrate,
-    check,
-    docs,
-    export,
-    impedance,
-    init,
-    keys,
-    locate,
-    optimize,
-    paper,
-    report,
-    response,
-    studio,
-    sweep,
-    target,
-    tolerance,
-    view,
-)
-from coilarray.cli.board import calibrate as calibrate_board
-from coilarray.cli.board import campaign, compare, info, live, measure, self_test
-from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt, was_interrupted
+from coilarray.cli import compute, design, help, init, paper, position, studies, view
+from coilarray.cli.board import live, measure, recordings
 from coilarray.cli.shared import drop_output
 from coilarray.compute.files import keep_results
 from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
+
+INTERRUPTED = 130
+"""Exit code of an interrupted program."""
+
+_MESSAGE = b"coilarray: interrupted\n"
+_PATIENCE = 2.0  # s for a computation to return to Python
+_heard = Event()  # of the block that lasts
+
+
+@contextmanager
+def ending_on_interrupt() -> Iterator[None]:
+    """End on Ctrl-C if a library does not return.
+
+    Otherwise KeyboardInterrupt is raised as usual. Files stay whole, as each gets its name in one
+    step. It does nothing if another program handles Ctrl-C itself.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    global _heard  # noqa: PLW0603
+    heard = _heard = Event()  # its own: the thread of a block that has ended may still look at it
+    read_end, write_end = socket.socketpair()
+    write_end.setblocking(False)  # as set_wakeup_fd demands
+
+    def raise_interrupt(number: int, frame: object) -> NoReturn:
+        heard.set()
+        raise KeyboardInterrupt
+
+    def watch() -> None:
+        with read_end:
+            while came := read_end.recv(1):
+                if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
+                    with suppress(OSError):
+                        os.write(2, _MESSAGE)
+                    os._exit(INTERRUPTED)
+
+    signal.signal(signal.SIGINT, raise_interrupt)
+    before = signal.set_wakeup_fd(write_end.fileno(), warn_on_full_buffer=False)
+    Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        write_end.close()
+        _heard = Event()
+
+
+def was_interrupted() -> bool:
+    """Whether Ctrl-C came, even if a library raised another exception."""
+    return _heard.is_set()
+
+
+def end_interrupted() -> NoReturn:
+    """End the program at once, without waiting for threads."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, AttributeError):
+            stream.flush()
+    os._exit(INTERRUPTED)
+
 
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
@@ -61,21 +104,21 @@ _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THRE
 
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {
     "Design": {
-        "init": init.init, "check": check.check, "export": export.export, "view": view.view, "studio": studio.studio,
+        "init": init.init, "check": design.check, "export": design.export, "view": view.view, "studio": view.studio,
     },
     "Compute": {
-        "report": report.report, "impedance": impedance.impedance, "response": response.response,
-        "target": target.target,
+        "report": compute.report, "impedance": compute.impedance, "response": compute.response,
+        "target": compute.target,
     },
-    "Position": {"locate": locate.locate, "calibrate": calibrate.calibrate},
-    "Studies": {"sweep": sweep.sweep, "optimize": optimize.optimize, "tolerance": tolerance.tolerance},
+    "Position": {"locate": position.locate, "calibrate": position.calibrate},
+    "Studies": {"sweep": studies.sweep, "optimize": studies.optimize, "tolerance": studies.tolerance},
     "Board": {
-        "board test": self_test.self_test, "board measure": measure.measure, "board campaign": campaign.campaign,
-        "board info": info.info, "board calibrate": calibrate_board.calibrate, "board compare": compare.compare,
+        "board test": measure.self_test, "board measure": measure.measure, "board campaign": measure.campaign,
+        "board info": recordings.info, "board calibrate": recordings.calibrate, "board compare": recordings.compare,
         "board live": live.live,
     },
     "Paper": {"paper fit": paper.fit, "paper distortion": paper.distortion},
-    "Help": {"keys": keys.keys, "docs": docs.docs},
+    "Help": {"keys": help.keys, "docs": help.docs},
 }  # fmt: skip
 """Every command by name, in the help's groups."""
 

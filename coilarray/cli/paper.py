@@ -9,7 +9,6 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.maps import is_map, read_map
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -51,8 +50,8 @@ def fit(
     from coilarray.response.map import response_map
     from coilarray.response.setup import indentation_of
 
-    if is_map(source):
-        response = read_map(Path(str(source)))
+    if shared.is_map(source):
+        response = shared.read_map(Path(str(source)))
     else:
         design = shared.open_design(source, allow_violations=allow_violations)
         states = [state.name for state in design.plan]

@@ -13,7 +13,7 @@ import xarray as xr
 from support.command_line import mistakes, runner, successes
 
 from coilarray import couple_design, load_design, load_design_file, new_design
-from coilarray.cli.docs import find_page
+from coilarray.cli.help import find_page
 from coilarray.cli.main import COMMANDS, GROUPS, program, summary
 from coilarray.cli.shared import lengths
 from coilarray.compute.netcdf import save_dataset
@@ -82,7 +82,7 @@ def test_pages_are_found_by_the_end_of_their_path(built):
 def test_docs_opens_a_page_or_prints_its_path(built, capsys, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
-    monkeypatch.setattr("coilarray.cli.docs.CLONE", built)
+    monkeypatch.setattr("coilarray.cli.help.CLONE", built)
     page = built / "docs" / "_build" / "html" / "start" / "first_report.html"
     assert good(capsys, "docs", "first_report", "--print") == f"{page}\n"
     assert not opened

@@ -72,7 +72,7 @@ def test_a_long_command_is_interrupted(after, command):
 
 @pytest.mark.slow
 def test_a_computation_that_does_not_return_to_python_is_ended():
-    script = f"from coilarray.cli.interrupts import ending_on_interrupt\nwith ending_on_interrupt():\n    {BUSY}"
+    script = f"from coilarray.cli.main import ending_on_interrupt\nwith ending_on_interrupt():\n    {BUSY}"
     code, _, err, _ = interrupted("-c", script, after=0.5)
     assert (code, err) == (130, "coilarray: interrupted\n")
 
@@ -103,7 +103,7 @@ def test_a_program_that_ends_while_processes_start_leaves_no_word():
 
 
 def test_an_interrupt_is_raised_as_usual_where_python_runs():
-    from coilarray.cli.interrupts import ending_on_interrupt
+    from coilarray.cli.main import ending_on_interrupt
 
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt), ending_on_interrupt():
@@ -114,7 +114,7 @@ def test_an_interrupt_is_raised_as_usual_where_python_runs():
 
 @pytest.mark.parametrize("error", [ValueError("of a library"), KeyboardInterrupt()])
 def test_an_error_that_a_library_makes_of_an_interrupt_is_one(monkeypatch, capsys, error):
-    from coilarray.cli import interrupts, main
+    from coilarray.cli import main
 
     def interrupted_program(*arguments, **options):
         with suppress(KeyboardInterrupt):
@@ -122,10 +122,10 @@ def test_an_error_that_a_library_makes_of_an_interrupt_is_one(monkeypatch, capsy
         raise error
 
     monkeypatch.setattr(main, "program", lambda name: interrupted_program)
-    with interrupts.ending_on_interrupt():
+    with main.ending_on_interrupt():
         assert main.main(["check"]) == 130
     assert capsys.readouterr().err == "coilarray: interrupted\n"
-    assert not interrupts.was_interrupted()
+    assert not main.was_interrupted()
 
 
 def test_an_interrupt_while_a_process_starts_comes_after_that():

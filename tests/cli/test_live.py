@@ -22,7 +22,6 @@ from support.quick_recordings import stream_file
 from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design, noise_budget
-from coilarray.cli import maps
 from coilarray.cli.board import live as live_command
 from coilarray.cli.board import live_source
 from coilarray.hardware import emulator
@@ -62,7 +61,7 @@ def kept(board):
 
 @pytest.fixture
 def table(kept, monkeypatch):
-    monkeypatch.setattr(maps, "stored_table", lambda design, progress: kept)
+    monkeypatch.setattr(live_source, "stored_table", lambda design, progress: kept)
 
 
 @pytest.fixture(scope="module")
@@ -352,7 +351,7 @@ def test_a_wrong_port_costs_no_table(capsys, monkeypatch, arguments):
     def computed(design, progress):
         raise AssertionError("the table is computed for nothing")
 
-    monkeypatch.setattr(maps, "stored_table", computed)
+    monkeypatch.setattr(live_source, "stored_table", computed)
     assert arguments[1] in refused(capsys, "gast2020", *arguments)
 
 

@@ -353,7 +353,7 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
 def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
     Path("two.jsonl").write_text("[1e-4]\n[2]", encoding="utf-8")
     Path("twice.jsonl").write_text('{"coil1": 1e-4, "coil1": 2e-4, "coil2": 0, "coil3": 0}\n', encoding="utf-8")
-    monkeypatch.setattr("coilarray.cli.locate.kept_table", lambda *_: pytest.fail("the table comes last"))
+    monkeypatch.setattr("coilarray.cli.shared.kept_table", lambda *_: pytest.fail("the table comes last"))
     assert message in refused(capsys, "locate", "--model", "starter", *arguments)
 
 

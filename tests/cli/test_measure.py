@@ -13,7 +13,7 @@ from support import recorded_boards, refusals
 from support.command_line import runner, successes, toml_file
 
 from coilarray import load_design
-from coilarray.cli.board import campaign as campaign_command
+from coilarray.cli.board import measure as measure_command
 from coilarray.cli.board import options as board_options
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part
@@ -135,7 +135,7 @@ def test_campaign(board, grid, campaign, tmp_path, capsys):
 @pytest.fixture
 def stuck(monkeypatch):
     """Let a switch to ground stay open, which changes L by little: every scan is good."""
-    opened_board = campaign_command.opened_board
+    opened_board = measure_command.opened_board
 
     @contextlib.contextmanager
     def with_fault(*arguments, **options):
@@ -144,7 +144,7 @@ def stuck(monkeypatch):
             chain.stick(*chain.find(1, 0, "ground"), "open")
             yield opened, settings
 
-    monkeypatch.setattr(campaign_command, "opened_board", with_fault)
+    monkeypatch.setattr(measure_command, "opened_board", with_fault)
 
 
 def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, grid, stuck, tmp_path, capsys):
@@ -303,9 +303,9 @@ def test_bad_campaigns(board, tmp_path, capsys, monkeypatch, plan, options, mess
 def test_a_move_of_the_stage_is_confirmed_by_a_yes_only(capsys, monkeypatch, typed, message):
     monkeypatch.setattr("sys.stdin", io.StringIO(typed))
     if message is None:
-        campaign_command._agree("It will move.")
+        measure_command._agree("It will move.")
     else:
-        refusals.refused(HardwareError, message, campaign_command._agree, "It will move.")
+        refusals.refused(HardwareError, message, measure_command._agree, "It will move.")
     assert capsys.readouterr().err == "It will move. [y/N] "
 
 

@@ -15,7 +15,7 @@ from support.firmware_host import FirmwareHost, needs_compiler
 from support.patience import PATIENCE, until
 from support.recorded_boards import dent, quick_board
 
-from coilarray.cli.board import campaign as campaign_command
+from coilarray.cli import shared
 from coilarray.cli.board import measure as measure_command
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
@@ -64,7 +64,7 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
         # another session of the same firmware, in which the cable is pulled
         arguments = ("--port", host.port, "--scans", 1_000_000, "--rate", 50, "--out", path, "--resume")
         with monkeypatch.context() as patch:
-            patch.setattr(measure_command, "progress_bar", unplugging)
+            patch.setattr(shared, "progress_bar", unplugging)
             code, out_of_lost, err = measure(capsys, *board, *arguments)
         assert code == 2
         kept, error = err.splitlines()
@@ -111,7 +111,7 @@ def test_campaign_of_a_microcontroller_that_restarts(board, tmp_path, capsys, mo
             if text.startswith("Press") and presses == 2:
                 host.reset()
 
-        monkeypatch.setattr(campaign_command, "_ask", ask)
+        monkeypatch.setattr(measure_command, "_ask", ask)
         # quick coils do not feel each other, which the self-test misses
         code, _, err = measure_campaign(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
     assert code == 0

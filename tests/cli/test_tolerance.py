@@ -115,7 +115,7 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
         return result.assign_attrs(found="7 of 8", undetermined="dielectric")
 
     monkeypatch.setattr("coilarray.studies.tolerance.analyse", without_positions)
-    monkeypatch.setattr("coilarray.cli.tolerance.kept_table", lambda design: "the table")
+    monkeypatch.setattr("coilarray.cli.shared.kept_table", lambda design: "the table")
     Path("fab.toml").write_text(f"schema = 1\n[placement]\nboard_mm = 0.05{POSITIONS}", encoding="utf-8")
     out = good(capsys, linear, "fab.toml", "--workers", "1", "--samples", "8", "-q", "span_mm")
     assert seen == {"positions": Positions((3e-3,), (1e-3, 3e-3), 0.3 * 1e-3, 1e-7), "table": "the table"}

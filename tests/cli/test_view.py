@@ -75,7 +75,7 @@ def test_a_film(capsys, linear, monkeypatch):
 def test_a_position_is_located_with_the_kept_table(capsys, linear, monkeypatch):
     x, y = np.linspace(-14e-3, 14e-3, 11), np.linspace(-5e-3, 5e-3, 5)
     table = response_map(load_design(linear), depths=[0.3e-3, 0.6e-3], x=x, y=y, imperfections=IDEAL)
-    monkeypatch.setattr("coilarray.cli.maps.kept_table", lambda design: table)
+    monkeypatch.setattr("coilarray.cli.shared.kept_table", lambda design: table)
     code, out, err = run(
         capsys, linear, "--show", "location", "--depth-mm", "0.5", "--at-mm", "2", "3", "--out", "parts.vtm"
     )

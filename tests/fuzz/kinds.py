@@ -37,8 +37,8 @@ from support.recorded_boards import WIRING_TEXT, board_calibration, two_coils_do
 
 import coilarray.studies.comparison
 from coilarray import load_design
-from coilarray.cli.locate import read_readings
-from coilarray.cli.maps import read_ellipses, read_response
+from coilarray.cli.position import read_readings
+from coilarray.cli.shared import read_ellipses, read_response
 from coilarray.compute.netcdf import read_checked, save_dataset
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file, parse_design, parse_design_file

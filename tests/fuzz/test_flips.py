@@ -58,7 +58,7 @@ def board_calibration(folder):
 
 
 def ellipses(folder):
-    from coilarray.cli.maps import read_ellipses
+    from coilarray.cli.shared import read_ellipses
 
     path = folder / "model.json"
     path.write_text(model_to_json(published_model(), "a test"), encoding="utf-8")
@@ -66,7 +66,7 @@ def ellipses(folder):
 
 
 def csv_of_a_stream(folder):
-    from coilarray.cli.locate import read_readings
+    from coilarray.cli.position import read_readings
 
     path = folder / "stream.csv"
     with open_recording(stream_file(folder / "stream.sqlite", 12, noise=1e-6)) as recording:

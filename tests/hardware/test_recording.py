@@ -22,7 +22,7 @@ from support.recorded_boards import (
 )
 from support.refusals import refused
 
-from coilarray.cli.locate import read_readings
+from coilarray.cli.position import read_readings
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import HardwareError, LocalizeError, OutputError
 from coilarray.hardware.record import recorder as recorder_module

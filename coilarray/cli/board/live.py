@@ -1,4 +1,4 @@
-"""``coilarray board live``."""
+"""``coilarray board live``, and the keys that it obeys."""
 
 from __future__ import annotations
 
@@ -15,15 +15,63 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli.board.live_source import LiveOptions, live_readings, live_source, show_window
-from coilarray.cli.board.options import MARK, BoardOptions, board_command, marked
-from coilarray.cli.keyboard import pressed_keys
-from coilarray.cli.shared import References, drop_output, open_design_file, progress_bar
+from coilarray.cli.board.options import BoardOptions, board_command
+from coilarray.cli.shared import MARK, References, drop_output, marked, open_design_file, progress_bar
 from coilarray.compute.display_units import number_text, true_minus
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.design.model import DesignFile
     from coilarray.hardware.record.live_tracking import LiveReading, LiveState
+
+
+@contextmanager
+def pressed_keys() -> Iterator[Callable[[], str]]:
+    """Yield a function that returns the newly pressed keys.
+
+    The terminal is as it was when the block is left.
+    """
+    try:
+        watched = sys.stdin.isatty() and sys.stdout.isatty()
+    except ValueError:  # closed
+        watched = False
+    if not watched:
+        yield lambda: ""
+        return
+    if sys.platform == "win32":
+        import msvcrt
+
+        def waiting() -> str:
+            keys = ""
+            while msvcrt.kbhit():
+                keys += msvcrt.getwch()
+            return keys
+
+        yield waiting
+        return
+    import os
+    import select
+    import termios
+    import tty
+
+    keyboard = sys.stdin.fileno()
+
+    def ready() -> str:
+        keys = b""
+        while select.select([keyboard], [], [], 0)[0]:
+            more = os.read(keyboard, 64)
+            if not more:
+                break
+            keys += more
+        return keys.decode("ascii", errors="ignore")
+
+    before = termios.tcgetattr(keyboard)
+    try:
+        tty.setcbreak(keyboard)
+        yield ready
+    finally:
+        termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
+
 
 _REDRAW = 0.1  # s, at least, from picture to picture
 _BAR, _LEAST_SCALE = 40, 1e-4  # characters; δ at the end of a bar, at least

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from coilarray.cli.board.options import BoardOptions, is_emulator, marked, opened_board
-from coilarray.cli.shared import check_file
+from coilarray.cli.board.options import BoardOptions, is_emulator, opened_board
+from coilarray.cli.shared import check_file, marked, stored_table
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -142,7 +142,6 @@ def live_source(options: LiveOptions, design: Design, *, locate: bool, progress:
 
 def _model(design: Design, progress: Progress) -> ForwardModel:
     """Return the forward model of a design, its table stored."""
-    from coilarray.cli.maps import stored_table
     from coilarray.localize.forward import forward_model
     from coilarray.response.dataset import on_board
 

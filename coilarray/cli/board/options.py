@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from coilarray.cli.shared import open_design_file, print_json, terminal_width
+from coilarray.cli.shared import open_design_file
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.cli.board.files import BoardSettings
-    from coilarray.compute.table import Table
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile
     from coilarray.hardware.board.connect import Board
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from coilarray.hardware.scan.wiring import Wiring
 
 EMULATOR = "emulator"
-MARK = "[emulator] "
-"""Start of every line about an emulated board."""
 
 WiringName = Annotated[
     str | None, typer.Option("--wiring", help="Wiring file (TOML) or name of a bundled one; six_coils by default.")
@@ -222,20 +219,6 @@ def _emulated(options: BoardOptions, *, real_time: bool) -> dict[str, Any]:
     oscillator = Oscillator(given["clock_MHz"] * 1e6) if "clock_MHz" in given else Oscillator()
     conditions = Conditions(oscillator, drift, given.get("noise"))
     return {"seed": given.get("seed", 0), "clock": clock, "conditions": conditions}
-
-
-def print_marked(data: Any, parts: Sequence[str | Table], *, as_json: bool, emulated: bool) -> None:
-    """Print a result, as JSON alone or as marked texts."""
-    if as_json:
-        print_json(data)
-    else:
-        texts = (part if isinstance(part, str) else part.text(terminal_width()) for part in parts)
-        typer.echo(marked("\n".join(texts), emulated=emulated))
-
-
-def marked(text: str, *, emulated: bool) -> str:
-    """Return a text, each line marked for emulated boards."""
-    return "\n".join(f"{MARK}{line}".rstrip() for line in text.splitlines()) if emulated else text
 
 
 def _emulation(texts: Sequence[str]) -> dict[str, Any]:

@@ -1,0 +1,559 @@
+"""Commands that compute: ``coilarray report``, ``impedance``, ``response`` and ``target``."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from coilarray import viz
+from coilarray.cli import shared
+from coilarray.errors import ElastomerError, GeometryError, OutputError
+from coilarray.report.drawing import drawing_beside
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+    import xarray as xr
+
+    from coilarray.compute.table import Table
+    from coilarray.design.model import Design
+    from coilarray.response.map import Imperfections, Reach
+
+
+_COMPILE = "from coilarray.electromagnetics import kernels; kernels.compile_kernels()"
+_LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: the index of its code on disk
+
+
+@contextmanager
+def compiling_beside() -> Iterator[None]:
+    """Compile kernels in another process while the block runs.
+
+    Nothing happens on one core, without numba, if the kernels are on disk, or if numba may not
+    write beside them.
+    """
+    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1] / "electromagnetics/kernels/__pycache__")
+    off = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+    there = next((folder for folder in (kept, *kept.parents) if os.access(folder, os.F_OK)), kept)
+    if off or (os.cpu_count() or 1) < 2 or any(kept.rglob(_LAST)) or not os.access(there, os.W_OK):
+        yield
+        return
+    quiet = subprocess.DEVNULL
+    # what goes wrong there goes wrong here too, and is said here
+    child = subprocess.Popen([sys.executable, "-P", "-c", _COMPILE], stdin=quiet, stdout=quiet, stderr=quiet)
+    try:
+        yield
+    finally:
+        child.kill()
+        child.wait()
+
+
+def report(
+    design: shared.DesignArgument = None,
+    out: Annotated[Path, shared.file_option(("--out", "-o"), "Folder for report.html and the folder report.")] = Path(),
+    distortion: Annotated[
+        Path | None, typer.Option(help="Result of `coilarray paper distortion --out` (.nc), to be included.")
+    ] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
+) -> None:
+    """Write the report of a design, with tables and pictures.
+
+    Writes report.html, and the folder report with its numbers as CSV, JSON and netCDF.
+
+    Example: coilarray report gast2020 --out results
+    """
+    shared.check_folder(out)
+    with compiling_beside(), drawing_beside():
+        from coilarray.compute.netcdf import read_checked
+        from coilarray.paper.distortion import DISTORTION
+        from coilarray.report.write import write_report
+
+        opened = shared.open_design_file(design, allow_violations=allow_violations)
+        causes = None if distortion is None else read_checked(distortion, DISTORTION)
+        with shared.progress_bar(f"report of {opened.design.name}") as progress:
+            made = write_report(opened, out, distortion=causes, progress=progress)
+    if made.rendering_problem is not None:
+        typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
+    if as_json:
+        shared.print_json(made.data)
+        return
+    typer.echo(f"wrote {made.page} and the data in {made.folder}{os.sep}")
+    for line in made.verdicts:
+        typer.echo(line)
+    if made.summary is not None:
+        typer.echo(made.summary.text(shared.terminal_width(), title=False))
+        if opened.assumed:
+            typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
+        typer.echo("")
+    typer.echo(_summary(opened.design.array.centres, made.coupling).text(shared.terminal_width()))
+
+
+def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:
+    """Short table of the coils."""
+    import numpy as np
+
+    from coilarray.compute.display_units import number_text
+    from coilarray.compute.table import text_table
+
+    names = coupling.coil.values.tolist()
+    distance = np.hypot(*(centres[:, None] - centres[None, :]).transpose(2, 0, 1))
+    np.fill_diagonal(distance, np.inf)
+    columns = (
+        (coupling.open_inductance, 1e6, 3), (coupling.effective_inductance, 1e6, 3), (coupling.frequency, 1e-6, 4),
+        (coupling.ideal_effective_inductance, 1e6, 3),
+    )  # fmt: skip
+    rows = []
+    for a, name in enumerate(names):
+        # neighbours: the coils at the least distance, to a twentieth
+        near = np.flatnonzero(np.isfinite(distance[a]) & (distance[a] <= 1.05 * distance[a].min()))
+        numbers = [f"{float(values[a]) * factor:.{digits}f}" for values, factor, digits in columns]
+        neighbours = ", ".join(f"{names[b]} {number_text(float(coupling.coupling[a, b]), 4, '+')}" for b in near)
+        rows.append([name, *numbers, neighbours or "none"])
+    return text_table(("coil", "L (µH)", "L_eff (µH)", "f (MHz)", "L_eff ideal (µH)", "k to the neighbours"), rows)
+
+
+_FILES = r"\.(nc|csv|cir|sub|inp|s\d+p)"
+
+
+def impedance(
+    design: shared.DesignArgument = None,
+    from_mhz: Annotated[
+        float | None,
+        typer.Option("--from-MHz", help="Lowest frequency of the sweep; a tenth of the resonance by default."),
+    ] = None,
+    to_mhz: Annotated[
+        float | None, typer.Option("--to-MHz", help="Highest frequency; above resonance and self-resonance by default.")
+    ] = None,
+    points: Annotated[
+        int,
+        shared.number_option(("--points",), 2, 10_000, "Number of frequencies, evenly spaced on a logarithmic scale."),
+    ] = 50,
+    noise: Annotated[
+        bool, typer.Option("--noise", help="Print the noise and drift of the readings, cause by cause, instead.")
+    ] = False,
+    reference: shared.References = None,
+    out: Annotated[
+        Path | None,
+        shared.out_option("Also write the sweep: .nc, .csv; the network: .cir, .sub (SPICE), .sNp, .inp (FastHenry)."),
+    ] = None,
+    plot: Annotated[Path | None, shared.plot_option("L, R and Q over frequency, with both resonances")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
+) -> None:
+    """Compute inductances, couplings, resonances and impedances.
+
+    Prints the matrices of L, M and k (of more than 24 coils the strongest couplings), and for each
+    state of the scan the circuit with AC resistance, winding capacitance and switches, with the
+    limits of the converter.
+
+    With --noise it prints every cause of noise instead: its noise in one scan, its drift per
+    kelvin, its change since L_0 was read, and the source of the value. Values and settings are in
+    the table [readout] of the design. `locate`, position errors and the ranges of targets assume
+    the σ of δ at the end. `coilarray board info --noise` compares a recording with it.
+
+    Example: coilarray impedance gast2020 --from-MHz 0.5 --to-MHz 5 --out sweep.csv --plot sweep.png
+
+    Example: coilarray impedance gast2020 --noise --reference coil6
+    """
+    if out is not None and not re.fullmatch(_FILES, out.suffix.lower()):
+        raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
+    shared.check_file("--out", out, None)
+    _require_range(1e-6 if from_mhz is None else from_mhz, 1e6 if to_mhz is None else to_mhz)  # before any work
+    if reference and not noise:
+        raise GeometryError("--reference is for --noise.")
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    if noise:
+        _print_noise(opened, reference or [], as_json=as_json)
+        return
+    suffix = "" if out is None else out.suffix.lower()
+    if suffix == ".inp" and opened.plates:
+        raise OutputError(f"--out .inp cannot hold [[plate]], which {opened.name} has; write .cir or .sNp.")
+    import numpy as np
+
+    from coilarray.circuit.board_circuit import board_circuit
+    from coilarray.circuit.coupling import (
+        close_channels,
+        couple_design,
+        scan_design,
+        sweep_design,
+        sweep_frequencies,
+        sweep_range,
+    )
+    from coilarray.circuit.network import checked_network
+    from coilarray.report import circuit_tables
+    from coilarray.report.tables import coil_table, matrix_tables, pair_table
+
+    with shared.progress_bar("inductance matrix") as progress:
+        # two coils in one place are refused here, before any circuit
+        inductance = checked_network(board_circuit(opened, progress=progress).inductance, 0.0)[0]
+    with shared.progress_bar("states") as progress:
+        scan = scan_design(opened, progress=progress)
+    errors = board_circuit(opened).plate_error_attributes
+    low, high = (f * 1e-6 for f in sweep_range(scan))
+    low, high = low if from_mhz is None else from_mhz, high if to_mhz is None else to_mhz
+    _require_range(low, high)
+    even = np.geomspace(low * 1e6, high * 1e6, points)
+    frequencies = even if plot is None else sweep_frequencies(scan, points, (even[0], even[-1]))
+    with shared.progress_bar(f"impedance at {frequencies.size} frequencies") as progress:
+        curves = sweep_design(opened, frequencies, progress=progress)
+    sweep = curves.sel(frequency=even)
+    of_sweep = circuit_tables.sweep_table(sweep)
+    if suffix in (".nc", ".csv"):
+        shared.write_numbers(out, sweep, of_sweep.csv)
+    elif out is not None:
+        _write_network(opened, scan, out)
+    shared.draw(plot, lambda: viz.frequency_figure(curves, scan))
+    states, windings = circuit_tables.state_table(scan), circuit_tables.winding_table(scan)
+    drives, limits = circuit_tables.drive_table(scan), circuit_tables.limit_table(scan)
+    close = close_channels(scan.state.values.tolist(), scan.frequency.values)
+    data: dict[str, object] = {**shared.design_record(opened), "names": list(opened.array.names)}
+    if as_json:
+        coupling = couple_design(opened)
+        data |= {
+            "inductance_H": inductance.tolist(),
+            "coupling": coupling.coupling.values.tolist(),
+            "coils": coil_table(opened, coupling).records(),
+            "pairs": pair_table(coupling).records(),
+            **errors,
+            "states": states.records(),
+            "windings": windings.records(),
+            "state_currents": circuit_tables.state_current_table(scan).records(),
+            "capacitance_F": scan.capacitance.values.tolist() if "capacitance" in scan else None,
+            "left_out": scan.attrs["left_out"],
+            "ldc1614_drive": drives.records(),
+            "ldc1614": limits.records(),
+            "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
+            "sweep": of_sweep.records(),
+        }
+    lines = [*shared.plate_error_lines(errors), *_limit_lines(limits, scan, opened)]
+    lines += [circuit_tables.close_line(close)] if close else []
+    lines += shared.left_out_lines(scan.attrs["left_out"])
+    matrices = matrix_tables(list(opened.array.names), inductance)
+    tables = [*matrices, states, windings, *([drives] if drives.rows else [])]
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=(out, plot))
+
+
+def _limit_lines(limits: Table, scan: xr.Dataset, design: Design) -> list[str]:
+    """Name the broken limits of the converter."""
+    lines = [
+        f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
+        for state, limit, value, low, high, kept in limits.rows
+        if not kept
+    ]
+    if limits.rows and not lines:
+        without = " without the target (coilarray target has it with)" if design.target else ""
+        so_far = "as far as these numbers go, " if scan.attrs["left_out"] else ""
+        lines = [f"LDC1614: {so_far}all limits are kept{without}"]
+    return lines
+
+
+def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
+    """Write the network of a design for another program."""
+    from coilarray.circuit.board_circuit import board_circuit
+    from coilarray.circuit.coupling import couple_design
+    from coilarray.circuit.network_files import exchange_frequencies, export_network, fasthenry_input
+    from coilarray.compute.files import write_text
+
+    if out.suffix.lower() == ".inp":
+        frequency = float(couple_design(design).frequency.mean())
+        write_text(out, fasthenry_input(design.array, [frequency], title=design.name))
+    else:
+        circuit = board_circuit(design)
+        export_network(circuit.swept(exchange_frequencies(circuit.network)), out, title=design.name)
+
+
+def _print_noise(design: Design, reference: list[str], *, as_json: bool) -> None:
+    """Print the noise budget of a design."""
+    from coilarray.circuit.noise_budget import noise_budget
+    from coilarray.report.circuit_tables import budget_lines, noise_table, sigma_table
+
+    budget = noise_budget(design)
+    if reference:
+        budget = budget.referenced(reference)
+    data = {**shared.design_record(design), **budget.to_record()}
+    tables = (noise_table(budget), sigma_table(budget))
+    shared.print_result(data, as_json=as_json, tables=tables, lines=budget_lines(budget))
+
+
+def _require_range(low: float, high: float) -> None:
+    """Refuse frequencies in MHz that are no range."""
+    if not 1e-6 <= low < high <= 1e6:
+        raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {low:g} and {high:g}.")
+
+
+_REST = "rest_distance_mm"
+_SHEET = "thickness_error_mm."
+
+
+def response(
+    design: shared.DesignArgument = None,
+    depth_mm: shared.Depths = None,
+    x_mm: shared.PlacesX = None,
+    y_mm: shared.PlacesY = None,
+    experiment: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="Imperfection of the experiment: depth_error_mm, tilt_x_mrad, tilt_y_mrad, offset_x_mm, offset_y_mm, "
+            "drift, column_drift, thickness_error_mm.SHEET, noise (of each reading of L), seed; or rest_distance_mm, "
+            "the height of an indenter with a material while L_0 is read. May be repeated.",
+        ),
+    ] = None,
+    ideal: shared.Ideal = False,
+    reach: Annotated[
+        str,
+        typer.Option(
+            help="Coils included at a position: all; a number from 0.0001 to 0.1 for only those near the indenter "
+            "that keep the error of δ below this fraction of its peak; auto for 0.001 on large boards, else all."
+        ),
+    ] = "auto",
+    dent: Annotated[bool, typer.Option("--dent", help="Compute the dent and the force alone, without coils.")] = False,
+    out: shared.NumbersFile = Path("response.nc"),
+    plot: Annotated[Path | None, shared.plot_option("the maps of the deepest dent, or with --dent the dent")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
+) -> None:
+    """Compute the response of every coil to an indentation.
+
+    Computes δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the
+    indenter, with the other coils as the scan terminates them. The table shows the peak of every
+    map. Positions in the table, the picture and a .csv are on the board. In a .nc they count from
+    the map's origin, which it states. After an interruption the same command resumes from the
+    folder FILE.parts. On large boards only the coils near the indenter are included, and a line
+    says so.
+
+    An indenter with a material (indenter.material of the design) also changes δ by its eddy
+    currents and its magnetisation. Their share is shown beside δ. L_0 is read while the indenter
+    just touches the sheets. A negative depth of such an indenter is a height above the sheets:
+    --depth-mm=-5,-1,0,1.
+
+    Plates below the coils ([[plate]]: a backplane, a copper pour) are included at the frequency of
+    each state. Infinite plates reflect the field of the coils and of the dent, plates with an
+    outline only the field of the coils.
+
+    With --dent the table has the displacement of each sheet's upper face on the axis, the force of
+    the indenter, which has no friction, and the ring, the highest rise of the free surface. A
+    rectangular sample counts as wide, and its seat as even.
+
+    Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
+
+    Example: coilarray response gast2020 --dent --depth-mm 0.1:1:10 --out dent.csv
+    """
+    depths, *places = (
+        shared.lengths(option, text) for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
+    )
+    if dent:
+        _print_dent(design, depths, out, plot, as_json=as_json)
+        return
+    imperfections = _experiment(experiment or ())
+    counted: Reach = None if reach == "all" else "auto"
+    if reach not in ("all", "auto"):
+        from coilarray.response.map import LARGEST_ERROR, LEAST_ERROR
+
+        with suppress(ValueError):
+            counted = float(reach)
+        if not isinstance(counted, float) or not LEAST_ERROR <= counted <= LARGEST_ERROR:
+            raise ElastomerError(
+                f"--reach must be all, auto or {LEAST_ERROR:g} to {LARGEST_ERROR:g}, an error of δ; got {reach!r}."
+            )
+    from coilarray.circuit.converter_limits import reading_lines
+    from coilarray.report.figures import map_outlines
+    from coilarray.report.response_tables import path_drive_table, response_table
+    from coilarray.response.dataset import coils_outside, on_board
+    from coilarray.response.map import response_map
+
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    x, y = shared.from_map_origin(opened.indentation, *places)
+    if ideal:
+        imperfections = replace(imperfections, network="ideal")
+    with shared.map_parts(out) as keep, shared.progress_bar("response") as progress:
+        result = response_map(
+            opened, depths=depths, x=x, y=y, imperfections=imperfections, accuracy=counted, keep=keep,
+            progress=progress,
+        )  # fmt: skip
+        shown = on_board(result)
+        table = response_table(shown)
+        in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")
+        shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
+    shared.draw(plot, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
+    error, lifted = result.attrs["error_of_peak"], result.attrs.get("lifted_m")
+    lines = [*reading_lines(shown), *([] if ideal else shared.missing_capacitance(opened))]
+    if error:
+        lines.append(
+            f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter are included: the error "
+            f"of δ is up to {error:g} of its peak; --reach all includes every coil"
+        )
+    lines.append(f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}")
+    if outside := coils_outside(shown) if x is None and y is None else []:
+        lines.append(f"note: the design's positions do not include the centres of {', '.join(outside)}")
+    if lifted:
+        weightless = opened.indentation is not None and not opened.indentation.unevenness.weight
+        held = "; without seat_weight_Pa only the indenter holds it down" * weightless
+        lines.append(f"note: the sample rises off its seat by up to {lifted * 1e3:.2g} mm{held}")
+    # a path through metal needs its own drive; a dent alone changes no amplitude
+    drive = path_drive_table(shown if "metal_delta" in shown else shown.drop_vars("amplitude", errors="ignore"))
+    data = {
+        **shared.design_record(opened), "file": out and str(out), "error_of_peak": error, "lifted_m": lifted,
+        table.name: table.records(), drive.name: drive.records(),
+    }  # fmt: skip
+    tables = [table, *([drive] if drive.rows else [])]
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[plot])
+
+
+def _print_dent(
+    name: str | None, depths: list[float] | None, out: Path | None, plot: Path | None, *, as_json: bool
+) -> None:
+    """Compute and print a design's dent and force."""
+    if depths is not None and depths[0] <= 0:
+        raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
+    from coilarray.circuit.coupling import provenance
+    from coilarray.compute.display_units import value_text
+    from coilarray.design.model import load_design_file
+    from coilarray.report.response_tables import indentation_table
+    from coilarray.response.setup import contact_at, indentation_of
+
+    file = load_design_file(name)
+    opened = file.design
+    setup = indentation_of(opened)
+    result = contact_at(setup, opened.sheets, depths or setup.depths).assign_attrs(provenance(opened))
+    how = f"{setup.indenter.name}, base {setup.base}, {setup.strain} strain"
+    table = replace(indentation_table(result), title=how)
+    shared.write_numbers(out, result, table.csv)
+    shared.draw(plot, lambda: viz.indentation_figure(result, setup.indenter))
+    lines = []
+    if setup.sample_bounds is not None:
+        lines.append("The sample counts as wide here, on an even seat that holds it. Responses include sides and seat.")
+    tables, others = ("elastomer.", "indenter.", "indentation."), (".x_mm", ".y_mm", ".origin", "_permeability")
+    assumed = {key: why for key, why in file.assumed.items() if key.startswith(tables) and not key.endswith(others)}
+    lines += [f"assumed: {key} = {value_text(file.values[key])}: {why}" for key, why in assumed.items()]
+    data = {
+        **shared.design_record(opened), "indenter": setup.indenter.name, "base": str(setup.base),
+        "strain": setup.strain, "dents": table.records(), "assumed": assumed,
+    }  # fmt: skip
+    shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=(out, plot))
+
+
+def _experiment(texts: Sequence[str]) -> Imperfections:
+    """Return the imperfections of an experiment."""
+    from coilarray.studies.calibrate.data import imperfections_of
+    from coilarray.studies.calibrate.plan import IMPERFECTIONS
+
+    values: dict[str, float] = {}
+    known = (*IMPERFECTIONS, f"{_SHEET}SHEET", "noise", "seed", _REST)
+    for text in texts:
+        key, _, value = text.partition("=")
+        if key not in known and not key.startswith(_SHEET):
+            raise ElastomerError(f"--experiment must be KEY=VALUE with a key of {', '.join(known)}; got {text!r}.")
+        if key in values:
+            raise ElastomerError(f"--experiment must name {key} once.")
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise ElastomerError(f"--experiment {key} must be a number; got {value!r}.") from None
+    seed = values.get("seed", 0.0)
+    if not seed.is_integer():
+        raise ElastomerError(f"--experiment seed must be a whole number; got {seed:g}.")
+    sheets = {key.removeprefix(_SHEET): value * 1e-3 for key, value in values.items() if key.startswith(_SHEET)}
+    return replace(
+        imperfections_of(values), thickness_errors=sheets, noise=values.get("noise", 0.0), seed=int(seed),
+        rest=values.get(_REST, 0.0) * 1e-3,
+    )  # fmt: skip
+
+
+def target(
+    design: Annotated[
+        str,
+        typer.Argument(
+            metavar="DESIGN",
+            help="Design file (TOML) with a [target], or name of a bundled design; proximity by default.",
+            show_default=False,
+        ),
+    ] = "proximity",
+    distance_mm: Annotated[
+        str | None, typer.Option(help="Distances, such as 0.5,1 or START:STOP:COUNT; the design's by default.")
+    ] = None,
+    x_mm: shared.PlacesX = None,
+    y_mm: shared.PlacesY = None,
+    noise: shared.Noise = None,
+    ideal: shared.Ideal = False,
+    accuracy: shared.Accuracy = "full",
+    out: shared.NumbersFile = Path("target.nc"),
+    plot: Annotated[Path | None, shared.plot_option("δ, L, Q and f against the distance")] = None,
+    maps: Annotated[Path | None, shared.plot_option("the maps of δ at the least distance", "--maps")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
+) -> None:
+    """Compute the response of every coil to a metal target.
+
+    The [target] of the design, of metal or ferrite, is moved over the board, vertically and
+    sideways. At every position the whole circuit is solved: L, R, Q, R_p and f of every state of
+    the scan, its δ relative to the board without the target, and every coupling. The tables show
+    each state without the target, and at the position where the target changes it most, with the
+    relative change Δf/f of its frequency, about −δ/2. They also show its range, the distance at
+    which |δ| is 3 times the noise, and the distances up to which 1, 10 and 100 µm are resolved.
+    Positions in tables, pictures and a .csv are on the board. The design may have any [[plate]]
+    beside a target, with a sphere only those below the coils. A plate that nearly touches the
+    copper takes longest: --accuracy screen takes a third of the time. Over magnetic sheets or
+    beside plates an interrupted map of a disc or another outline is resumed, distance by distance,
+    from the folder FILE.parts by the same command.
+
+    Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
+    """
+    distances = shared.lengths("--distance-mm", distance_mm, positive=True)
+    places = [shared.lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm))]
+    from coilarray.circuit.converter_limits import reading_lines
+    from coilarray.compute.display_units import PER_MILLION
+    from coilarray.report.figures import map_outlines
+    from coilarray.report.response_tables import (
+        base_table,
+        path_drive_table,
+        range_table,
+        target_coupling_table,
+        target_table,
+        values_table,
+    )
+    from coilarray.response.dataset import on_board
+    from coilarray.response.target import target_map
+
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    x, y = shared.from_map_origin(opened.target, *places)
+    network: Literal["ideal"] | None = "ideal" if ideal else None
+    with shared.map_parts(out) as keep, shared.progress_bar("target") as progress:
+        result = target_map(
+            opened, distances=distances, x=x, y=y, noise=noise, network=network, accuracy=accuracy,
+            keep=keep, progress=progress,
+        )  # fmt: skip
+        shown = on_board(result)
+        shared.write_numbers(out, result, values_table(shown).csv)
+    drive = path_drive_table(shown)
+    tables = base_table(shown), target_table(shown), range_table(shown), *([drive] if drive.rows else [])
+    shared.draw(plot, lambda: viz.target_figure(shown))
+    shared.draw(maps, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
+    data = {
+        **shared.design_record(opened),
+        "file": out and str(out),
+        "body": result.attrs["target"],
+        "material": result.attrs["material"],
+        "noise": result.attrs["sigma"],
+        **{key: value for key, value in result.attrs.items() if key.startswith("plate_")},
+        **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
+    }
+    sigma = PER_MILLION.text(result.attrs["sigma"], ".2")
+    lines = [
+        *reading_lines(shown),
+        *shared.plate_error_lines(result.attrs),
+        f"noise of δ {sigma}{shared.noise_source(noise, result)}: the range ends where |δ| is "
+        f"{result.attrs['range_factor']:g} times that; a step of distance is resolved if it is at least the standard "
+        "deviation of one reading",
+        f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
+    ]
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[plot, maps])
