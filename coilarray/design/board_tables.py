@@ -1,7 +1,6 @@
 """Tables of a design file about the board and coils.
 
-Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in
-SI.
+`in_si` or `build` makes the values, `entries_of` or `of` the entries in the units of their keys.
 """
 
 from __future__ import annotations
@@ -47,12 +46,12 @@ from coilarray.geometry import (
     path_coil,
 )
 from coilarray.geometry.arcs import SIDES, Side
-from coilarray.geometry.array import Connector, LatticeKind
+from coilarray.geometry.array import LatticeKind
 from coilarray.geometry.spiral import Sense, Winding, WindingRule
 
 _MOST_SEGMENTS = 100_000
 _TURNED = 1e-12  # rad
-_PICOMETRE = 1e-12
+_PICOMETRE, _SAME_PLACE = 1e-12, 1e-15  # m
 
 Turns = Annotated[float, Field(gt=0, le=1000)]
 
@@ -83,15 +82,6 @@ class StackupTable(Table):
                 raise ValueError(f"needs {values} in {key}, {whose}; got {count}")
         return self
 
-    def build(self) -> Stackup:
-        """Return the stack-up in SI."""
-        return Stackup(**self.in_si())
-
-    @classmethod
-    def of(cls, stackup: Stackup, layers: Mapping[str, str]) -> dict[str, Any]:
-        """Return the entries of a stack-up, with renamed `layers`."""
-        return cls.entries_of(stackup) | {"layers": [layers[name] for name in stackup.names]}
-
 
 class ViaTable(Table):
     """``[coils.NAME.via]``: the holes that join a coil's layers."""
@@ -102,10 +92,6 @@ class ViaTable(Table):
     """Diameter of the copper around it."""
     plating_um: Micrometres = 25
     """Thickness of the copper in the hole."""
-
-    def build(self) -> PlatedHole:
-        """Return the hole in SI."""
-        return PlatedHole(**self.in_si())
 
 
 class LeadsTable(Table):
@@ -124,31 +110,14 @@ class LeadsTable(Table):
 
     def build(self, via: PlatedHole) -> Leads:
         """Return the leads in SI."""
-        values = self.in_si(without=("plating_um",))
-        plating = via.plating if self.plating_um is None else self.plating_um * UM
-        terminal = PlatedHole(values.pop("drill"), values.pop("pad"), plating)
-        return Leads(**values, terminal=terminal)
-
-    @classmethod
-    def of(cls, leads: Leads, via: PlatedHole) -> dict[str, Any]:
-        """Return the entries of leads."""
-        hole = ("pad_mm", "drill_mm") if leads.terminal.plating == via.plating else ("pad_mm", "drill_mm", "plating_um")
-        return cls.entries_of(leads, "length_mm", "spacing_mm") | cls.entries_of(leads.terminal, *hole)
+        length, spacing, pad, drill, plating = self.in_si().values()
+        return Leads(length, spacing, PlatedHole(drill, pad, via.plating if plating is None else plating))
 
 
 class WoundTable(Table):
     """What coils of all wound shapes share."""
 
     ATTRIBUTES: ClassVar = {"turns_per_layer": "turns", "winding_layers": "layers", "trace_width_mm": "width"}
-    SHARED: ClassVar[tuple[str, ...]] = (
-        "turns_per_layer",
-        "winding_layers",
-        "trace_width_mm",
-        "gap_mm",
-        "winding",
-        "return_lead",
-    )
-
     turns_per_layer: Turns
     """Number of turns on each layer; parts of a turn are allowed."""
     winding_layers: Annotated[int, Field(ge=1, le=64)] = 2
@@ -170,21 +139,17 @@ class WoundTable(Table):
 
     def shared(self, name: str) -> dict[str, Any]:
         """Return the arguments in SI that all spirals share."""
-        via = self.via.build()
+        via = PlatedHole(**self.via.in_si())
         leads = None if self.leads is None else self.leads.build(via)
-        return self.in_si(*self.SHARED) | {"via": via, "leads": leads, "name": name}
+        sided = ("winding_rule",) if isinstance(self, SidedTable) else ()
+        return self.in_si(*_WOUND, *sided) | {"via": via, "leads": leads, "name": name}
 
-    @classmethod
-    def of(cls, spiral: Winding) -> dict[str, Any]:
-        """Return the entries of a wound coil except its shape."""
-        table = cls.entries_of(spiral, *WoundTable.SHARED) | {"via": ViaTable.entries_of(spiral.via)}
-        return table if spiral.leads is None else table | {"leads": LeadsTable.of(spiral.leads, spiral.via)}
+
+_WOUND = [key for key in WoundTable.model_fields if key not in ("via", "leads")]
 
 
 class SidedTable(WoundTable):
     """What coils of all wound shapes with sides share."""
-
-    SHARED: ClassVar[tuple[str, ...]] = (*WoundTable.SHARED, "winding_rule")
 
     winding_rule: WindingRule = "parallel"
     """How turns become smaller: "parallel" sides, all of the outermost turn at the stated size,
@@ -224,31 +189,8 @@ class PolygonCoil(SidedTable):
         corner, shared = self.first_corner_deg * DEG, self.shared(name)
         if not self.corner_radius_mm:
             return _wound(Spiral(self.sides, size, first_corner=corner, **shared))
-        first_side, radius = corner + _half_side(self.sides, self.winding), self.corner_radius_mm * MM
-        rounded = RoundedSpiral(size, size, corner_radius=radius, sides=self.sides, direction=first_side, **shared)
-        return _wound(rounded)
-
-    @classmethod
-    def of_polygon(cls, spiral: Spiral | RoundedSpiral) -> dict[str, Any]:
-        """Return the entries of a polygon in its shorter size."""
-        sides = spiral.sides
-        flats = spiral.extent if isinstance(spiral, RoundedSpiral) else spiral.diameter
-        corners = flats / math.cos(math.pi / sides) / MM
-        sizes = {
-            "outer_across_flats_mm": entry_of(flats, MM),
-            "outer_across_corners_mm": nearest_entry(corners, flats, lambda entry: across_flats(entry * MM, sides)),
-        }
-        key = min(sizes, key=lambda key: len(repr(sizes[key])))
-        table = {"shape": "polygon", "sides": sides, key: sizes[key]}
-        if isinstance(spiral, RoundedSpiral):
-            half = _half_side(sides, spiral.winding)
-            table["corner_radius_mm"] = entry_of(spiral.corner_radius, MM)
-            table["first_corner_deg"] = nearest_entry(
-                (spiral.direction - half) / DEG, spiral.direction, lambda entry: entry * DEG + half
-            )
-        else:
-            table["first_corner_deg"] = entry_of(spiral.first_corner, DEG)
-        return table | {"winding_rule": spiral.winding_rule}
+        side, radius = corner + _half_side(self.sides, self.winding), self.corner_radius_mm * MM
+        return _wound(RoundedSpiral(size, size, corner_radius=radius, sides=self.sides, direction=side, **shared))
 
 
 class CircleCoil(WoundTable):
@@ -267,12 +209,6 @@ class CircleCoil(WoundTable):
         """Return the coil in SI."""
         size, start = self.outer_diameter_mm * MM, self.first_corner_deg * DEG
         return _wound(RoundedSpiral(size, size, corner_radius=size / 2, direction=start, **self.shared(name)))
-
-    @classmethod
-    def of_circle(cls, spiral: RoundedSpiral) -> dict[str, Any]:
-        """Return the entries of a circle's shape."""
-        start = entry_of(spiral.direction, DEG)
-        return {"shape": "circle", "outer_diameter_mm": entry_of(spiral.extent, MM), "first_corner_deg": start}
 
 
 class OblongTable(SidedTable):
@@ -293,20 +229,6 @@ class OblongTable(SidedTable):
         extent, breadth = sizes if quarter % 2 == 0 else sizes[::-1]
         radius, start = radius_mm * MM, quarter * math.pi / 2
         return _wound(RoundedSpiral(extent, breadth, corner_radius=radius, direction=start, **self.shared(name)))
-
-    @classmethod
-    def of_oblong(cls, spiral: RoundedSpiral) -> dict[str, Any]:
-        """Return the entries of a shape along x and y."""
-        quarter = round(spiral.direction / (math.pi / 2)) % 4
-        sizes = (spiral.extent, spiral.breadth) if quarter % 2 == 0 else (spiral.breadth, spiral.extent)
-        table = {
-            "shape": "racetrack" if spiral.is_racetrack else "rectangle",
-            "outer_width_mm": entry_of(sizes[0], MM),
-            "outer_height_mm": entry_of(sizes[1], MM),
-            "first_side": SIDES[quarter],
-            "winding_rule": spiral.winding_rule,
-        }
-        return table if spiral.is_racetrack else table | {"corner_radius_mm": entry_of(spiral.corner_radius, MM)}
 
 
 class RectangleCoil(OblongTable):
@@ -346,14 +268,10 @@ def _half_side(sides: int, winding: Sense) -> float:
     return math.pi / sides if winding == "ccw" else -math.pi / sides
 
 
-def _number_or_list(value: object) -> Literal["number", "list"]:
-    return "list" if isinstance(value, list) else "number"
-
-
 # One width for all segments, or one width for each segment of each line.
 TraceWidths = Annotated[
     Annotated[Millimetres, Tag("number")] | Annotated[list[list[Millimetres]], Tag("list")],
-    Discriminator(_number_or_list),
+    Discriminator(lambda value: "list" if isinstance(value, list) else "number"),
 ]
 
 
@@ -384,7 +302,7 @@ class PathCoil(Table):
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
-        via = self.via.build()
+        via = PlatedHole(**self.via.in_si())
         plating = via.plating if self.terminal_plating_um is None else self.terminal_plating_um * UM
         terminal = PlatedHole(self.terminal_drill_mm * MM, self.terminal_pad_mm * MM, plating)
         paths = self.in_si("lines_mm", "trace_width_mm", "gap_mm")
@@ -404,9 +322,7 @@ class PathCoil(Table):
             "terminals": coil.terminal is not None,
         }
         if coil.terminal is not None:
-            hole = ViaTable.entries_of(coil.terminal, "pad_mm", "drill_mm", "plating_um")
-            if coil.terminal.plating == coil.via.plating:
-                del hole["plating_um"]
+            hole = _terminal_entries(coil.terminal, coil.via)
             table |= {f"terminal_{key}": entry for key, entry in hole.items()}
         hull = hull_outline(coil)
         if hull.shape != coil.outline.shape or not np.allclose(hull, coil.outline, rtol=0, atol=_PICOMETRE):
@@ -417,23 +333,62 @@ class PathCoil(Table):
 AnyCoil = PolygonCoil | CircleCoil | RectangleCoil | RacetrackCoil | PathCoil
 
 
+def _terminal_entries(terminal: PlatedHole, via: PlatedHole) -> dict[str, Any]:
+    """Return the entries of a terminal's hole, its plating only if it is not that of the vias."""
+    keys = ("pad_mm", "drill_mm", *(("plating_um",) if terminal.plating != via.plating else ()))
+    return ViaTable.entries_of(terminal, *keys)
+
+
 def coil_entries(coil: Coil) -> dict[str, Any]:
     """Return the table of a coil's winding, or its paths."""
-    if coil.wound is None or (shape := _shape_entries(coil.wound)) is None:
+    if coil.wound is None or (table := _shape_entries(coil.wound)) is None:
         return PathCoil.of(coil)
-    return shape | WoundTable.of(coil.wound)
+    spiral = coil.wound
+    table |= WoundTable.entries_of(spiral, *_WOUND) | {"via": ViaTable.entries_of(spiral.via)}
+    if spiral.leads is not None:
+        hole = _terminal_entries(spiral.leads.terminal, spiral.via)
+        table["leads"] = LeadsTable.entries_of(spiral.leads, "length_mm", "spacing_mm") | hole
+    return table
 
 
 def _shape_entries(spiral: Winding) -> dict[str, Any] | None:
     """Return shape and sizes, None for a tilted rectangle."""
-    if isinstance(spiral, Spiral):
-        return PolygonCoil.of_polygon(spiral)
-    assert isinstance(spiral, RoundedSpiral)  # no other kind exists
-    if spiral.is_circle:
-        return CircleCoil.of_circle(spiral)
-    if spiral.sides == 4 and abs(math.remainder(spiral.direction, math.pi / 2)) < _TURNED:
-        return OblongTable.of_oblong(spiral)
-    return PolygonCoil.of_polygon(spiral) if spiral.extent == spiral.breadth and spiral.corner_radius else None
+    assert isinstance(spiral, Spiral | RoundedSpiral)  # no other kind exists
+    table: dict[str, Any] = {}
+    sides = spiral.sides
+    if isinstance(spiral, RoundedSpiral):
+        if spiral.is_circle:
+            start = entry_of(spiral.direction, DEG)
+            return {"shape": "circle", "outer_diameter_mm": entry_of(spiral.extent, MM), "first_corner_deg": start}
+        if not spiral.is_racetrack:
+            table["corner_radius_mm"] = entry_of(spiral.corner_radius, MM)
+        if sides == 4 and abs(math.remainder(spiral.direction, math.pi / 2)) < _TURNED:
+            quarter = round(spiral.direction / (math.pi / 2)) % 4
+            width, height = (spiral.extent, spiral.breadth)[:: 1 if quarter % 2 == 0 else -1]
+            return {
+                "shape": "racetrack" if spiral.is_racetrack else "rectangle",
+                "outer_width_mm": entry_of(width, MM),
+                "outer_height_mm": entry_of(height, MM),
+                "first_side": SIDES[quarter],
+                "winding_rule": spiral.winding_rule,
+                **table,
+            }
+        if spiral.extent != spiral.breadth or not spiral.corner_radius:
+            return None
+        half = _half_side(sides, spiral.winding)
+        start = nearest_entry((spiral.direction - half) / DEG, spiral.direction, lambda entry: entry * DEG + half)
+        flats = spiral.extent
+    else:
+        flats, start = spiral.diameter, entry_of(spiral.first_corner, DEG)
+    # a polygon in the shorter of its sizes
+    corners = flats / math.cos(math.pi / sides) / MM
+    sizes = {
+        "outer_across_flats_mm": entry_of(flats, MM),
+        "outer_across_corners_mm": nearest_entry(corners, flats, lambda entry: across_flats(entry * MM, sides)),
+    }
+    key = min(sizes, key=lambda key: len(repr(sizes[key])))
+    table = {"shape": "polygon", "sides": sides, key: sizes[key]} | table
+    return table | {"first_corner_deg": start, "winding_rule": spiral.winding_rule}
 
 
 class PlacementTable(Table):
@@ -463,13 +418,12 @@ class FreeArray(Table):
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> Array:
         """Return the array in SI, of existing coils and layers."""
+        placements = []
         for index, place in enumerate(self.placements):
             _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
-        placements = tuple(
-            Placement(coil=_coil(coils, place.coil, f"array.placements.{index}.coil"), **place.in_si(without=("coil",)))
-            for index, place in enumerate(self.placements)
-        )
-        return Array(stackup, placements, **board.in_si())
+            coil = _coil(coils, place.coil, f"array.placements.{index}.coil")
+            placements.append(Placement(coil=coil, **place.in_si(without=("coil",))))
+        return Array(stackup, tuple(placements), **board.in_si())
 
 
 class LatticeArray(Table):
@@ -541,8 +495,16 @@ class LatticeArray(Table):
 def array_entries(
     array: Array, shapes: Sequence[str], names: Mapping[str, str], layers: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the table of an array, a lattice or placements."""
-    if array.lattice is not None and _is_on(array.lattice, array):
+    """Return the table of an array, a lattice only if it still gives the placements."""
+    coil = array.placements[0].coil
+    points = () if array.lattice is None else array.lattice.placements(coil)
+    on_lattice = len(points) == len(array.placements) and all(
+        place.coil is coil
+        and (place.name, place.layers) == (point.name, point.layers)
+        and max(abs(place.x - point.x), abs(place.y - point.y), abs(place.rotation - point.rotation)) < _SAME_PLACE
+        for point, place in zip(points, array.placements, strict=True)
+    )
+    if array.lattice is not None and on_lattice:
         return LatticeArray.of(array.lattice, shapes[0], names, layers)
     placements = [
         {
@@ -554,19 +516,6 @@ def array_entries(
         for shape, place in zip(shapes, array.placements, strict=True)
     ]
     return {"lattice": "free", "placements": placements}
-
-
-def _is_on(lattice: Lattice, array: Array) -> bool:
-    """Check whether a lattice gives the placements of an array."""
-    coil = array.placements[0].coil
-    points = lattice.placements(coil)
-    if len(array.placements) != len(points) or any(p.coil is not coil for p in array.placements):
-        return False
-    return all(
-        (one.name, one.layers) == (other.name, other.layers)
-        and max(abs(one.x - other.x), abs(one.y - other.y), abs(one.rotation - other.rotation)) < 1e-3 * _PICOMETRE
-        for one, other in zip(points, array.placements, strict=True)
-    )
 
 
 class ConnectorTable(Table):
@@ -584,10 +533,6 @@ class ConnectorTable(Table):
     """Width of the traces to it; that of the coils by default."""
     gap_mm: Millimetres | None = None
     """Distance between them; that of the coils by default."""
-
-    def build(self) -> Connector:
-        """Return the connector in SI."""
-        return Connector(**self.in_si())
 
 
 class BoardTable(Table):

@@ -1,15 +1,14 @@
-"""Tables of a design file about sheets, indenter and metal.
+"""Tables of a design file about sheets, indenter and metal, and default positions of a map.
 
-Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in
-SI.
+`in_si` or `build` makes the values, `entries_of` or `of` the entries in the units of their keys.
 """
 
 from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
-from itertools import combinations
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain, combinations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -53,7 +52,6 @@ from coilarray.geometry import (
     Rectangle,
     Ring,
     Seat,
-    Sheet,
     Target,
     Unevenness,
 )
@@ -86,10 +84,6 @@ class SheetTable(Table):
     """Young's modulus; needed if something presses on it."""
     poissons_ratio: Annotated[float, Field(ge=0, le=0.5)] = 0.4999
     """Poisson's ratio, up to 0.5, which keeps the volume."""
-
-    def build(self) -> Sheet:
-        """Return the sheet in SI."""
-        return Sheet(**self.in_si())
 
 
 class MaterialTable(Table):
@@ -260,10 +254,7 @@ class PlateTable(FlatTable):
         return self
 
     def build(self, top: float, underside: float) -> Plate | FinitePlate:
-        """Return the plate in SI.
-
-        The heights of the sheets' upper and the board's lower face are in m.
-        """
+        """Return the plate in SI, for heights in m of the sheets' top and the board's underside."""
         plate = self.piece(self.name, self.x_mm * MM, self.y_mm * MM, (self.z_mm or 0.0) * MM)
         if self.distance_mm is None:
             return plate
@@ -300,19 +291,15 @@ def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_coppe
             )
     for (_, one), (m, other) in combinations(enumerate(plates), 2):
         (low, high), (floor, roof) = one.heights, other.heights
-        if low < roof - TOUCHING and floor < high - TOUCHING and _share_ground(one, other):
+        if low >= roof - TOUCHING or floor >= high - TOUCHING:
+            continue
+        areas = [
+            shapely.Polygon(plate.on_board(plate.outline.exterior), [*map(plate.on_board, plate.outline.holes)])
+            for plate in (one, other)
+            if isinstance(plate, FinitePlate)
+        ]
+        if len(areas) < 2 or (areas[0] & areas[1]).area > 0:
             raise DesignError(f"plate.{m} must not overlap another plate; {other.name!r} reaches into {one.name!r}.")
-
-
-def _share_ground(one: Plate | FinitePlate, other: Plate | FinitePlate) -> bool:
-    """Check whether two plates cover a common board area."""
-    if isinstance(one, Plate) or isinstance(other, Plate):
-        return True
-    first, second = (
-        shapely.Polygon(plate.on_board(plate.outline.exterior), [plate.on_board(hole) for hole in plate.outline.holes])
-        for plate in (one, other)
-    )
-    return bool(shapely.area(shapely.intersection(first, second)) > 0)
 
 
 class RoundTable(MaterialTable):
@@ -328,14 +315,9 @@ class RoundTable(MaterialTable):
 
     def build(self) -> Indenter:
         """Return the indenter in SI."""
-        return _ROUND_SHAPES[self.shape](self.radius_mm * MM)
-
-
-_ROUND_SHAPES: Mapping[str, Callable[[float], Indenter]] = {
-    "hemisphere": Hemisphere,
-    "paraboloid": Paraboloid,
-    "cylinder_edge": CylinderEdge,
-}
+        kinds: Mapping[str, Callable[[float], Indenter]]
+        kinds = {"hemisphere": Hemisphere, "paraboloid": Paraboloid, "cylinder_edge": CylinderEdge}
+        return kinds[self.shape](self.radius_mm * MM)
 
 
 class PunchTable(MaterialTable):
@@ -419,9 +401,18 @@ class PlacesTable(Table):
                 "over all coils"
             )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
-            if values is not None and self.step_mm is not None:
-                low, high = values
-                _check_range(key, low, high, self.step_mm)
+            if values is None or self.step_mm is None:
+                continue
+            (low, high), step = values, self.step_mm
+            if low > high:
+                raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
+            steps = (high - low) / step
+            if abs(steps - round(steps)) > _WHOLE_STEPS:
+                raise ValueError(
+                    f"needs {key} to span a whole number of steps of {step:g} mm; {low:g} to {high:g} are {steps:g}"
+                )
+            if steps >= MOST_POSITIONS:
+                raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
         for key, positions in (("x_positions_mm", lists[0]), ("y_positions_mm", lists[1])):
             require_rising(key, positions or ())
         count = math.prod(map(len, self.positions()))
@@ -432,22 +423,15 @@ class PlacesTable(Table):
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return x and y in m, empty without a range."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
-            x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
-        else:
-            x, y = _even_positions(self.x_mm, self.step_mm), _even_positions(self.y_mm, self.step_mm)
-        return x, y
+            return _in_m(self.x_positions_mm or ()), _in_m(self.y_positions_mm or ())
+        return _even_positions(self.x_mm, self.step_mm), _even_positions(self.y_mm, self.step_mm)
 
     def places(self) -> dict[str, Any]:
         """Return x, y, origin and step in SI."""
         x, y = self.positions()
-        at_x, at_y = (0.0, 0.0) if self.origin_mm is None else self.origin_mm
-        return {
-            "x": x,
-            "y": y,
-            "origin": self.origin,
-            "origin_point": (at_x * MM, at_y * MM),
-            "step": None if self.step_mm is None or x else self.step_mm * MM,
-        }
+        point = (0.0, 0.0) if self.origin_mm is None else self.in_si("origin_mm")["origin"]
+        step = None if x else self.in_si("step_mm")["step"]
+        return {"x": x, "y": y, "origin": self.origin, "origin_point": point, "step": step}
 
     @classmethod
     def of_places(cls, setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, Any]:
@@ -468,25 +452,16 @@ class PlacesTable(Table):
         return table
 
 
-def _check_range(key: str, low: float, high: float, step: float) -> None:
-    """Refuse a range without a whole number of steps."""
-    if low > high:
-        raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
-    steps = (high - low) / step
-    if abs(steps - round(steps)) > _WHOLE_STEPS:
-        raise ValueError(
-            f"needs {key} to span a whole number of steps of {step:g} mm; {low:g} to {high:g} are {steps:g}"
-        )
-    if steps >= MOST_POSITIONS:
-        raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
-
-
 # Positions are labels, and -26 mm must be -0.026 m: divided by 1e3, not multiplied by 1e-3.
+def _in_m(positions: Iterable[float]) -> tuple[float, ...]:
+    return tuple(position / 1e3 for position in positions)
+
+
 def _even_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
     """Return positions in m of a range and a step."""
     low, high = bounds
     steps = round((high - low) / step)
-    return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))
+    return _in_m(low + (high - low) * k / max(steps, 1) for k in range(steps + 1))
 
 
 def _label(value: float) -> float:
@@ -569,22 +544,15 @@ class IndentationTable(PlacesTable):
         base: Base = "frictionless" if self.base == "frictionless" else "bonded"
         if self.seat_stiffness_kPa_per_mm is not None:
             base = Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM)
-        return {
-            **self.in_si("depths_mm", "sample_radius_mm", "strain"),
-            "base": base,
-            "sample_bounds": _bounds(self.sample_x_mm, self.sample_y_mm),
-            "ellipse_bounds": _bounds(self.ellipse_x_mm, self.ellipse_y_mm),
-            "unevenness": self._unevenness(),
-            **self.places(),
-        }
+        values = self.in_si("depths_mm", "sample_radius_mm", "strain")
+        for what in ("sample", "ellipse"):
+            x, y = getattr(self, f"{what}_x_mm"), getattr(self, f"{what}_y_mm")
+            values[f"{what}_bounds"] = None if x is None else _in_m((x[0], y[0], x[1], y[1]))
+        return values | {"base": base, "unevenness": self._unevenness(), **self.places()}
 
     def _unevenness(self) -> Unevenness:
-        return Unevenness(
-            (self.seat_stiffness_slope_x_per_mm * 1e3, self.seat_stiffness_slope_y_per_mm * 1e3),
-            (self.seat_gap_slope_x_mm_per_mm, self.seat_gap_slope_y_mm_per_mm),
-            self.seat_lifts,
-            self.seat_weight_Pa,
-        )
+        stiffer_x, stiffer_y, wider_x, wider_y, lifts, weight = self.in_si(*_UNEVEN).values()
+        return Unevenness((stiffer_x, stiffer_y), (wider_x, wider_y), lifts, weight)
 
     @classmethod
     def of(cls, setup: Indentation, names: Mapping[str, str]) -> dict[str, Any]:
@@ -597,16 +565,8 @@ class IndentationTable(PlacesTable):
         else:
             table["base"] = setup.base
         seat: Unevenness = setup.unevenness
-        (stiffer_x, stiffer_y), (wider_x, wider_y) = seat.stiffness_slope, seat.gap_slope
-        uneven = {
-            "seat_stiffness_slope_x_per_mm": entry_of(stiffer_x, 1e3),
-            "seat_stiffness_slope_y_per_mm": entry_of(stiffer_y, 1e3),
-            "seat_gap_slope_x_mm_per_mm": wider_x,
-            "seat_gap_slope_y_mm_per_mm": wider_y,
-            "seat_lifts": seat.lifts,
-            "seat_weight_Pa": seat.weight,
-        }
-        table |= {key: value for key, value in uneven.items() if value}
+        values = ((entry_of(slope, 1e3) for slope in seat.stiffness_slope), seat.gap_slope, (seat.lifts, seat.weight))
+        table |= {key: value for key, value in zip(_UNEVEN, chain(*values), strict=True) if value}
         table |= cls.entries_of(setup, "depths_mm") | cls.of_places(setup, names)
         table |= cls.entries_of(setup, "sample_radius_mm")
         for what, bounds in (("sample", setup.sample_bounds), ("ellipse", setup.ellipse_bounds)):
@@ -616,11 +576,10 @@ class IndentationTable(PlacesTable):
         return table
 
 
-def _bounds(x_mm: Range | None, y_mm: Range | None) -> tuple[float, float, float, float] | None:
-    """Return the edges (x_min, y_min, x_max, y_max) in m."""
-    if x_mm is None or y_mm is None:
-        return None
-    return x_mm[0] / 1e3, y_mm[0] / 1e3, x_mm[1] / 1e3, y_mm[1] / 1e3
+_UNEVEN = (
+    *("seat_stiffness_slope_x_per_mm", "seat_stiffness_slope_y_per_mm"),
+    *("seat_gap_slope_x_mm_per_mm", "seat_gap_slope_y_mm_per_mm", "seat_lifts", "seat_weight_Pa"),
+)
 
 
 class MovedTable(PlacesTable):
@@ -636,7 +595,7 @@ class MovedTable(PlacesTable):
 
     def of_body(self, body: Plate | FinitePlate | Ball) -> Target:
         """Return the target in SI."""
-        return Target(body, distances=tuple(distance / 1e3 for distance in self.distances_mm), **self.places())
+        return Target(body, distances=_in_m(self.distances_mm), **self.places())
 
 
 class FlatTarget(FlatTable, MovedTable):
@@ -700,25 +659,33 @@ _POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step a
 _ROUND = 0.1e-3  # m. A step is a multiple of it, and a multiple of five times it from there on
 
 Positions = tuple[tuple[float, ...], tuple[float, ...]]
+Edges = tuple[float, float, float, float]
+"""x_min, y_min, x_max, y_max in m."""
 
 
 def array_window(
     array: Array,
     origin: tuple[float, float],
     step: float | None = None,
-    within: tuple[float, float, float, float] | None = None,
+    within: Edges | None = None,
     table: str = "indentation",
 ) -> Positions:
     """Return an even grid over all coils from an origin.
 
-    Positions are multiples of the step in m. By default it is a twelfth of the narrowest coil, and
-    a thirty-second of a single coil. To avoid more than 2000 positions it is up to a sixth, and to
-    avoid more than 500 positions of a target up to a quarter. For a single coil it is up to a
-    twelfth. On a board of thousands of coils it is wider, until 100000 positions suffice. If no
-    position lies in `within` (x_min, y_min, x_max, y_max), its middle is the only one.
+    Positions are multiples of the step in m. By default it is a twelfth of the narrowest coil, up
+    to a sixth to avoid more than 2000 positions, or up to a quarter to avoid more than 500 of a
+    target. For a single coil it is a thirty-second up to a twelfth. On a board of thousands of
+    coils it is wider, until 100000 positions suffice. If no position lies in `within`, its middle
+    is the only one.
     """
     bounds = np.reshape(array.outline_bounds, (2, 2)) - origin
-    chosen = _default_step(array, np.ptp(bounds, axis=0), table) if step is None else step
+    if step is None:
+        sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
+        finest, coarsest = (float(min(sides)) / part for part in (_PARTS[table] if len(sides) > 1 else _PARTS_OF_ONE))
+        even = math.sqrt(float(np.prod(np.ptp(bounds, axis=0))) / _POSITIONS[table])
+        chosen = _round(min(max(even, finest), coarsest))
+    else:
+        chosen = step
     first, last = _multiples(bounds, chosen, within)
     while math.prod((last - first + 1).tolist()) > MOST_POSITIONS:
         if step is not None:
@@ -728,19 +695,10 @@ def array_window(
         chosen = _round(1.1 * chosen + 5 * _ROUND)  # rounding cannot take this back
         first, last = _multiples(bounds, chosen, within)
     x, y = (
-        # Divided by 1e3, not multiplied: positions are labels, and -26 mm must be -0.026 m.
-        tuple(round((a + k) * chosen * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
+        _in_m(round((a + k) * chosen * 1e3, 9) for k in range(round(b - a) + 1))
         for a, b in zip(first.tolist(), last.tolist(), strict=True)
     )
     return x, y
-
-
-def _default_step(array: Array, size: FloatArray, table: str) -> float:
-    """Return the step in m that resolves the narrowest coil."""
-    sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
-    narrowest = float(min(sides))
-    finest, coarsest = (narrowest / part for part in (_PARTS[table] if len(sides) > 1 else _PARTS_OF_ONE))
-    return _round(min(max(math.sqrt(float(np.prod(size)) / _POSITIONS[table]), finest), coarsest))
 
 
 def _round(step: float) -> float:
@@ -748,9 +706,7 @@ def _round(step: float) -> float:
     return max(round(step / unit), 1) * unit
 
 
-def _multiples(
-    bounds: FloatArray, step: float, within: tuple[float, float, float, float] | None
-) -> tuple[FloatArray, FloatArray]:
+def _multiples(bounds: FloatArray, step: float, within: Edges | None) -> tuple[FloatArray, FloatArray]:
     """Return the first and last multiples of the step."""
     first, last = np.floor(bounds[0] / step + 1e-9), np.ceil(bounds[1] / step - 1e-9)
     if within is not None:

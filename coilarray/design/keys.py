@@ -42,11 +42,10 @@ _UNITS: Mapping[str, tuple[str, float]] = {
 """Units at the end of a key, each as tables show it, and in SI."""
 
 
-def _parts(key: str) -> tuple[str, str]:
-    """Split a key into name and unit, empty without unit."""
-    ends = [end for end in _UNITS if key.endswith(f"_{end}")]
-    unit = max(ends, key=len, default="")
-    return key.removesuffix(f"_{unit}") if unit else key, unit
+def _parts(key: str) -> tuple[str, str, float]:
+    """Split a key into name, unit ("1" without unit) and SI factor."""
+    end = max((end for end in _UNITS if key.endswith(f"_{end}")), key=len, default="")
+    return (key.removesuffix(f"_{end}"), *_UNITS[end]) if end else (key, "1", 1.0)
 
 
 def entry_unit(key: str) -> str:
@@ -60,8 +59,7 @@ def entry_unit(key: str) -> str:
     'mm'
     """
     last = next((part for part in reversed(key.split(".")) if not part.isdecimal()), "")  # the key of the list
-    unit = _parts(last)[1]
-    return _UNITS[unit][0] if unit else "1"
+    return _parts(last)[1]
 
 
 def key_in_si(key: str) -> tuple[str, float]:
@@ -70,8 +68,8 @@ def key_in_si(key: str) -> tuple[str, float]:
     >>> key_in_si("pitch_mm"), key_in_si("columns")
     (('pitch', 0.001), ('columns', 1.0))
     """
-    name, unit = _parts(key)
-    return name, _UNITS[unit][1] if unit else 1.0
+    name, _, scale = _parts(key)
+    return name, scale
 
 
 # Bounds far beyond any board, which refuse a typo at once instead of running for hours.
@@ -87,7 +85,7 @@ Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+
 
 
 class Table(BaseModel):
-    """Table of a file without unknown keys or wrong values."""
+    """Table of a file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=True)
 
@@ -112,21 +110,23 @@ class Table(BaseModel):
 
     @classmethod
     def attribute(cls, key: str) -> tuple[str, float]:
-        """Attribute of a key, and its unit in SI."""
+        """Attribute and SI factor of a key."""
         name, scale = key_in_si(key)
         return cls.ATTRIBUTES.get(key, name), scale
 
     def in_si(self, *keys: str, without: Sequence[str] = ()) -> dict[str, Any]:
         """Values in SI by their attributes, lists as tuples."""
-        chosen = keys or [key for key in type(self).model_fields if key not in without]
-        named = ((key, self.attribute(key)) for key in chosen)
-        return {name: _times(getattr(self, key), scale) for key, (name, scale) in named}
+        found: dict[str, Any] = {}
+        for key in keys or [key for key in type(self).model_fields if key not in without]:
+            name, scale = self.attribute(key)
+            found[name] = _times(getattr(self, key), scale)
+        return found
 
     @classmethod
     def entries_of(cls, value: object, *keys: str, without: Sequence[str] = ()) -> dict[str, Any]:
-        """Entries of the attributes of a value in SI.
+        """Entries of a value in SI, which `in_si` reads back.
 
-        Arrays are lists, and None is left out. `in_si` reads the entries back, see `entry_of`.
+        Arrays are lists, and None is left out.
         """
         found: dict[str, Any] = {}
         for key in keys or [key for key in cls.model_fields if key not in without]:
@@ -139,7 +139,7 @@ class Table(BaseModel):
 
     @classmethod
     def not_by_default(cls, entries: Mapping[str, Any]) -> dict[str, Any]:
-        """Entries that differ from the defaults of their keys."""
+        """Entries that differ from their defaults."""
         default = cls().model_dump()
         return {key: entries[key] for key in default if key in entries and entries[key] != default[key]}
 
@@ -173,8 +173,8 @@ def entry_of(value: float, scale: float) -> float:
 def nearest_entry(guess: float, value: float, read: Callable[[float], float]) -> float:
     """Return a value's shortest exact entry, or the nearest.
 
-    About every fortieth value has no exact entry, because numbers in mm lie less densely than
-    numbers in m. The nearest entry agrees to all digits that count for `Design.digest`.
+    About every fortieth value has no exact entry, as numbers in mm lie less densely than in m. The
+    nearest entry agrees to all digits of `Design.digest`.
     """
     for digits in (12, 15, 16, 17):
         entry = float(f"{guess:.{digits}g}")
@@ -204,7 +204,7 @@ class Bounds(Table):
 
 
 def require_rising(key: str, values: Sequence[float]) -> None:
-    """Refuse a value that is not greater than the last."""
+    """Refuse values that do not rise."""
     if not all(low < high for low, high in pairwise(values)):
         raise ValueError(f"needs {key} that rise from each to the next; got {values}")
 
@@ -213,8 +213,8 @@ def require_rising(key: str, values: Sequence[float]) -> None:
 class Key:
     """Key of a table, in words.
 
-    `path` has NAME for any name and N for any number in a list. `kinds` are the shapes or lattices
-    that have the key, empty for all. `default` is empty if the key is needed.
+    `path` has NAME for any name and N for any number in a list, `kinds` the shapes or lattices that
+    have the key, empty for all.
     """
 
     path: str
@@ -256,17 +256,15 @@ def sections_of(
     )
     keys, inner = [], []
     for field_name, field in table.model_fields.items():
-        name, meaning = field.alias or field_name, meaning_of(table, field_name)
+        name, meaning = field.alias or field_name, _meanings(table).get(field_name, "")
         if held := list(_tables(field.annotation)):
             origin: Any = typing.get_origin(field.annotation)
             end = ".NAME" if origin is dict else ".N" if origin is list else ""
             inner += [(each, f"{path}.{name}{end}".removeprefix("."), meaning) for each in held]
             continue
         unit = entry_unit(name)
-        allowed = _allowed(
-            typing.Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
-        )
-        keys.append(Key(path, name, kinds, "" if unit == "1" else unit, allowed, _default(field), meaning))
+        annotation = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+        keys.append(Key(path, name, kinds, "" if unit == "1" else unit, _allowed(annotation), _default(field), meaning))
     yield Section(table, path, kinds, tuple(keys), holder)
     for each, where, meaning in inner:
         if (each, where) not in seen:
@@ -301,15 +299,12 @@ def tags_of(table: type[BaseModel], key: str, tag: str) -> list[str]:
     return [value for one in held for value in typing.get_args(one.model_fields[tag].annotation)]
 
 
-def meaning_of(table: type[Table], key: str) -> str:
-    """Return the text beneath a key in its class."""
-    above = (base for base in table.__mro__ if issubclass(base, Table) and base is not Table)
-    return next((found[key] for base in above if key in (found := _meanings(base))), "")
-
-
 @cache
 def _meanings(table: type[Table]) -> dict[str, str]:
-    found = {}
+    """Return the texts beneath the keys of a class and its bases."""
+    found: dict[str, str] = {}
+    for base in reversed(table.__bases__):
+        found |= _meanings(base) if issubclass(base, Table) else {}
     for statement, following in pairwise(_classes(table.__module__)[table.__name__].body):
         match statement, following:
             case ast.AnnAssign(target=ast.Name(id=key)), ast.Expr(value=ast.Constant(value=str(text))):
@@ -342,11 +337,8 @@ def _allowed(annotation: Any) -> str:
     origin, parts = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is typing.Annotated:
         base, *metadata = parts
-        words, bounds = (
-            _allowed(base),
-            bounds_text(metadata).replace("of them", "characters" if base is str else "of them"),
-        )
-        return f"{words}, {bounds}" if bounds else words
+        bounds = bounds_text(metadata).replace("of them", "characters" if base is str else "of them")
+        return ", ".join(filter(None, (_allowed(base), bounds)))
     if origin is typing.Literal:
         return ", ".join(f'"{value}"' for value in parts)
     if origin in (typing.Union, types.UnionType):

@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import json
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
@@ -21,7 +21,7 @@ from coilarray.compute.display_units import MM, display_unit
 from coilarray.compute.table import html_card, html_table
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
-from coilarray.design.body_tables import Positions, array_window, check_plates
+from coilarray.design.body_tables import Edges, Positions, array_window, check_plates
 from coilarray.design.fabs import load_profile
 from coilarray.design.readout import Readout
 from coilarray.design.scan_states import PartName, Passive, ScanState, Switches, check_state, terminated_state
@@ -34,6 +34,7 @@ from coilarray.geometry import (
     Ball,
     Coil,
     Conductor,
+    Connector,
     FabRules,
     FinitePlate,
     Hemisphere,
@@ -42,6 +43,7 @@ from coilarray.geometry import (
     Plate,
     RoundedSpiral,
     Sheet,
+    Stackup,
     Target,
     Unevenness,
 )
@@ -196,15 +198,10 @@ class Indentation:
             )
 
     def reachable(self, depth: float) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest positions with contact on the sample.
+        """Least and greatest (x, y) with contact on the sample, each of shape (2,).
 
         They are in m from the origin, and infinite for a wide sample. The contact is assumed to be
         as wide as the indenter at a height of `depth`.
-
-        Returns
-        -------
-        tuple of two ndarray, shape (2,)
-            Least and greatest x, and least and greatest y, in m.
         """
         if self.sample_bounds is None:
             return np.full(2, -np.inf), np.full(2, np.inf)
@@ -212,19 +209,11 @@ class Indentation:
         return np.array(self.sample_bounds[:2]) + rim, np.array(self.sample_bounds[2:]) - rim
 
     def in_ellipse_window(self) -> Indentation:
-        """Return the indentation at positions for the ellipse model.
-
-        Returns
-        -------
-        Indentation
-            The positions within `ellipse_bounds`, or all positions without bounds.
-        """
+        """Return the indentation at its positions within `ellipse_bounds`, if given."""
         if self.ellipse_bounds is None:
             return self
         x_min, y_min, x_max, y_max = self.ellipse_bounds
-        x, y = (tuple(v for v in row if low <= v <= high) for row, low, high in (
-            (self.x, x_min, x_max), (self.y, y_min, y_max)
-        ))  # fmt: skip
+        x, y = tuple(x for x in self.x if x_min <= x <= x_max), tuple(y for y in self.y if y_min <= y <= y_max)
         return replace(self, x=x, y=y, ellipse_bounds=None)
 
     @property
@@ -310,8 +299,22 @@ class Design:
                 check_state(state, names)
         except NetworkError as error:
             raise DesignError(str(error)) from None
-        if self.indentation is not None:
-            self._check_indentation(self.indentation)
+        if (setup := self.indentation) is not None:
+            for k, sheet in enumerate(self.sheets):
+                if sheet.youngs_modulus is None:
+                    raise DesignError(
+                        f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it for every sheet."
+                    )
+            if self.sheets and setup.depths[-1] >= self.top:
+                raise DesignError(
+                    f"indentation.depths_mm must be less than the {self.top * 1e3:g} mm of all sheets; "
+                    f"got {setup.depths[-1] * 1e3:g}."
+                )
+            within = None
+            if setup.sample_bounds is not None:  # where contacts are possible
+                (x_min, y_min), (x_max, y_max) = (edges.tolist() for edges in setup.reachable(setup.depths[-1]))
+                within = x_min, y_min, x_max, y_max
+            object.__setattr__(self, "indentation", _over_array(setup, self.array, "indentation", within))
         if self.target is not None:
             endless = isinstance(self.target.body, Plate) and not self.target.x
             target = replace(self.target, x=(0.0,), y=(0.0,)) if endless else self.target
@@ -325,28 +328,8 @@ class Design:
                         f"target is at {(highest - self.top) * 1e3:g} mm."
                     )
 
-    def _check_indentation(self, setup: Indentation) -> None:
-        """Find the origin and positions of an allowed indentation."""
-        for k, sheet in enumerate(self.sheets):
-            if sheet.youngs_modulus is None:
-                raise DesignError(
-                    f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it for every sheet."
-                )
-        if self.sheets and setup.depths[-1] >= self.top:
-            raise DesignError(
-                f"indentation.depths_mm must be less than the {self.top * 1e3:g} mm of all sheets; "
-                f"got {setup.depths[-1] * 1e3:g}."
-            )
-        object.__setattr__(self, "indentation", _over_array(setup, self.array, "indentation", _touchable(setup)))
-
     def conductors(self) -> tuple[Conductor, ...]:
-        """Return the current path of every coil.
-
-        Returns
-        -------
-        tuple of Conductor
-            One path per coil, in m.
-        """
+        """Return the current path of every coil, in m."""
         return self.array.conductors()
 
     def __repr__(self) -> str:
@@ -407,9 +390,7 @@ class Design:
 _Placed = TypeVar("_Placed", Indentation, Target)
 
 
-def _over_array(
-    setup: _Placed, array: Array, table: str, within: tuple[float, float, float, float] | None = None
-) -> _Placed:
+def _over_array(setup: _Placed, array: Array, table: str, within: Edges | None = None) -> _Placed:
     """Find the origin of a map, and positions if needed."""
     if setup.origin is not None:
         if setup.origin not in array.names:
@@ -423,14 +404,6 @@ def _over_array(
         x, y = array_window(array, setup.origin_point, setup.step, within, table)
         setup = replace(setup, x=x, y=y, over_array=(x, y))
     return setup
-
-
-def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
-    """Edges in m from the origin that allow contacts."""
-    if setup.sample_bounds is None:
-        return None
-    (x_min, y_min), (x_max, y_max) = (edges.tolist() for edges in setup.reachable(setup.depths[-1]))
-    return x_min, y_min, x_max, y_max
 
 
 @dataclass(frozen=True, eq=False)
@@ -468,13 +441,7 @@ class DesignFile:
         return tuple(unusual_values(self.values))
 
     def conductors(self) -> tuple[Conductor, ...]:
-        """Return the current path of every coil of the design.
-
-        Returns
-        -------
-        tuple of Conductor
-            One path per coil, in m.
-        """
+        """Return the current path of every coil of the design, in m."""
         return self.design.conductors()
 
     def __repr__(self) -> str:
@@ -580,7 +547,9 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
         values |= {f"circuit.{key}": value for key, value in of_part.items()}
         for key in parsed.assumed:
             if key not in values:
-                raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}")
+                close = difflib.get_close_matches(key, list(values), n=1)
+                hint = f"; did you mean {close[0]}?" if close else "."
+                raise DesignError(f"assumed.{key!r} names no value of the design{hint}")
     except (DesignError, GeometryError, NetworkError) as error:
         raise DesignError(f"{origin}: {error}") from None
     given = frozenset(_flatten(document))
@@ -597,15 +566,24 @@ def _build(parsed: Document) -> Design:
         with _named(f"coils.{name}"):
             coils[name] = table.build(name)
     with _named("stackup"):
-        stackup = parsed.stackup.build()
+        stackup = Stackup(**parsed.stackup.in_si())
     with _named("array"):
         array = parsed.array.build(stackup, coils, parsed.board)
     if parsed.connector is not None:
         with _named("connector"):
-            array = route_leads(array, parsed.connector.build())
-    sheets = tuple(sheet.build() for sheet in parsed.elastomer)
-    indentation = _indentation(parsed)
-    target, plates = None, []
+            array = route_leads(array, Connector(**parsed.connector.in_si()))
+    sheets = tuple(Sheet(**sheet.in_si()) for sheet in parsed.elastomer)
+    indenter, pressed = parsed.indenter, parsed.indentation
+    if (indenter is None) != (pressed is None):
+        there, missing = ("indentation", "indenter") if indenter is None else ("indenter", "indentation")
+        raise DesignError(f"[{there}] needs the table [{missing}] too.")
+    indentation, target, plates = None, None, []
+    if indenter is not None and pressed is not None:
+        if not sheets:
+            raise DesignError("[indentation] needs at least one [[elastomer]] to press on.")
+        with _named("indenter"):
+            body = indenter.build()
+        indentation = Indentation(body, **pressed.values(), material=indenter.substance("indenter"))
     if parsed.target is not None:
         with _named("target"):
             target = parsed.target.build()
@@ -613,6 +591,10 @@ def _build(parsed: Document) -> Design:
     for k, plate in enumerate(parsed.plate):
         with _named(f"plate.{k}"):
             plates.append(plate.build(top, -stackup.thickness))
+    circuit = parsed.circuit
+    default = passive_of(circuit.default_termination)
+    terminations = {coil: passive_of(how) for coil, how in circuit.terminations.items()}
+    every = {name: terminations.get(name, default) for name in array.names}
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,
@@ -621,44 +603,20 @@ def _build(parsed: Document) -> Design:
         sheets=sheets,
         indentation=indentation,
         target=target,
-        circuit=_circuit(parsed, array.names),
-        rules=parsed.fab.build(),
+        circuit=Circuit(
+            switches=circuit.build_switches(len(array.names)),
+            part=circuit.switches,
+            resistivity=circuit.resistivity_ohm_m,
+            terminations=terminations,
+            default_termination=default,
+            scan=tuple(state.build(every) for state in parsed.scan),
+            elastomer_permittivity=circuit.elastomer_permittivity,
+        ),
+        rules=FabRules(**parsed.fab.in_si(without=("profile",))),
         field_height=parsed.field.height_mm * 1e-3,
         plates=tuple(plates),
-        readout=parsed.readout.build(),
+        readout=Readout(**parsed.readout.in_si()),
     )
-
-
-def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
-    """Make the circuit of a checked document."""
-    table = parsed.circuit
-    default = passive_of(table.default_termination)
-    terminations = {coil: passive_of(how) for coil, how in table.terminations.items()}
-    every = {name: terminations.get(name, default) for name in names}
-    return Circuit(
-        switches=table.build_switches(len(names)),
-        part=table.switches,
-        resistivity=table.resistivity_ohm_m,
-        terminations=terminations,
-        default_termination=default,
-        scan=tuple(state.build(every) for state in parsed.scan),
-        elastomer_permittivity=table.elastomer_permittivity,
-    )
-
-
-def _indentation(parsed: Document) -> Indentation | None:
-    """Combine the tables [indenter] and [indentation], which need each other."""
-    indenter, table = parsed.indenter, parsed.indentation
-    if indenter is None and table is None:
-        return None
-    if indenter is None or table is None:
-        there, missing = ("indentation", "indenter") if indenter is None else ("indenter", "indentation")
-        raise DesignError(f"[{there}] needs the table [{missing}] too.")
-    if not parsed.elastomer:
-        raise DesignError("[indentation] needs at least one [[elastomer]] to press on.")
-    with _named("indenter"):
-        body = indenter.build()
-    return Indentation(body, **table.values(), material=indenter.substance("indenter"))
 
 
 @contextmanager
@@ -683,11 +641,6 @@ def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
         else:
             flat[name] = value
     return flat
-
-
-def _meant(key: str, known: Mapping[str, object]) -> str:
-    close = difflib.get_close_matches(key, list(known), n=1)
-    return f"; did you mean {close[0]}?" if close else "."
 
 
 # 13.28 · 1e-3 m and 0.01328 m differ in the last bit, which must not make another design.
@@ -737,23 +690,21 @@ def _plain(value: Any) -> Any:
 
 
 def _array(array: Array) -> Any:
-    """Return every coil shape once, without the lattice."""
+    """Return every coil shape once, without the lattice.
+
+    A shape is the sizes of its spiral, or its lines, without names.
+    """
     coils: dict[int, str] = {}
     placements: list[Any] = []
     for place in array.placements:
-        if id(place.coil) not in coils:
-            coils[id(place.coil)] = digest_of(_coil(place.coil))
+        coil = place.coil
+        if id(coil) not in coils:
+            lines = (coil.lines, coil.arcs) if coil.arcs else (coil.lines,)
+            drawn = (*lines, coil.widths, coil.gap, coil.via, coil.terminal, coil.outline)
+            coils[id(coil)] = digest_of(drawn if coil.wound is None else coil.wound)
         where = np.array([place.x, place.y, place.rotation])
-        placements.append([place.name, coils[id(place.coil)], list(place.layers), _plain(where)])
+        placements.append([place.name, coils[id(coil)], list(place.layers), _plain(where)])
     return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes]
-
-
-def _coil(coil: Coil) -> Any:
-    """Return a spiral's sizes, or a coil's lines, without names."""
-    if coil.wound is not None:
-        return coil.wound
-    lines = (coil.lines, coil.arcs) if coil.arcs else (coil.lines,)
-    return *lines, coil.widths, coil.gap, coil.via, coil.terminal, coil.outline
 
 
 _HASH_DIGITS = 12

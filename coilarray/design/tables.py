@@ -1,8 +1,4 @@
-"""The whole design file, and its tables of the circuit.
-
-Each is read by `build` and written by `of`. Numbers stay in the units of their keys, values are in
-SI.
-"""
+"""The whole design file, and its tables of the circuit."""
 
 from __future__ import annotations
 
@@ -27,7 +23,7 @@ from coilarray.design.body_tables import (
 )
 from coilarray.design.fabs import FabTable
 from coilarray.design.keys import Name, Position, Relative, Table
-from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT, Readout
+from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT
 from coilarray.design.scan_states import PARTS, PartName, Passive, ScanState, Switches, terminated_state
 
 if TYPE_CHECKING:
@@ -189,15 +185,6 @@ class ReadoutTable(Table):
     """Change of the copper's resistance with temperature; by default 3930."""
     switch_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
     """Change of a closed switch's resistance with temperature; by default 1900, assumed."""
-
-    def build(self) -> Readout:
-        """Return the read-out in SI."""
-        return Readout(**self.in_si())
-
-    @classmethod
-    def of(cls, readout: Readout) -> dict[str, Any]:
-        """Return the entries of a read-out, without defaults."""
-        return cls.not_by_default(cls.entries_of(readout))
 
 
 class StateTable(Table):

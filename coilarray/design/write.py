@@ -64,7 +64,12 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     (13.28, True)
     """
     design = design_of(design)
-    array, connector = _before_connector(design.array)
+    array, led = design.array, design.array.routing
+    if led is not None and led.placements != array.placements:
+        led = None  # the placements have been changed since
+    if led is not None:
+        stackup, margin, through = array.stackup, array.board_margin, array.through_holes
+        array = replace(led.array, stackup=stackup, board_margin=margin, through_holes=through)
     names, layers = design_names(array.names), design_names(array.stackup.names)
     shapes = shape_names(array)
     coils = {shape: place.coil for shape, place in zip(shapes, array.placements, strict=True)}
@@ -73,10 +78,10 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
         document["title"] = design.title
     if design.source:
         document["source"] = design.source
-    if connector is not None:
-        document["connector"] = connector
+    if led is not None:
+        document["connector"] = ConnectorTable.entries_of(led.connector)
     document |= {
-        "stackup": StackupTable.of(array.stackup, layers),
+        "stackup": StackupTable.entries_of(array.stackup) | {"layers": list(layers.values())},
         "coils": {shape: coil_entries(coil) for shape, coil in coils.items()},
         "array": array_entries(array, shapes, names, layers),
         "board": BoardTable.entries_of(array),
@@ -91,12 +96,12 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     if design.target is not None:
         document["target"] = target_entries(design.target, names)
     document["circuit"] = CircuitTable.of(design.circuit, names)
-    document["readout"] = ReadoutTable.of(design.readout)
+    document["readout"] = ReadoutTable.not_by_default(ReadoutTable.entries_of(design.readout))
     if scan := design.circuit.scan:
         states = design_names(state.name for state in scan)
         document["scan"] = [StateTable.of(state, states[state.name], names) for state in scan]
     document["field"] = {"height_mm": entry_of(design.field_height, MM)}
-    document["fab"] = FabTable.of(design.rules)
+    document["fab"] = FabTable.not_by_default(FabTable.entries_of(design.rules, without=("profile",)))
     return {key: table for key, table in document.items() if table != {}}
 
 
@@ -106,16 +111,6 @@ _Body = TypeVar("_Body", Sheet, Plate | FinitePlate)
 def _named_tables(bodies: Sequence[_Body], entries: Callable[[_Body], dict[str, Any]]) -> list[dict[str, Any]]:
     names = design_names(body.name for body in bodies)
     return [{"name": body.name} | entries(body) | {"name": names[body.name]} for body in bodies]
-
-
-def _before_connector(array: Array) -> tuple[Array, dict[str, Any] | None]:
-    """Return an array without routed leads, and its connector's table."""
-    led = array.routing
-    if led is None or led.placements != array.placements:
-        return array, None  # the placements have been changed since
-    stackup, margin, through = array.stackup, array.board_margin, array.through_holes
-    before = replace(led.array, stackup=stackup, board_margin=margin, through_holes=through)
-    return before, ConnectorTable.entries_of(led.connector)
 
 
 def as_file(given: Design | DesignFile | CurrentPaths) -> DesignFile:

@@ -171,7 +171,7 @@ def test_the_table_of_a_design_file_is_read_and_written():
     readout = Readout(rcount=2048, clock=40e6, external_clock=True, resolution=1.2e-6, clock_per_kelvin=0.7e-6)
     assert design.readout == readout
     assert design_document(design)["readout"] == entries
-    assert (ReadoutTable().build(), "readout" in design_document(PAPER)) == (Readout(), False)
+    assert (Readout(**ReadoutTable().in_si()), "readout" in design_document(PAPER)) == (Readout(), False)
 
 
 def test_another_read_out_is_another_design():

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -24,10 +24,10 @@ names, read = PROFILES.names, PROFILES.read
 
 @dataclass(frozen=True)
 class FabProfile:
-    """Limits of a board house with their sources.
+    """Limits of a board house.
 
     `sources` are titles and addresses of pages, `read` on a date. `limits` are keys and values of
-    ``[fab]``, and `assumed` their keys that no source gives, with the reason.
+    ``[fab]``, and `assumed` the keys that no source gives, with the reason.
     """
 
     name: str
@@ -40,7 +40,7 @@ class FabProfile:
     @property
     def rules(self) -> FabRules:
         """The limits in SI."""
-        return FabTable.model_validate({"profile": self.name}).build()
+        return FabRules(**FabTable.model_validate({"profile": self.name}).in_si(without=("profile",)))
 
 
 @functools.cache
@@ -103,12 +103,3 @@ class FabTable(Table):
         if name not in fabs.names():
             raise ValueError(f"has no profile {name!r}; there are {', '.join(fabs.names())}")
         return {**load_profile(name).limits, **table}
-
-    def build(self) -> FabRules:
-        """Return the limits in SI."""
-        return FabRules(**self.in_si(without=("profile",)))
-
-    @classmethod
-    def of(cls, rules: FabRules) -> dict[str, Any]:
-        """Return the entries of limits, without defaults."""
-        return cls.not_by_default(cls.entries_of(rules, without=("profile",)))

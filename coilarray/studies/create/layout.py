@@ -22,7 +22,7 @@ from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix, inductance_matrix, pair_inductance
 from coilarray.electromagnetics.resistance import resistance_matrix
 from coilarray.errors import DesignError, GeometryError, RuleViolationError
-from coilarray.geometry import Array, Placement, check_rules, require_rules, route_leads
+from coilarray.geometry import Array, Connector, Placement, check_rules, require_rules, route_leads
 from coilarray.geometry.arcs import Side
 from coilarray.geometry.connector import NoWayError
 from coilarray.studies.create.plan import Choices, Plan, Room, Winding, wind
@@ -432,7 +432,7 @@ def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
         tried = replace(plan, lead=plan.lead + k * _LONGER, pitch=plan.pitch + further)
         ways = ConnectorTable(side=side, distance_mm=distance)
         try:
-            require_rules(route_leads(tried.design.array, ways.build()), tried.rules)
+            require_rules(route_leads(tried.design.array, Connector(**ways.in_si())), tried.rules)
         except NoWayError as error:
             coils, winding = len(tried.design.array.placements), tried.winding
             upright, size, count = side in ("left", "right"), tried.size, tried.arrangement
