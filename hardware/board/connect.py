@@ -15,13 +15,13 @@ from coilarray.hardware.chips.ldc1614 import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.readings import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
 from coilarray.hardware.wire.buses import (
-    ComputerClock,
+    Clock,
+    Ft232h,
     LinuxRegisterBus,
     RegisterBus,
     SpiSwitchChain,
     SwitchChain,
     held_signals,
-    open_ft232h,
     orderly_termination,
 )
 from coilarray.hardware.wire.ports import (
@@ -177,8 +177,14 @@ def open_board(
     reader: Reader
     match place:
         case EmulatorPort():
-            emulator = _emulator(design, wired, place.board, emulation)
-            chain = emulator.switches if place.board is None else None
+            from coilarray.design.model import load_design
+            from coilarray.hardware.emulator import Conditions, emulated_board
+
+            if place.board is not None:
+                conditions = replace(emulation.get("conditions") or Conditions(), clkin=place.board.clock)
+                emulation = {**emulation, "conditions": conditions}
+            emulator = emulated_board(design or load_design(), wired, **emulation)
+            chain = emulator.chain if place.board is None else None
             reader = DirectReader(emulator.bus, chain, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True)
         case SerialPort(name, baud):
             from coilarray.hardware.board.microcontroller import open_microcontroller
@@ -226,19 +232,6 @@ def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> Non
         )
 
 
-def _emulator(
-    design: Design | None, wiring: Wiring, board: ChannelBoard | None, emulation: dict[str, Any]
-) -> EmulatedBoard:
-    """Make an emulated board for a port."""
-    from coilarray.design.model import load_design
-    from coilarray.hardware.emulator import Conditions, emulated_board
-
-    if board is not None:
-        conditions = replace(emulation.get("conditions") or Conditions(), clkin=board.clock)
-        emulation = {**emulation, "conditions": conditions}
-    return emulated_board(design or load_design(), wiring, **emulation)
-
-
 def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
     """Open the buses of a port and their reader."""
     bus: RegisterBus
@@ -253,9 +246,10 @@ def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
                 kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
         else:
             wired = port.board is None
-            bus, switches = open_ft232h(port.url, port.address, switches=wired, mode=port.mode, readback=port.readback)
-            opened.callback(bus.close)
+            adapter = Ft232h(port.url, port.address, switches=wired, mode=port.mode, readback=port.readback)
+            opened.callback(adapter.close)
+            bus, switches = adapter, adapter if wired else None
             kind = "FT232H" if wired else "FTDI adapter"
-        reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
+        reader = DirectReader(bus, switches, Clock(), wiring.safe_words, kind=kind)
         opened.pop_all()
     return reader

@@ -12,12 +12,12 @@ import secrets
 import time
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import ASLEEP, CHANNELS, DEVICE, MANUFACTURER, register, registers
 from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault, ready_status
-from coilarray.hardware.scan.settings import ScanSettings
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 from coilarray.hardware.wire.buses import (
     BoardRestarted,
     BusFault,
@@ -49,44 +49,16 @@ _LOOK_AGAIN = 1e-3  # s between two looks at STATUS
 _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same state, before the stream ends
 
 
-@dataclass(frozen=True)
-class ChipSettings:
-    """Settings of a scan as register values and times."""
-
-    scan: ScanSettings
-    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state, empty if coils are wired to channels
-    asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
-    active: int  # register CONFIG while the converter is awake
-    wait: float  # until the first look at STATUS
-    timeout: float  # until giving up
-    again: float  # from a discarded conversion until the next look
-    turn: float  # from result to result of a converter that stays awake, with its nominal clock
-
-    @staticmethod
-    def of(scan: ScanSettings) -> ChipSettings:
-        """Encode settings of a scan."""
-        given = dict(scan.registers)
-        again = scan.again_us * 1e-6
-        return ChipSettings(
-            scan,
-            drives=() if scan.wired else tuple(scan.drive_register(state) for state in scan.states),
-            asleep=tuple(sorted((given | {_CONFIG: given[_CONFIG] | ASLEEP}).items())),
-            active=given[_CONFIG],
-            wait=scan.wait_us * 1e-6,
-            timeout=scan.timeout_us * 1e-6,
-            again=again,
-            turn=again * scan.slowest_reference / scan.reference,
-        )
-
-
 class ChipDriver:
-    """Driver of the converter and the switches, if any."""
+    """Driver of the converter and the switches, if any. `configure` comes before `wake`."""
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain | None, clock: Clock) -> None:
         self.bus, self.clock = bus, clock
         self._switches = switches
         self._held: bytes | None = None  # words of the switches, None if they are not known
         self._sleep_word = register("CONFIG").reset
+        self._active = 0  # register CONFIG while the converter is awake
+        self._resting: dict[int, int] = {}  # values of the registers by address, while it sleeps
         self.asleep = False
         """Whether the converter was put to sleep and not woken since."""
         self.ready_at = 0.0
@@ -111,30 +83,31 @@ class ChipDriver:
                 self.asleep = True
                 return
 
-    def wake(self, settings: ChipSettings, drive: int | None = None) -> None:
+    def wake(self, drive: int | None = None) -> None:
         """Start converting."""
         if drive is not None:
             self.bus.write(_DRIVE_CURRENTS[0], drive)
         self.asleep = False  # first, because the write may be cut off after it was done
-        self.bus.write(_CONFIG, settings.active)
+        self.bus.write(_CONFIG, self._active)
 
-    def results(self, settings: ChipSettings, wait: float | None = None) -> tuple[RawSample, ...]:
+    def results(self, settings: ScanSettings, wait: float | None = None) -> tuple[RawSample, ...]:
         """Wait for the next results of all channels.
 
         The first look at STATUS comes after `wait` in s, or after the discarded conversions of a
         converter that just woke. A drive current that the converter chose is read before sleep
         clears it.
         """
-        channels = tuple(dict.fromkeys(state.channel for state in settings.scan.states))
-        looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
-        for _ in range(settings.scan.discard if wait is None else 0):
+        channels, timeout = tuple(dict.fromkeys(state.channel for state in settings.states)), settings.timeout_us * 1e-6
+        looks = self._ready(settings.wait_us * 1e-6 if wait is None else wait, timeout)
+        for _ in range(settings.discard if wait is None else 0):
             if looks is not None:
                 for channel in channels:
                     self.bus.read(_DATA_MSB[channel])  # clears its flags
-                looks = self._ready(settings.again, settings.timeout)
+                looks = self._ready(settings.again_us * 1e-6, timeout)
         if looks is None:
             return (_no_sample(SampleFault.NO_RESULT),) * len(channels)
-        return tuple(self._sample(settings, channel, looks) for channel in channels)
+        scanning = len(settings.channels) > 1
+        return tuple(self._sample(channel, looks, scanning=scanning) for channel in channels)
 
     def _ready(self, wait: float, timeout: float) -> list[int] | None:
         """Wait until results are ready."""
@@ -150,15 +123,14 @@ class ChipDriver:
                 return None
             self.clock.sleep(_LOOK_AGAIN)
 
-    def _sample(self, settings: ChipSettings, channel: int, looks: Sequence[int]) -> RawSample:
+    def _sample(self, channel: int, looks: Sequence[int], *, scanning: bool) -> RawSample:
         """Read the result of a channel.
 
         Reading STATUS clears its errors, so all looks count.
         """
-        scanning = len(settings.scan.channels) > 1
         try:
             msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
-            drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
+            drive = None if self._active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
         except BusFault as fault:
             if not scanning:
                 raise
@@ -184,7 +156,7 @@ class ChipDriver:
         self._held = words
         return returned is None or expected is None or returned == expected
 
-    def configure(self, settings: ChipSettings) -> None:
+    def configure(self, settings: ScanSettings) -> None:
         """Write all registers of a sleeping converter and verify them."""
         for attempts_left in reversed(range(ATTEMPTS)):
             try:
@@ -196,13 +168,14 @@ class ChipDriver:
             else:
                 return
 
-    def hold(self, settings: ChipSettings, *, thoroughly: bool) -> bool:
+    def hold(self, *, thoroughly: bool) -> bool:
         """Check whether the converter still has its settings.
 
         One register shows a reset. All registers show a corrupted transfer.
         """
-        pairs = settings.asleep if thoroughly else [pair for pair in settings.asleep if pair[0] in _CLOCK_DIVIDERS][:1]
-        return all((self.bus.read(address) ^ value) & _mask(address) == 0 for address, value in pairs)
+        kept = self._resting
+        addresses = kept if thoroughly else [address for address in _CLOCK_DIVIDERS if address in kept][:1]
+        return all((self.bus.read(address) ^ kept[address]) & _mask(address) == 0 for address in addresses)
 
     def close(self) -> None:
         """Close both buses, and never raise."""
@@ -211,7 +184,7 @@ class ChipDriver:
                 if port is not None:
                     port.close()
 
-    def _write(self, settings: ChipSettings) -> None:
+    def _write(self, settings: ScanSettings) -> None:
         """Write the settings once and read them back."""
         found = self.identity()
         if found != (MANUFACTURER, DEVICE):
@@ -219,10 +192,14 @@ class ChipDriver:
                 f"the chip must be an LDC1614 or one of its kind, {MANUFACTURER:04X}/{DEVICE:04X}; "
                 f"got {found[0]:04X}/{found[1]:04X}."
             )
-        written = [*settings.asleep, *((_DRIVE_CURRENTS[0], drive) for drive in settings.drives[:1])]
+        registers = dict(settings.registers)
+        self._active, self._resting = registers[_CONFIG], registers | {_CONFIG: registers[_CONFIG] | ASLEEP}
+        written = [*self._resting.items()]
+        if not settings.wired:  # the drive current of the first state, to read it back
+            written.append((_DRIVE_CURRENTS[0], settings.drive_register(settings.states[0])))
         for address, value in written:
             self.bus.write(address, value)
-        self._sleep_word = settings.active | ASLEEP
+        self._sleep_word = self._resting[_CONFIG]
         for address, value in written:
             got = self.bus.read(address)
             if (got ^ value) & _mask(address):
@@ -257,7 +234,7 @@ class DirectReader:
     ) -> None:
         self._chips, self._clock = ChipDriver(bus, switches, clock), clock
         self._safe_words = safe_words
-        self._chip_settings: ChipSettings | None = None
+        self._settings: ScanSettings | None = None
         self._failure: HardwareError | None = None
         self._faulty: Counter[int] = Counter()  # consecutive scans, by state, with a fault of the bus
         self._differing: Counter[int] = Counter()  # the same for the chain of switches
@@ -277,13 +254,12 @@ class DirectReader:
 
     def configure(self, settings: ScanSettings) -> None:
         """Write settings and read every register back."""
-        self._chip_settings, self._failure = None, None
+        self._settings, self._failure = None, None
         self._faulty.clear()
         self._differing.clear()
         if self._closed:
             raise HardwareError("the board is closed; open it again.")
         settings.check_switching()
-        chip_settings = ChipSettings.of(settings)
         if len(settings.safe_words) != len(self._safe_words):
             raise HardwareError(
                 f"the settings are for {len(settings.safe_words)} switches in a chain; "
@@ -292,9 +268,9 @@ class DirectReader:
         self._safe_words = settings.safe_words
         with self._resting_on_failure():
             self.rest()
-            self._chips.configure(chip_settings)
+            self._chips.configure(settings)
         self._identity = replace(self._identity, manufacturer=MANUFACTURER, device=DEVICE)
-        self._chip_settings = chip_settings
+        self._settings = settings
 
     def scan(self) -> RawScan:
         """Measure every state once."""
@@ -321,7 +297,7 @@ class DirectReader:
         """Put the board to rest and close both buses."""
         if self._closed:
             return
-        self._chip_settings = None
+        self._settings = None
         for _ in range(ATTEMPTS):
             try:
                 self.rest()
@@ -352,32 +328,32 @@ class DirectReader:
         """Measure all states, and leave a `running` converter awake."""
         if self._failure is not None:
             raise self._failure
-        chip_settings = self._chip_settings
-        if chip_settings is None:
+        settings = self._settings
+        if settings is None:
             raise HardwareError("the board must be open and configured before a scan.")
         with self._resting_on_failure():
             start = self._clock.now()
             if self._safe_words:
-                samples = [self._sample(chip_settings, k) for k in range(len(chip_settings.drives))]
+                samples = [self._sample(settings, state) for state in settings.states]
             else:
-                start, samples = self._channels(chip_settings, running=running)
-            samples = self._verified(chip_settings, samples)
-        return RawScan(sequence, start, time.time(), chip_settings.scan.hash, self._identity.boot, tuple(samples))
+                start, samples = self._channels(settings, running=running)
+            samples = self._verified(settings, samples)
+        return RawScan(sequence, start, time.time(), settings.hash, self._identity.boot, tuple(samples))
 
-    def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
+    def _sample(self, settings: ScanSettings, state: StateSettings) -> RawSample:
         """Measure a state.
 
         The converter is asleep and the coils are grounded before and, even if the converter fails,
         after.
         """
-        chips, same, words = self._chips, True, chip_settings.scan.states[k].words
+        chips, same, words = self._chips, True, state.words
         try:
             if not chips.asleep:
                 chips.sleep()
             same &= chips.switch(bytes(len(words)))
             same &= chips.switch(words)
-            chips.wake(chip_settings, chip_settings.drives[k])
-            (sample,) = chips.results(chip_settings)
+            chips.wake(settings.drive_register(state))
+            (sample,) = chips.results(settings)
             chips.sleep(attempts=1)
         except BusFault as fault:
             sample = _no_sample(fault)
@@ -387,44 +363,46 @@ class DirectReader:
         same &= chips.switch(self._safe_words)
         return sample if same else _no_sample(SampleFault.SWITCHES_DIFFER)
 
-    def _channels(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample]]:
+    def _channels(self, settings: ScanSettings, *, running: bool) -> tuple[float, list[RawSample]]:
         """Measure all channels, and return when their results began."""
         chips, start = self._chips, self._clock.now()
         try:
             if running and not chips.asleep:
                 # A fast oscillator is early by less than a slow oscillator is late.
-                look = chips.ready_at + 2 * chip_settings.turn - chip_settings.again - 2 * _LOOK_AGAIN
-                samples = list(chips.results(chip_settings, max(look - start, 0.0)))
-                start = chips.ready_at - chip_settings.turn
+                again = settings.again_us * 1e-6
+                turn = again * settings.slowest_reference / settings.reference  # from result to result, nominally
+                look = chips.ready_at + 2 * turn - again - 2 * _LOOK_AGAIN
+                samples = list(chips.results(settings, max(look - start, 0.0)))
+                start = chips.ready_at - turn
             else:
                 if not chips.asleep:
                     chips.sleep()
-                chips.wake(chip_settings)
-                samples = list(chips.results(chip_settings))
+                chips.wake()
+                samples = list(chips.results(settings))
         except BusFault as fault:
-            samples = [_no_sample(fault)] * len(chip_settings.scan.states)
+            samples = [_no_sample(fault)] * len(settings.states)
         if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
             with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
                 chips.sleep()
         return start, samples
 
-    def _verified(self, chip_settings: ChipSettings, samples: list[RawSample]) -> list[RawSample]:
+    def _verified(self, settings: ScanSettings, samples: list[RawSample]) -> list[RawSample]:
         """Return the samples of a scan after checking the converter."""
         faults = [sample.fault for sample in samples]
         try:
-            kept = self._chips.hold(chip_settings, thoroughly=any(fault in BUS_FAULTS for fault in faults))
+            kept = self._chips.hold(thoroughly=any(fault in BUS_FAULTS for fault in faults))
         except BusFault:  # an unconfirmed result is not a measurement
             faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
         else:
             if not kept:
                 faults = [SampleFault.CONVERTER_RESET] * len(faults)
-        self._judge(chip_settings, faults)
+        self._judge(settings, faults)
         return [_no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
 
-    def _judge(self, chip_settings: ChipSettings, faults: Sequence[SampleFault]) -> None:
+    def _judge(self, settings: ScanSettings, faults: Sequence[SampleFault]) -> None:
         """Decide whether the faults of a scan end the stream."""
         for k, fault in enumerate(faults):
-            state = chip_settings.scan.states[k].name
+            state = settings.states[k].name
             self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
             self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
             reason: HardwareError | None = None
@@ -439,7 +417,7 @@ class DirectReader:
                 reason = BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} consecutive scans.")
             self._failure = self._failure or reason
         if self._failure is not None:
-            self._chip_settings = None
+            self._settings = None
             with contextlib.suppress(HardwareError):
                 if isinstance(self._failure, BusFault):
                     self._chips.bus.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Generator
 from contextlib import nullcontext, suppress
@@ -21,25 +22,25 @@ from coilarray.hardware.wire.buses import (
 )
 from coilarray.hardware.wire.ports import BAUD, OpenSerialPort, choose_serial_port
 from coilarray.hardware.wire.protocol import (
+    ANYTHING,
     Answer,
     Heartbeat,
     LinkTimes,
     Message,
-    MessageError,
     Mode,
     ScanMessage,
     Session,
     StreamEnd,
     StreamEndReason,
     draft_commands,
-    hexadecimal,
-    read_nothing,
     read_pong,
     read_scan,
 )
 
 LONGEST_INTERVAL = 2147.0
 """Longest time between two scans of a stream in s: half a wrap of the board's clock."""
+_HASH = re.compile("([0-9A-F]{4})(?:,.*)?").fullmatch
+_CHAIN = re.compile("(same|differ|none)(?:,.*)?").fullmatch
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
 
 _ENDS: dict[StreamEndReason, tuple[type[HardwareError], str]] = {
@@ -126,10 +127,10 @@ class MicrocontrollerReader:
         self._settings = None
         *commands, commit = draft_commands(settings)
         for command in commands:
-            self._session.ask(read_nothing, *command)
-        held = self._session.ask(_word, *commit, patience=_longest_scan(settings))
-        if held != settings.hash:
-            raise BusFault(f"the board holds the settings {held:04X}, not {settings.hash:04X}; configure it again.")
+            self._session.ask(ANYTHING, *command)
+        held = self._session.ask(_HASH, *commit, patience=_longest_scan(settings))[1]
+        if int(held, 16) != settings.hash:
+            raise BusFault(f"the board holds the settings {held}, not {settings.hash:04X}; configure it again.")
         self._settings = settings
 
     def scan(self) -> RawScan:
@@ -162,7 +163,7 @@ class MicrocontrollerReader:
         self._stream = 0
         self._unsure = True
         try:
-            self._session.ask(read_nothing, "STOP", patience=_longest_scan(self._settings))
+            self._session.ask(ANYTHING, "STOP", patience=_longest_scan(self._settings))
         except (BusFault, CommandRefused):  # the coils are grounded, but the converter did not obey
             self._unsure = self._silent = False
             raise
@@ -174,7 +175,7 @@ class MicrocontrollerReader:
     def check_chain(self) -> str:
         """Compare sent and returned words of the chain of switches."""
         self._prepare()
-        return self._session.ask(_chain, "CHAIN")
+        return self._session.ask(_CHAIN, "CHAIN")[1]
 
     def close(self) -> None:
         """Put a board that still answers to rest, and close.
@@ -261,9 +262,8 @@ class MicrocontrollerReader:
         self._unsure, self._faults = True, frozenset()
         failed = True
         try:
-            self._session.ask(read_nothing, "START", f"{interval:08X}", patience=longest)
-            self._session.recall_early()
-            yield from self._fetch(mine, settings, max(interval * 1e-6, settings.period), longest)
+            self._session.ask(ANYTHING, "START", f"{interval:08X}", patience=longest)
+            yield from self._fetch(mine, settings, max(interval * 1e-6, settings.period()), longest)
             failed = False
         except GeneratorExit:
             failed = False
@@ -307,8 +307,7 @@ class MicrocontrollerReader:
             raise self._ended(message.reason, message.text)
         mode = Mode.STREAMING
         if isinstance(message, Answer):
-            with suppress(MessageError):
-                pong = read_pong(message.fields)
+            if pong := read_pong(message.text):
                 self._session.keep(pong)
                 mode = pong.mode
         elif isinstance(message, Heartbeat) and self._session.present(message.time):  # it is not from before the stream
@@ -344,16 +343,6 @@ def _longest_scan(settings: ScanSettings | None) -> float:
     """Return the time of a scan without results in s."""
     if settings is None:
         return 0.0
-    state = settings.state_time
+    state = settings.state_time()
     timeouts = (1 + settings.discard) * settings.timeout_us * 1e-6
     return len(settings.states) * (timeouts + state.total - state.until_ready)
-
-
-def _word(fields: tuple[str, ...]) -> int:
-    return hexadecimal(fields[0] if fields else "", 4)
-
-
-def _chain(fields: tuple[str, ...]) -> str:
-    if not fields or fields[0] not in ("same", "differ", "none"):
-        raise MessageError("a reply to CHAIN must be same, differ or none.")
-    return fields[0]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from coilarray.hardware.wire.buses import Clock
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
+    from coilarray.hardware.emulator.sensor_world import SensorWorld
     from coilarray.response.interpolation import ResponseSpline
 
 
@@ -42,7 +43,7 @@ ROOM_TEMPERATURE = 25.0
 _AHEAD, _BEHIND = 1e-3, 0.05  # s
 
 
-class VirtualClock:
+class VirtualClock(Clock):
     """Clock whose time passes only in `sleep`."""
 
     def __init__(self, start: float = 0.0) -> None:
@@ -59,7 +60,7 @@ class VirtualClock:
         self._now += max(seconds, 0.0)
 
 
-class PacedClock:
+class PacedClock(Clock):
     """Clock of an emulated board in real time.
 
     A computer takes up to twice as long for a wait as short as 0.1 ms, a transfer. Therefore the
@@ -177,6 +178,7 @@ class Indenter:
         return Place(*(float(np.interp(time, times, row)) for row in rows))
 
 
+_SPEED = 8e6  # Hz, of the switches' port
 _FALLING_EDGE_MODES = (1, 2)  # SPI modes with data stable at the falling edge, where the chip samples
 
 
@@ -186,45 +188,52 @@ class EmulatedChain:
     The first device is at the far end of the chain and gets the first byte. A bit is shifted in at
     every falling edge of the clock. When SYNC rises, each package latches its last eight bits.
     After power-up all switches are open. `readback` means that the end of the chain is wired back.
+    A driver calls `shift` and `close`.
     """
 
     def __init__(
         self,
         devices: SwitchTable,
+        clock: Clock,
         *,
         before_change: Callable[[], None] = lambda: None,
         after_change: Callable[[], None] = lambda: None,
         readback: bool = True,
     ) -> None:
-        self.devices = devices
-        self.readback = readback
-        self.bit_order = list(range(SWITCHES))
-        """Bit of the word that moves each switch. Change it to emulate a board with another map."""
+        self.devices, self._clock, self.readback = devices, clock, readback
+        self.mode = 1
+        """SPI mode. Change it to emulate a port with another mode."""
+        self.broken = False
+        """Whether the data line is broken, so that the chain receives zeros."""
         self._before_change, self._after_change = before_change, after_change
         self._stuck: dict[tuple[int, int], bool] = {}
         self._register = 0  # the far end of the chain first
-        self._words = bytes(len(self.devices))
+        self.words = bytes(len(devices))
+        """Words that the packages latched last, in sending order."""
 
     def power_up(self) -> None:
         """Restore the supply."""
         self._before_change()
-        self._register, self._words = 0, bytes(len(self.devices))
+        self._register, self.words = 0, bytes(len(self.devices))
         self._after_change()
-
-    @property
-    def words(self) -> bytes:
-        """Words that the packages latched last, in sending order."""
-        return self._words
 
     def closed(self) -> tuple[WiredSwitch, ...]:
         """Return the conducting switches, including switches stuck closed."""
-        return closed_switches(self.devices, self._words, stuck=self._stuck, bit_order=self.bit_order)
+        return closed_switches(self.devices, self.words, stuck=self._stuck)
 
     def commanded(self) -> tuple[WiredSwitch, ...]:
         """Return the switches that conduct if none is stuck."""
-        return closed_switches(self.devices, self._words, bit_order=self.bit_order)
+        return closed_switches(self.devices, self.words)
 
-    def transfer(self, data: bytes, *, mode: int = 1) -> bytes | None:
+    def shift(self, words: bytes) -> bytes | None:
+        """Send one byte per device and latch all of them."""
+        self._clock.sleep(SWITCHES * len(words) / _SPEED)
+        return self.transfer(bytes(len(words)) if self.broken else words)
+
+    def close(self) -> None:
+        """Release the port."""
+
+    def transfer(self, data: bytes) -> bytes | None:
         """Shift bytes in with SYNC low, then let SYNC rise.
 
         Returns the bytes from the far end, or None if it is not wired back. In the SPI modes 0 and
@@ -232,14 +241,14 @@ class EmulatedChain:
         """
         count = SWITCHES * len(data)
         sent = int.from_bytes(data)
-        if mode not in _FALLING_EDGE_MODES:
+        if self.mode not in _FALLING_EDGE_MODES:
             sent >>= 1
         through = self._register << count | sent
         self._register = through & (1 << SWITCHES * len(self.devices)) - 1
         words = self._register.to_bytes(len(self.devices))
-        if words != self._words:
+        if words != self.words:
             self._before_change()
-            self._words = words
+            self.words = words
             self._after_change()
         if not self.readback:
             return None
@@ -266,53 +275,20 @@ class EmulatedChain:
         raise HardwareError(f"no switch joins end {end} of coil {coil} to {net}.")
 
 
-class EmulatedSwitches:
-    """Serial port between a driver and the emulated chain."""
-
-    def __init__(self, chain: EmulatedChain, clock: Clock, *, speed: float = 8e6) -> None:
-        self.chain, self.clock, self.speed = chain, clock, speed
-        self.mode = 1
-        """SPI mode. Change it to emulate a port with another mode."""
-        self.broken = False
-        """Whether the data line is broken, so that the chain receives zeros."""
-
-    def shift(self, words: bytes) -> bytes | None:
-        """Send one byte per device and latch all of them."""
-        self.clock.sleep(8 * len(words) / self.speed)
-        sent = bytes(len(words)) if self.broken else words
-        return self.chain.transfer(sent, mode=self.mode)
-
-    def close(self) -> None:
-        """Release the port."""
-
-
 _CIRCUITS = 256  # number of solved circuits to keep, as a scan repeats the same few
-
-
-class World(Protocol):
-    """Physics of the coils behind the switches."""
-
-    def check(self, place: Place) -> None:
-        """Refuse a place that the indenter cannot reach."""
-
-    def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives, None without oscillation.
-
-        `temperature` is the board's temperature in °C.
-        """
 
 
 class EmulatedBoard:
     """Converter, switches and coils on one clock.
 
-    A driver uses `bus` and `switches`. A test causes faults through `chip`, `chain`, `indenter` and
+    A driver uses `bus` and `chain`. A test causes faults through `chip`, `chain`, `indenter` and
     `conditions`. `misuse.notes` lists the driver's violations of the data sheets.
     """
 
     def __init__(
         self,
         wiring: Wiring,
-        world: World,
+        world: SensorWorld,
         *,
         clock: Clock,
         conditions: Conditions | None = None,
@@ -325,7 +301,8 @@ class EmulatedBoard:
         self.clock = clock
         self.conditions = conditions or Conditions()
         self.misuse = Misuse(strict)
-        self._seen = Seen("open")
+        self.seen = Seen("open")
+        """Circuit that the converter sees through the switches."""
         self._solve = lru_cache(maxsize=_CIRCUITS)(lambda closed: what_is_seen(closed, self.coils))
         self._at_channel = {
             channel: ScanState(
@@ -334,13 +311,11 @@ class EmulatedBoard:
             for channel, coil in zip(wiring.channels, self.coils, strict=False)
         }
         self.chip = Ldc1614(clock, self, misuse=self.misuse, seed=seed)
-        self.chain = EmulatedChain(
-            switch_table(wiring.encode()) if wiring.devices else (),
-            before_change=self.chip.advance, after_change=self._switched, readback=readback,
-        )  # fmt: skip
+        devices = switch_table(wiring.encode()) if wiring.devices else ()
+        changes = {"before_change": self.chip.advance, "after_change": self._switched}
+        self.chain = EmulatedChain(devices, clock, **changes, readback=readback)
         self.indenter = Indenter(self.chip.advance, world.check)
         self.bus = EmulatedBus(self.chip, clock)
-        self.switches = EmulatedSwitches(self.chain, clock)
 
     # ------------------------------------------------- the converter's surroundings
 
@@ -359,16 +334,12 @@ class EmulatedBoard:
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
         """Return the tank at a channel of the converter."""
-        state = self._at_channel.get(channel) if self._at_channel else self._seen.state if channel == 0 else None
+        state = self._at_channel.get(channel) if self._at_channel else self.seen.state if channel == 0 else None
         if state is None:
             return None
         return self.world.resonator(state, self.indenter.at(time), self.conditions.drift.at(time))
 
     # ------------------------------------------------------------------ for tests
-
-    def seen(self) -> Seen:
-        """Return the circuit that the converter sees through the switches."""
-        return self._seen
 
     def true_tank(self, channel: int = 0) -> Resonator | None:
         """Return the present tank at a channel, without noise."""
@@ -383,7 +354,7 @@ class EmulatedBoard:
         return self.indenter.at(self.clock.now())
 
     def _switched(self) -> None:
-        self._seen = self._solve(self.chain.closed())
+        self.seen = self._solve(self.chain.closed())
         commanded = self._solve(self.chain.commanded()).kind
         if commanded in ("short", "grounded", "tangled"):  # or a bit was shifted
             self.misuse.remark(f"the words {self.chain.words.hex()} make a circuit that is {commanded}.")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,6 +41,9 @@ from coilarray.hardware.chips.ldc1614 import (
 )
 from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock
 
+if TYPE_CHECKING:
+    from coilarray.hardware.emulator.board import EmulatedBoard
+
 AMPLITUDE_STOPS = 0.6
 """Peak voltage in V below which the oscillation stops."""
 _SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
@@ -69,23 +72,6 @@ class Resonator:
         """Return the IDRIVE code that the chip chooses itself."""
         kept = [code for code, current in enumerate(DRIVE_CURRENTS) if self.amplitude(current) <= AMPLITUDE_HIGH]
         return max(kept, default=0)
-
-
-class Surroundings(Protocol):
-    """Everything connected to a converter."""
-
-    def sensor(self, channel: int, time: float) -> Resonator | None:
-        """Return the tank at a channel."""
-
-    def internal_clock(self, time: float) -> float:
-        """Return the frequency of the chip's oscillator in Hz."""
-
-    def external_clock(self, time: float) -> float | None:
-        """Return the frequency at the pin CLKIN in Hz."""
-
-    @property
-    def noise(self) -> float:
-        """Relative standard deviation of a frequency."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +186,7 @@ class Run:
 
     def __init__(
         self,
-        surroundings: Surroundings,
+        surroundings: EmulatedBoard,
         setting: Setting,
         time: float,
         take: Callable[[Result], None],
@@ -426,13 +412,14 @@ class Ldc1614:
     """One converter."""
 
     def __init__(
-        self, clock: Clock, surroundings: Surroundings, *, misuse: Misuse | None = None, seed: int = 0
+        self, clock: Clock, surroundings: EmulatedBoard, *, misuse: Misuse | None = None, seed: int = 0
     ) -> None:
         self.clock, self.surroundings = clock, surroundings
         self.misuse = misuse or Misuse(strict=True)
         self.table = {register.address: register for register in registers().values()}
         self.resets = 0
-        self._excused = False
+        self.excused = False
+        """Whether undocumented use is ignored until CLOCK_DIVIDERS0 is written again."""
         self._random = np.random.default_rng(seed)
         self._run: Run | None = None
         self._reset()
@@ -443,13 +430,13 @@ class Ldc1614:
     def interrupt(self) -> bool:
         """Whether the pin INTB is pulled low."""
         self._look()
-        ready = self._drdy and self._registers[_ERROR_CONFIG] & 1
-        return bool(ready or self._interrupting) and not self._registers[_CONFIG] & _INTB_DIS
+        ready = self._drdy and self.registers[_ERROR_CONFIG] & 1
+        return bool(ready or self._interrupting) and not self.registers[_CONFIG] & _INTB_DIS
 
     @property
     def asleep(self) -> bool:
         """Whether the chip sleeps."""
-        return bool(self._registers[_CONFIG] & _SLEEP)
+        return bool(self.registers[_CONFIG] & _SLEEP)
 
     def read(self, address: int) -> int:
         """Return a register with all side effects of reading."""
@@ -463,7 +450,7 @@ class Ldc1614:
             return self._read_lsb(_LSB.index(address))
         if address == _STATUS:
             return self._read_status()
-        return self._registers[address]
+        return self.registers[address]
 
     def write(self, address: int, value: int) -> None:
         """Write a register like the bus."""
@@ -474,14 +461,14 @@ class Ldc1614:
             self._note(f"{value:#06x} was written to register {address:#04x}, which {what}.")
             return
         if address == _DIVIDERS:
-            self._excused = False
+            self.excused = False
         self._check_write(register, value)
         if address == _RESET:
             if value & _RESET_BIT:
                 self._reset()
             return
-        kept = self._registers[address] & ~register.writable_mask
-        self._registers[address] = kept | value & register.writable_mask
+        kept = self.registers[address] & ~register.writable_mask
+        self.registers[address] = kept | value & register.writable_mask
         if address == _CONFIG:
             self._configure(value)
 
@@ -492,14 +479,6 @@ class Ldc1614:
         if self._run is not None:
             self._run.advance(self.clock.now(), changing=True)
 
-    def excuse(self) -> None:
-        """Ignore undocumented use until CLOCK_DIVIDERS0 is written again."""
-        self._excused = True
-
-    def peek(self, address: int) -> int:
-        """Return a configuration register without side effects."""
-        return self._registers[address]
-
     # -------------------------------------------------------------------- inside
 
     def _look(self) -> None:
@@ -507,12 +486,12 @@ class Ldc1614:
             self._run.advance(self.clock.now(), changing=False)
 
     def _note(self, what: str) -> None:
-        if not self._excused:
+        if not self.excused:
             self.misuse.note(what)
 
     def _reset(self) -> None:
         self.resets += 1
-        self._registers = {address: register.reset for address, register in self.table.items()}
+        self.registers = {address: register.reset for address, register in self.table.items()}
         self._run = None
         self._forget_results()
 
@@ -534,9 +513,9 @@ class Ldc1614:
             self._run = None
             self._forget_results()
             for channel in range(CHANNELS):
-                self._registers[_DRIVE + channel] &= ~_INIT_DRIVE
+                self.registers[_DRIVE + channel] &= ~_INIT_DRIVE
         elif self._run is None:
-            now, setting = self.clock.now(), Setting.of(self._registers)
+            now, setting = self.clock.now(), Setting.of(self.registers)
             around = self.surroundings
             source = around.external_clock if setting.external else around.internal_clock
             for problem in setting.problems(source(now)):
@@ -556,14 +535,14 @@ class Ldc1614:
         if self.asleep or register.address == _RESET:
             return
         if register.address == _CONFIG:
-            if not value & _SLEEP and value != self._registers[_CONFIG]:
+            if not value & _SLEEP and value != self.registers[_CONFIG]:
                 self._note(f"CONFIG was changed to {value:#06x} while the chip was active.")
         else:
             self._note(f"{register.name} was written while the chip was active.")
 
     def _take(self, result: Result) -> None:
         """Store the result of a conversion."""
-        channel, config = result.channel, self._registers[_ERROR_CONFIG]
+        channel, config = result.channel, self.registers[_ERROR_CONFIG]
         raised = [result.under_range, result.over_range, result.watchdog, result.high, result.low]
         shown = [happened and bool(config & 1 << 15 - k) for k, happened in enumerate(raised)]
         self._codes[channel] = result.code
@@ -571,8 +550,8 @@ class Ldc1614:
         self._unread[channel] = True
         self._drdy = self._drdy or result.last
         if result.drive is not None:
-            kept = self._registers[_DRIVE + channel] & ~_INIT_DRIVE
-            self._registers[_DRIVE + channel] = kept | result.drive << 6
+            kept = self.registers[_DRIVE + channel] & ~_INIT_DRIVE
+            self.registers[_DRIVE + channel] = kept | result.drive << 6
         happened = [*raised, result.no_edges]
         interrupting = [one and bool(config & 1 << 7 - k) for k, one in enumerate(happened)]
         self._interrupting = self._interrupting or any(interrupting)
@@ -582,7 +561,7 @@ class Ldc1614:
             self._frozen = channel << 14 | errors | self._ready_bits()
 
     def _ready_bits(self) -> int:
-        ready = _DRDY if self._drdy and self._registers[_ERROR_CONFIG] & 1 else 0
+        ready = _DRDY if self._drdy and self.registers[_ERROR_CONFIG] & 1 else 0
         return ready | sum(1 << 3 - channel for channel in range(CHANNELS) if self._unread[channel])
 
     def _read_status(self) -> int:
@@ -643,7 +622,7 @@ class EmulatedBus:
         self._pass(WRITE_BITS, register)
         arriving = self._damaged(value)
         if arriving != value:
-            self.chip.excuse()
+            self.chip.excused = True
         self.chip.write(register, arriving)
         self._note("write", register, value)
 

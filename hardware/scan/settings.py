@@ -206,7 +206,7 @@ class ScanSettings:
         """Slowest possible reference frequency in Hz."""
         return (self.clock if self.external_clock else min(self.clock, self.slowest_clock)) / self.fref_divider
 
-    @property
+    @cached_property
     def registers(self) -> tuple[tuple[int, int], ...]:
         """Addresses and values to write while the converter sleeps."""
         # awake, full current to start
@@ -245,22 +245,9 @@ class ScanSettings:
         """Return FIN_DIVIDER of the channel of a state."""
         return self.fin_divider if state.fin_divider is None else state.fin_divider
 
-    @property
-    def state_time(self) -> StateTime:
-        """Times of the steps of one state."""
-        return self._state_time(BUS_RATE)
-
-    @property
-    def period(self) -> float:
-        """Shortest time from scan to scan in s."""
-        return self.period_on(BUS_RATE)
-
-    def period_on(self, bus_rate: float) -> float:
-        """Shortest time between scans in s.
-
-        The clock `bus_rate` of the I²C bus is in Hz.
-        """
-        time = self._state_time(bus_rate)
+    def period(self, bus_rate: float = BUS_RATE) -> float:
+        """Shortest time between scans in s, with a clock of the I²C bus in Hz."""
+        time = self.state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
             return max(self.again_us * 1e-6, time.result + time.control)
         # Once per scan a register is read back, which shows whether the converter was reset.
@@ -269,7 +256,7 @@ class ScanSettings:
     @property
     def wait_us(self) -> int:
         """Time from waking to looking at STATUS in µs."""
-        return math.ceil(self.state_time.until_ready * 1e6)
+        return math.ceil(self.state_time().until_ready * 1e6)
 
     @property
     def again_us(self) -> int:
@@ -283,7 +270,7 @@ class ScanSettings:
     @property
     def timeout_us(self) -> int:
         """Time from waking to giving up in µs."""
-        slowest = self.state_time.until_ready
+        slowest = self.state_time().until_ready
         if not self.external_clock:
             slowest *= self.slowest_clock / min(self.slowest_clock, INTERNAL_CLOCK_RANGE[0])
         return math.ceil((_MARGIN * slowest + _RESTART) * 1e6)
@@ -314,8 +301,8 @@ class ScanSettings:
         parts += [state.words + self.drive_register(state).to_bytes(2, "big") for state in self.states]
         return b"".join(parts)
 
-    def _state_time(self, bus_rate: float) -> StateTime:
-        """Compute the times of a state or of all channels."""
+    def state_time(self, bus_rate: float = BUS_RATE) -> StateTime:
+        """Return the times of a state, or of all channels, with a clock of the I²C bus in Hz."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
         settle = sum(settle_time(settle, reference) for _, settle in counts)
         if self.wired:
@@ -560,7 +547,7 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
     require_positive("rate", rate, " scans/s", HardwareError)
     count = len(settings.states)
     least = smallest_rcount(len(settings.channels))
-    fastest = 1 / replace(settings, rcount=least).period_on(bus_rate)
+    fastest = 1 / replace(settings, rcount=least).period(bus_rate)
     if rate > fastest:
         raise HardwareError(
             f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
@@ -568,7 +555,7 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
         )
     # A stream without switches discards conversions only at its start.
     conversions, reference = 1 if settings.wired else 1 + settings.discard, settings.slowest_reference
-    overhead = settings.period_on(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
+    overhead = settings.period(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
     # A duration that is a multiple of a clock must not lose a count by rounding.
     clocks = math.floor((1 / (rate * count) - overhead) / conversions * reference * (1 + 1e-12))
     return min(max((clocks - 4) // 16, least), LARGEST_RCOUNT)

@@ -68,22 +68,17 @@ def switch_table(wiring: bytes) -> SwitchTable:
 
 
 def closed_switches(
-    table: SwitchTable,
-    words: bytes,
-    *,
-    stuck: Mapping[tuple[int, int], bool] = MappingProxyType({}),
-    bit_order: Sequence[int] = range(SWITCHES),
+    table: SwitchTable, words: bytes, *, stuck: Mapping[tuple[int, int], bool] = MappingProxyType({})
 ) -> tuple[WiredSwitch, ...]:
     """Return the wired switches that conduct under these words.
 
-    `stuck` has the broken switches by device and bit, True for closed. `bit_order` has the bit of
-    the word that moves each switch of the table.
+    `stuck` has the broken switches by device and bit, True for closed.
     """
     return tuple(
         switch
         for device, (switches, word) in enumerate(zip(table, words, strict=True))
         for bit, switch in enumerate(switches)
-        if switch is not None and stuck.get((device, bit), bool(word >> bit_order[bit] & 1))
+        if switch is not None and stuck.get((device, bit), bool(word >> bit & 1))
     )
 
 

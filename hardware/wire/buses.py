@@ -1,4 +1,10 @@
-"""Buses of a driver, their errors, and ending signals."""
+"""Buses of a driver, with their errors, on this computer, and ending signals.
+
+A Linux computer, such as a Raspberry Pi, has /dev/i2c-N and /dev/spidevN.M. An FT232H (or FT2232H)
+has a single engine for serial buses, which I²C uses. Therefore its switches get clock and data from
+the pins C0 to C2 of the second port, level by level, and C3 reads the end of their chain. All
+levels of a transfer go over USB at once.
+"""
 
 from __future__ import annotations
 
@@ -129,21 +135,11 @@ class SwitchChain(Protocol):
         """Close the port, and never raise."""
 
 
-class Clock(Protocol):
-    """Time of the board."""
+class Clock:
+    """Time of the board. This one is the computer's."""
 
     def now(self) -> float:
         """Return the time in s since an arbitrary start."""
-
-    def sleep(self, seconds: float) -> None:
-        """Wait."""
-
-
-class ComputerClock:
-    """The computer's own clock."""
-
-    def now(self) -> float:
-        """Return the monotonic time in s."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
@@ -304,41 +300,6 @@ _USB_TIMEOUT = 500  # ms
 _NO_LIBUSB = "No backend available"  # pyftdi's message without it
 
 
-def open_ft232h(
-    url: str, address: int, *, switches: bool = True, mode: int = SPI_MODE, readback: bool = False
-) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain | None]:
-    """Open an FT232H adapter with converter and switches, if any.
-
-    The pyftdi URL is ``ftdi://ftdi:232h:SERIALNUMBER/1``. The SPI `mode` of the switches is 0 to 3.
-    With `readback` the end of their chain is wired back.
-    """
-    controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
-    idle = _SYNC | (_CLOCK if mode & 2 else 0)
-    pins = {"direction": _DRIVEN << _SECOND_PORT, "initial": idle << _SECOND_PORT} if switches else {}
-    try:
-        controller.configure(url, frequency=I2C_SPEED, **pins)
-        controller.set_retry_count(1)  # this module judges a failed transfer itself
-        controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
-        bus = Ft232hRegisterBus(controller, url, address)
-        if not switches:
-            return bus, None
-        if controller.width <= _SECOND_PORT:
-            raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
-        controller.ftdi.write_data(bytes([_SET_HIGH, idle, _DRIVEN]))  # pyftdi drives only pins that begin high
-        return bus, Ft232hSwitchChain(controller, url, mode, readback)
-    except (OSError, ValueError, usb.UsbToolsError) as error:
-        _close(controller)
-        if _NO_LIBUSB in str(error):
-            raise MissingDependencyError(
-                f"{url} cannot be opened: the library libusb 1.0 is not installed (Debian: sudo apt "
-                "install libusb-1.0-0; macOS: brew install libusb; Windows: the WinUSB driver, by Zadig)."
-            ) from None
-        raise HardwareError(f"{url} cannot be opened: {_one_line(error)}.") from None
-    except BaseException:
-        _close(controller)
-        raise
-
-
 def ft232h_adapters() -> tuple[str, ...]:
     """Return the URLs of the adapters at this computer."""
     try:
@@ -352,13 +313,42 @@ def ft232h_adapters() -> tuple[str, ...]:
     )
 
 
-class Ft232hRegisterBus:
-    """A `RegisterBus` of `open_ft232h`."""
+class Ft232h:
+    """A `RegisterBus` and a `SwitchChain` on an FT232H adapter.
 
-    def __init__(self, controller: Any, url: str, address: int) -> None:
-        self._controller, self._url, self._address = controller, url, address
-        self._port: Any = controller.get_port(address)
-        self._not_acknowledged: type[Exception] = _library("pyftdi.i2c").I2cNackError
+    The pyftdi URL is ``ftdi://ftdi:232h:SERIALNUMBER/1``. Without `switches` its second port is not
+    used. Their SPI `mode` is 0 to 3. With `readback` the end of their chain is wired back.
+    """
+
+    def __init__(
+        self, url: str, address: int, *, switches: bool = True, mode: int = SPI_MODE, readback: bool = False
+    ) -> None:
+        self._url, self._address, self._mode, self._readback = url, address, mode, readback
+        i2c, usb = _library("pyftdi.i2c"), _library("pyftdi.usbtools")
+        self._controller: Any = i2c.I2cController()
+        self._not_acknowledged: type[Exception] = i2c.I2cNackError
+        idle = _SYNC | (_CLOCK if mode & 2 else 0)
+        pins = {"direction": _DRIVEN << _SECOND_PORT, "initial": idle << _SECOND_PORT} if switches else {}
+        try:
+            self._controller.configure(url, frequency=I2C_SPEED, **pins)
+            self._controller.set_retry_count(1)  # this module judges a failed transfer itself
+            self._controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
+            self._port: Any = self._controller.get_port(address)
+            if switches and self._controller.width <= _SECOND_PORT:
+                raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
+            if switches:  # pyftdi drives only pins that begin high
+                self._controller.ftdi.write_data(bytes([_SET_HIGH, idle, _DRIVEN]))
+        except (OSError, ValueError, usb.UsbToolsError) as error:
+            self.close()
+            if _NO_LIBUSB in str(error):
+                raise MissingDependencyError(
+                    f"{url} cannot be opened: the library libusb 1.0 is not installed (Debian: sudo apt "
+                    "install libusb-1.0-0; macOS: brew install libusb; Windows: the WinUSB driver, by Zadig)."
+                ) from None
+            raise HardwareError(f"{url} cannot be opened: {_one_line(error)}.") from None
+        except BaseException:
+            self.close()
+            raise
 
     def read(self, register: int) -> int:
         """Return a register."""
@@ -381,10 +371,6 @@ class Ft232hRegisterBus:
         with self._translated_errors():
             self._controller.ftdi.write_data(commands)
 
-    def close(self) -> None:
-        """Close the adapter, whose pins keep their levels."""
-        _close(self._controller)
-
     @contextlib.contextmanager
     def _translated_errors(self) -> Iterator[None]:
         """Translate errors of pyftdi within a block."""
@@ -394,13 +380,6 @@ class Ft232hRegisterBus:
             raise BusFault(f"the converter at {self._address:#04x} on {self._url} does not answer.") from None
         except OSError as error:
             raise _lost_or(BusTimeout, self._url, error) from None
-
-
-class Ft232hSwitchChain:
-    """A `SwitchChain` of `open_ft232h`."""
-
-    def __init__(self, controller: Any, url: str, mode: int, readback: bool) -> None:
-        self._controller, self._url, self._mode, self._readback = controller, url, mode, readback
 
     def shift(self, words: bytes) -> bytes | None:
         """Send the words while SYNC is low."""
@@ -418,8 +397,9 @@ class Ft232hSwitchChain:
         return int(back, 2).to_bytes(len(words), "big")
 
     def close(self) -> None:
-        """Close the adapter, and never raise."""
-        _close(self._controller)
+        """Close the adapter, whose pins keep their levels, and never raise."""
+        with contextlib.suppress(Exception):
+            self._controller.close(freeze=True)  # a SYNC that floats could latch anything
 
     def _commands(self, bits: Iterable[bool]) -> Iterator[int]:
         """Yield the commands of a transfer.
@@ -450,11 +430,6 @@ def _lost_or(fault: type[HardwareError], url: str, error: OSError) -> HardwareEr
     if isinstance(error, (_library("pyftdi.ftdi").FtdiError, _library("usb.core").USBError)):
         return DeviceLost(f"the adapter {url} is gone: {_one_line(error)}.")
     return fault(f"the adapter {url} does not answer: {_one_line(error)}.")
-
-
-def _close(controller: Any) -> None:
-    with contextlib.suppress(Exception):
-        controller.close(freeze=True)  # a SYNC that floats could latch anything
 
 
 def _one_line(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""Names of the ports of boards and of this computer."""
+"""Ports of boards by name, and the serial ports of this computer, listed, chosen and opened."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class OpenSerialPort:
 
     def __init__(self, name: str, *, baud: int = BAUD) -> None:
         self._library = import_extra("serial", _PURPOSE, package="pyserial", extra="serial")
-        self._name = name
+        self.name = name
         try:
             self._port: Any = self._library.Serial(
                 name, baud, timeout=_TICK, write_timeout=_WRITE_TIMEOUT, exclusive=True
@@ -106,11 +106,6 @@ class OpenSerialPort:
             raise HardwareError(f"port {name} {reason}.") from None
         with suppress(*_LOSSES):  # discard earlier bytes. A port that is gone fails at the next read
             self._port.reset_input_buffer()
-
-    @property
-    def name(self) -> str:
-        """Name of the port, for messages."""
-        return self._name
 
     def read(self, seconds: float) -> bytes:
         """Return at most 4096 bytes, received in `seconds`."""
@@ -127,7 +122,7 @@ class OpenSerialPort:
             try:
                 self._port.write(data)
             except self._library.SerialTimeoutException:
-                raise NoAnswer(f"{self._name} took no bytes for {_WRITE_TIMEOUT:g} s.") from None
+                raise NoAnswer(f"{self.name} took no bytes for {_WRITE_TIMEOUT:g} s.") from None
 
     def close(self) -> None:
         """Close the port, and never raise."""
@@ -139,7 +134,7 @@ class OpenSerialPort:
         try:
             yield
         except _GONE as error:
-            raise DeviceLost(f"{self._name} is gone: {error}.") from None
+            raise DeviceLost(f"{self.name} is gone: {error}.") from None
 
 
 EMULATOR = "emulator"

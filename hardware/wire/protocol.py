@@ -1,4 +1,4 @@
-"""Lines, messages and scans of the microcontroller's protocol.
+"""Lines, messages and session of the microcontroller's protocol.
 
 `hardware/firmware/PROTOCOL.md` defines it. Every field is checked against its exact form, because a
 port may send anything.
@@ -10,8 +10,8 @@ import binascii
 import random
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import TypeVar
@@ -25,7 +25,6 @@ from coilarray.hardware.wire.buses import (
     BusFault,
     Clock,
     CommandRefused,
-    ComputerClock,
     DeviceLost,
     NoAnswer,
     NotABoard,
@@ -37,13 +36,19 @@ VERSION = (2, 0)
 """Major and minor version of this package's protocol."""
 _GOOD_STATUS = 0x0048
 """STATUS of a word that has no status: DRDY and UNREADCONV0, no error."""
-_HEX = {digits: re.compile(rf"[0-9A-F]{{{digits}}}") for digits in (1, 2, 4, 8)}
-_DECIMAL = re.compile(r"0|[1-9][0-9]{0,9}")
-_WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?(?::([0-9A-F]{4}))?")
-
-
-class MessageError(ValueError):
-    """Intact line that is no message of this version."""
+_H1, _H2, _H4, _H8 = (f"([0-9A-F]{{{digits}}})" for digits in (1, 2, 4, 8))
+_DECIMAL = "(0|[1-9][0-9]{0,9})"
+_VERSION = re.compile(rf"{_DECIMAL}\.{_DECIMAL}(?:,.*)?")
+_GREETING = re.compile(rf"[^,]*,([^,]*),{_H8},{_H4},{_H4},{_DECIMAL},{_DECIMAL},.*")
+_PONG = re.compile(rf"{_H8},{_H8},([uis]),{_DECIMAL}(?:,.*)?")
+_SCAN = re.compile(rf"{_H8},{_H8},{_H4},{_H8}((?:,[^,]+)+)")
+_WORD = re.compile(rf"!([1-5])|{_H4}{_H4}(?:\.{_H4})?(?::{_H4})?")
+_HEARTBEAT = re.compile(rf"H{_H8},{_H8},{_H4},([uis])")
+_END = re.compile(rf"E([1-4]),{_H4},{_H8},([^,]*)")
+_ANSWER = re.compile(rf"<{_H2},OK(?:,(.*))?")
+_REFUSAL = re.compile(rf"<{_H2},ERR,{_H1},([^,]*)")
+ANYTHING = re.compile(".*").fullmatch
+"""Reader of a reply to a command whose fields do not count."""
 
 
 class Mode(Enum):
@@ -97,7 +102,7 @@ class Answer:
     """Reply to a command that was carried out."""
 
     command: int
-    fields: tuple[str, ...]
+    text: str
 
 
 @dataclass(frozen=True)
@@ -112,151 +117,73 @@ class Refusal:
 Message = ScanMessage | Heartbeat | StreamEnd | Answer | Refusal
 
 
-def hexadecimal(field: str, digits: int) -> int:
-    """Return the number of a hexadecimal field."""
-    if not _HEX[digits].fullmatch(field):
-        raise MessageError(f"a field must be {digits} hexadecimal digits; got {field!r}.")
-    return int(field, 16)
-
-
-def decimal(field: str) -> int:
-    """Return the number of a decimal field."""
-    if not _DECIMAL.fullmatch(field):
-        raise MessageError(f"a field must be a decimal number; got {field!r}.")
-    return int(field)
-
-
-def parse_message(text: str) -> Message:
-    """Read the text of an intact line."""
-    kind, fields = text[:1], text[1:].split(",")
-    if kind == "S":
-        return read_scan(fields)
-    if kind == "H":
-        boot, time, configuration, mode = _exactly(4, fields)
-        hexadecimal(configuration, 4)
-        return _heartbeat(boot, time, mode)
-    if kind == "E":
-        code, configuration, boot, said = _exactly(4, fields)
-        hexadecimal(configuration, 4)
-        return StreamEnd(_member(StreamEndReason, code), hexadecimal(boot, 8), said)
-    if kind == "<":
-        return _reply(fields)
-    raise MessageError(f"a line must begin with S, H, E or <; got {kind!r}.")
-
-
-def read_scan(fields: Sequence[str]) -> ScanMessage:
-    """Read the fields of a scan."""
-    if len(fields) < 5:
-        raise MessageError(f"a scan must have at least 5 fields; got {len(fields)}.")
-    sequence, time, configuration, boot, *words = fields
-    return ScanMessage(
-        sequence=hexadecimal(sequence, 8),
-        time=hexadecimal(time, 8),
-        configuration=hexadecimal(configuration, 4),
-        boot=hexadecimal(boot, 8),
-        samples=tuple(_sample(word) for word in words),
-    )
-
-
-def _sample(word: str) -> RawSample:
-    """Read the word of a sample."""
-    if word[:1] == "!":
-        return RawSample(msb=0, lsb=0, status=0, fault=_member(SampleFault, word[1:]))
-    match = _WORDS.fullmatch(word)
-    if not match:
-        raise MessageError(
-            f"a word must be 8 hexadecimal digits, with status and drive current or not, or a fault; got {word!r}."
-        )
-    msb, lsb, status, drive = match.groups()
-    return RawSample(
-        msb=int(msb, 16),
-        lsb=int(lsb, 16),
-        status=_GOOD_STATUS if status is None else int(status, 16),
-        drive=None if drive is None else int(drive, 16),
-    )
-
-
-_Code = TypeVar("_Code", bound=IntEnum)
-
-
-def _member(kind: type[_Code], field: str) -> _Code:
-    """Return the reason or fault of a field."""
-    number = hexadecimal(field, 1)
-    if not 1 <= number <= max(kind):
-        raise MessageError(f"a {kind.__name__} must be 1 to {max(kind):d}; got {number}.")
-    return kind(number)
-
-
-def _heartbeat(boot: str, time: str, mode: str) -> Heartbeat:
-    try:
-        return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), Mode(mode))
-    except ValueError as error:
-        raise MessageError(f"a mode must be u, i or s: {error}.") from None
-
-
-def _reply(fields: Sequence[str]) -> Answer | Refusal:
-    """Read the fields of a reply."""
-    if len(fields) < 2:
-        raise MessageError(f"a reply must have at least 2 fields; got {len(fields)}.")
-    command, verdict, *rest = fields
-    number = hexadecimal(command, 2)
-    if verdict == "OK":
-        return Answer(number, tuple(rest))
-    if verdict == "ERR":
-        code, text = _exactly(2, rest)
-        return Refusal(number, hexadecimal(code, 1), text)
-    raise MessageError(f"a reply must say OK or ERR; got {verdict!r}.")
-
-
-def _exactly(count: int, fields: Sequence[str]) -> Sequence[str]:
-    if len(fields) != count:
-        raise MessageError(f"the line must have {count} fields; got {len(fields)}.")
-    return fields
-
-
 @dataclass(frozen=True)
 class Greeting:
-    """Reply to HELLO."""
+    """Reply to HELLO, of which only the version is known if its major number is another."""
 
     version: tuple[int, int]  # of the board's protocol, major and minor
-    firmware: str
-    boot: int  # number of the session, which changes at every start
-    manufacturer: int  # identity registers of the converter, 0 if it does not answer
-    device: int
-    most_states: int  # that a configuration may have
-    most_devices: int
+    firmware: str = ""
+    boot: int = 0  # number of the session, which changes at every start
+    manufacturer: int = 0  # identity registers of the converter, 0 if it does not answer
+    device: int = 0
+    most_states: int = 0  # that a configuration may have
+    most_devices: int = 0
 
 
-def read_version(fields: Sequence[str]) -> tuple[int, int]:
-    """Read major and minor version of a reply to HELLO."""
-    major, dot, minor = (fields[0] if fields else "").partition(".")
-    if not dot:
-        raise MessageError(f"a version must be two numbers with a dot; got {major!r}.")
-    return decimal(major), decimal(minor)
+def parse_message(text: str) -> Message | None:
+    """Read the text of an intact line, None if it is no message of this version."""
+    if text[:1] == "S":
+        return read_scan(text[1:])
+    if found := _HEARTBEAT.fullmatch(text):
+        return Heartbeat(int(found[1], 16), int(found[2], 16), Mode(found[4]))
+    if found := _END.fullmatch(text):
+        return StreamEnd(StreamEndReason(int(found[1])), int(found[3], 16), found[4])
+    if found := _ANSWER.fullmatch(text):
+        return Answer(int(found[1], 16), found[2] or "")
+    if found := _REFUSAL.fullmatch(text):
+        return Refusal(int(found[1], 16), int(found[2], 16), found[3])
+    return None
 
 
-def read_greeting(fields: Sequence[str]) -> Greeting:
-    """Read the fields of a reply to HELLO."""
-    if len(fields) < 8:  # the last are its capabilities. A later minor version may have more
-        raise MessageError(f"a greeting must have 8 fields; got {len(fields)}.")
-    _, firmware, boot, manufacturer, device, states, devices = fields[:7]
-    return Greeting(
-        version=read_version(fields),
-        firmware=firmware,
-        boot=hexadecimal(boot, 8),
-        manufacturer=hexadecimal(manufacturer, 4),
-        device=hexadecimal(device, 4),
-        most_states=decimal(states),
-        most_devices=decimal(devices),
-    )
+def read_scan(text: str) -> ScanMessage | None:
+    """Read the fields of a scan."""
+    found = _SCAN.fullmatch(text)
+    words = [_WORD.fullmatch(word) for word in found[5][1:].split(",")] if found else [None]
+    samples = [
+        RawSample(0, 0, 0, SampleFault(int(word[1])))
+        if word[1]
+        else RawSample(
+            msb=int(word[2], 16),
+            lsb=int(word[3], 16),
+            status=int(word[4], 16) if word[4] else _GOOD_STATUS,
+            drive=int(word[5], 16) if word[5] else None,
+        )
+        for word in words
+        if word
+    ]
+    if found is None or len(samples) < len(words):
+        return None
+    return ScanMessage(*(int(found[k], 16) for k in range(1, 5)), samples=tuple(samples))
 
 
-def read_pong(fields: Sequence[str]) -> Heartbeat:
+def read_greeting(text: str) -> Greeting | None:
+    """Read the fields of a reply to HELLO. A later minor version may have more."""
+    version, found = _VERSION.fullmatch(text), _GREETING.fullmatch(text)
+    if version is None:
+        return None
+    numbers = int(version[1]), int(version[2])
+    if numbers[0] != VERSION[0]:
+        return Greeting(numbers)
+    if found is None:
+        return None
+    boot, manufacturer, device = (int(found[k], 16) for k in (2, 3, 4))
+    return Greeting(numbers, found[1], boot, manufacturer, device, int(found[5]), int(found[6]))
+
+
+def read_pong(text: str) -> Heartbeat | None:
     """Read the fields of a reply to PING."""
-    if len(fields) < 4:
-        raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
-    decimal(fields[3])  # lines that the board could not read
-    return _heartbeat(*fields[:3])
+    found = _PONG.fullmatch(text)
+    return found and Heartbeat(int(found[1], 16), int(found[2], 16), Mode(found[3]))
 
 
 MAX_LINE = 512
@@ -403,14 +330,14 @@ class LinkTimes:
 
 
 class Session:
-    """Session with a board on a serial port.
+    """Session with a board on a serial port, until the port is lost or the board restarts.
 
     The constructor stops the board and greets it. All messages except replies come in order from
     `receive`.
     """
 
     def __init__(self, port: OpenSerialPort, *, times: LinkTimes, clock: Clock | None = None) -> None:
-        self._port, self.times, self.clock = port, times, clock or ComputerClock()
+        self._port, self.name, self.times, self.clock = port, port.name, times, clock or Clock()
         self._parser = LineParser()
         self._number = random.randrange(IDS)  # of the last command. The board does not repeat one of the same number
         self._kept: deque[Message] = deque()
@@ -424,21 +351,16 @@ class Session:
         self.newest = 0
         """Latest present time of the board in µs, without wraps."""
         self._wake_and_stop()
-        version, greeting = self.ask(_hello, "HELLO")
-        if greeting is None:
+        self.greeting = self.ask(read_greeting, "HELLO")
+        """Reply of the board to HELLO."""
+        major, minor = self.greeting.version
+        if major != VERSION[0]:
             raise VersionMismatch(
-                f"the board at {self.name} speaks version {version[0]}.{version[1]} of the protocol, this package "
+                f"the board at {self.name} speaks version {major}.{minor} of the protocol, this package "
                 f"{VERSION[0]}.{VERSION[1]}; flash the firmware that belongs to it."
             )
-        self._boot = greeting.boot
-        self.greeting = greeting
-        """Reply of the board to HELLO."""
+        self._boot = self.greeting.boot
         self.ping()
-
-    @property
-    def name(self) -> str:
-        """Name of the port."""
-        return self._port.name
 
     def check(self) -> None:
         """Raise the fault that has ended the session."""
@@ -475,14 +397,15 @@ class Session:
             if data:
                 texts = self._parser.feed(data)
                 self._foreign = 0 if texts else self._foreign + len(data)
-                for text in texts:
-                    with suppress(MessageError):
-                        self._kept.append(parse_message(text))
+                self._kept.extend(filter(None, map(parse_message, texts)))
             if left <= 0 and not self._kept:
                 return None
 
-    def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
-        """Send a command until its reply comes, and read it."""
+    def ask(self, reading: Callable[[str], T | None], verb: str, *arguments: str, patience: float = 0.0) -> T:
+        """Send a command until a reply comes that can be read.
+
+        Scans that came before the reply to START are received after it.
+        """
         self.post(verb, *arguments)
         number = self._number
         self._early.clear()
@@ -497,17 +420,13 @@ class Session:
                         self.ping(patience)  # raises BoardRestarted in another session
                     said = f": {message.text}" if message.text else ""
                     raise kind(f"the board refused {verb} (error {message.code:X}, {meaning}){said}.")
-                if isinstance(message, Answer):
-                    with suppress(MessageError):
-                        return reading(message.fields)
-                elif isinstance(message, ScanMessage | StreamEnd):
+                if isinstance(message, Answer) and (answer := reading(message.text)) is not None:
+                    if verb == "START":
+                        self._kept.extendleft(reversed(self._early))
+                    return answer
+                if isinstance(message, ScanMessage | StreamEnd):
                     self._early.append(message)
         raise self.silence_fault(f"the board at {self.name} did not answer {verb} in {self.times.attempts} attempts.")
-
-    def recall_early(self) -> None:
-        """Receive scans again that came before a reply."""
-        self._kept.extendleft(reversed(self._early))
-        self._early.clear()
 
     def ping(self, patience: float = 0.0) -> None:
         """Send PING and keep the reply."""
@@ -551,7 +470,7 @@ class Session:
         """Stop the board and discard its earlier messages."""
         self.wake()
         try:
-            self.ask(read_nothing, "STOP")
+            self.ask(ANYTHING, "STOP")
         except BusFault:  # the board has received the command. Configuring shows the fault of its converter
             pass
         except NoAnswer:
@@ -581,13 +500,3 @@ class Session:
             f"{self.name} sends bytes but no intact line ({self._foreign} since the last one): "
             "another device, or another baud rate."
         )
-
-
-def read_nothing(fields: tuple[str, ...]) -> None:
-    """Read the reply to a command without fields."""
-
-
-def _hello(fields: tuple[str, ...]) -> tuple[tuple[int, int], Greeting | None]:
-    """Read the version and the greeting."""
-    version = read_version(fields)
-    return version, read_greeting(fields) if version[0] == VERSION[0] else None

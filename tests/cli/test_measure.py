@@ -355,4 +355,4 @@ def test_real_time(board):
         for _ in range(10):
             opened.reader.scan()
         # a paced clock makes up for the time since the opening, by a few scans on a busy machine
-        assert time.monotonic() - before > 5 * settings.period
+        assert time.monotonic() - before > 5 * settings.period()

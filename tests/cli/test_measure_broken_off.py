@@ -43,7 +43,7 @@ def _patient_with_the_board(monkeypatch, patient_writing):
 def firmware(world=None):
     """Quick coils behind the firmware."""
     emulator = quick_board(world=world).emulator
-    with FirmwareHost(emulator.bus, emulator.switches, emulator.clock, safe_words=b"\x11\x11") as host:
+    with FirmwareHost(emulator.bus, emulator.chain, emulator.clock, safe_words=b"\x11\x11") as host:
         yield emulator, host
 
 

@@ -171,7 +171,7 @@ def test_a_computer_that_is_late_gets_the_newest_results_and_their_time():
     board.clock.sleep(5.0)
     now = board.clock.now()
     late = next(stream)
-    time = settings.state_time
+    time = settings.state_time()
     assert now - 3 * (time.settle + time.conversion) < late.time < now
     assert frequencies(late, settings) == true(board, TWO)
 
@@ -179,9 +179,9 @@ def test_a_computer_that_is_late_gets_the_newest_results_and_their_time():
 @pytest.mark.parametrize("rate", [10.0, 500.0])
 def test_the_rate_is_reached(rate):
     settings = settings_of(FOUR, rate=rate, drives=7)
-    assert 1 / settings.period >= rate
+    assert 1 / settings.period() >= rate
     longer = dataclasses.replace(settings, rcount=min(settings.rcount + 1, 0xFFFF))
-    assert settings.rcount == 0xFFFF or 1 / longer.period < rate
+    assert settings.rcount == 0xFFFF or 1 / longer.period() < rate
     refused(HardwareError, r"rate must be at most \d+.* scans/s of 4 states", settings_of, FOUR, rate=5000.0)
 
 

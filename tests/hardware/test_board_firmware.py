@@ -34,7 +34,7 @@ TIMES = LinkTimes(reply=PATIENCE / 3, least_gap=PATIENCE, heartbeat=PATIENCE)
 def behind_firmware(board, wiring=WIRING):
     """Give the firmware with the chips of a board, and the board as it is opened through it."""
     with (
-        FirmwareHost(board.bus, board.switches, board.clock, safe_words=wiring.safe_words) as host,
+        FirmwareHost(board.bus, board.chain, board.clock, safe_words=wiring.safe_words) as host,
         open_board(host.port, wiring=wiring, times=TIMES) as opened,
     ):
         yield host, opened
@@ -61,7 +61,7 @@ def test_the_chain_can_be_asked_through_the_firmware():
         assert f"LDC1614 (5449/3055); wiring six_coils; session {host.boot:08X}" in opened.line
         assert opened.check_chain() in ("same", "none")
         with host.paused():
-            board.switches.broken = True
+            board.chain.broken = True
         assert opened.check_chain() in ("differ", "none")
 
 
@@ -77,7 +77,7 @@ def test_the_chain_can_be_asked_through_the_firmware():
 )
 def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
     board, met = plain(), None
-    with FirmwareHost(board.bus, board.switches, board.clock, safe_words=WIRING.safe_words) as host:
+    with FirmwareHost(board.bus, board.chain, board.clock, safe_words=WIRING.safe_words) as host:
         try:
             with open_board(host.port, times=TIMES) as opened:
                 opened.reader.configure(SETTINGS)

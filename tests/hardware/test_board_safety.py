@@ -18,7 +18,7 @@ from support.refusals import raising
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import ldc1614_chip as conversion
-from coilarray.hardware.emulator.board import EmulatedSwitches
+from coilarray.hardware.emulator.board import EmulatedChain
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import BusFault, DeviceLost, held_signals, orderly_termination
 
@@ -71,7 +71,7 @@ def session(wire):
     board = plain()
     left_by = None
     try:
-        bus, switches, clock = (Stepping(inner, wire) for inner in (board.bus, board.switches, board.clock))
+        bus, switches, clock = (Stepping(inner, wire) for inner in (board.bus, board.chain, board.clock))
         reader = reader_of(board, bus=bus, switches=switches, clock=clock)
         with Board(reader, "emulator", load_wiring(), board) as opened:
             wire.armed = True
@@ -179,10 +179,10 @@ PROGRAM = textwrap.dedent(
     import atexit, sys, time
     from support.emulated_reader import at_rest, plain, quick_settings, reader_of
     from coilarray.hardware.board.connect import Board
-    from coilarray.hardware.wire.buses import ComputerClock
+    from coilarray.hardware.wire.buses import Clock
     from coilarray.hardware.scan.wiring import load_wiring
 
-    board = plain(clock=ComputerClock())
+    board = plain(clock=Clock())
     atexit.register(lambda: print("at rest" if at_rest(board) else "left alone", flush=True))
     opened = Board(reader_of(board), "emulator", load_wiring(), board)
     opened.reader.configure(quick_settings(rcount=65535))
@@ -239,9 +239,9 @@ def test_switches_are_grounded_where_both_ports_fail_for_a_while():
         if failures:
             failures.pop()
             raise OSError("not now")
-        return EmulatedSwitches.shift(board.switches, words)
+        return EmulatedChain.shift(board.chain, words)
 
-    board.switches.shift = shift
+    board.chain.shift = shift
     board.bus.refuse(3)
     reader.close()
     assert failures == []

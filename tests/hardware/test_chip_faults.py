@@ -59,7 +59,7 @@ class Emulated:
     def __init__(self):
         self.board = plain(strict=False)
         self.settings = quick_settings()
-        self.host = FirmwareHost(self.board.bus, self.board.switches, self.board.clock)
+        self.host = FirmwareHost(self.board.bus, self.board.chain, self.board.clock)
         self.reader = MicrocontrollerReader(OpenSerialPort(self.host.port), times=TIMES, clock=DriverClock())
         self.reader.configure(self.settings)
         self.accepted, self.wrong, self.bad = 0, [], 0
@@ -88,7 +88,7 @@ def test_every_value_is_the_inductance_of_its_coil():
         "hold": bus.hold, "refuse": lambda: bus.refuse(noise.randint(1, 60)),
         "brown-out": lambda: brown_out(chip),
         "loss": lambda: setattr(world, "resistance", noise.choice([200.0, 400.0])),
-        "broken": lambda: setattr(bench.board.switches, "broken", True),
+        "broken": lambda: setattr(bench.board.chain, "broken", True),
     }  # fmt: skip
     plan = [*stuck, *((kind,) for kind in others for _ in range(OTHERS))]
     resistance = world.resistance
@@ -111,7 +111,7 @@ def test_every_value_is_the_inductance_of_its_coil():
             bus.clear()
             bus.refuse(0)
             world.resistance = resistance
-            bench.board.switches.broken = False
+            bench.board.chain.broken = False
             bench.board.clock.sleep(0.01)  # the converter starts again
         assert named or bench.bad > before or kind == "stick", kind  # a switch may be stuck where it belongs
         bench.reader.configure(bench.settings)

@@ -55,7 +55,7 @@ class Watched:
 
 def watched(board, before=lambda step: None, answer=lambda register, value: value):
     log = []
-    bus, switches = (Watched(inner, log, before, answer) for inner in (board.bus, board.switches))
+    bus, switches = (Watched(inner, log, before, answer) for inner in (board.bus, board.chain))
     return reader_of(board, bus=bus, switches=switches), log
 
 
@@ -124,7 +124,7 @@ def test_safe_words_come_first_and_every_register_is_written_asleep_and_read_bac
     ]
     assert [step[1] for step in log if step[0] == "read"] == [0x7E, 0x7F, *given, 0x1E]
     assert log.index(("read", 0x08)) > log.index(writes[-1])
-    assert {address: board.chip.peek(address) for address in given} == given
+    assert {address: board.chip.registers[address] for address in given} == given
 
 
 def test_the_defaults_take_as_long_as_the_board_of_the_paper(board):
@@ -186,7 +186,7 @@ def test_a_write_that_was_damaged_once_is_mended(board):
             board.bus.flip(3)
 
     configured(watched(board, damage)[0])
-    assert (board.chip.peek(0x08), board.chip.resets - resets) == (200, 1)
+    assert (board.chip.registers[0x08], board.chip.resets - resets) == (200, 1)
 
 
 def test_a_converter_that_never_answers_is_identity_zero_and_refused_until_it_does(board):
@@ -290,7 +290,7 @@ def test_a_reset_or_a_register_that_a_broken_transfer_changed_is_found_by_a_sing
 
     def spoil():
         board.bus.refuse()
-        board.chip._registers[register] ^= 0x0004
+        board.chip.registers[register] ^= 0x0004
 
     at, action = (8, lambda: brown_out(board.chip)) if register is None else (2, spoil)
     reader, _ = faulty_at(board, {at}, action)
@@ -315,7 +315,7 @@ def test_errors_of_every_look_at_status_are_kept(board):
 
 
 def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back(board, reader):
-    board.switches.broken = True
+    board.chain.broken = True
     stream = reader.scans()
     for _ in range(3):  # as the firmware does: `hardware/firmware/PROTOCOL.md`
         assert SampleFault.SWITCHES_DIFFER in faults(next(stream))

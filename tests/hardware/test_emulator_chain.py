@@ -12,7 +12,7 @@ from support.quick_coils import plain_board
 
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.board import EmulatedChain
+from coilarray.hardware.emulator.board import EmulatedChain, VirtualClock
 from coilarray.hardware.scan.wiring import WiredSwitch, load_wiring, switch_table, what_is_seen
 
 COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")
@@ -27,7 +27,7 @@ def plan_b(coils=6):
 
 
 def seen(words, chain=None):
-    chain = chain or EmulatedChain(plan_b())
+    chain = chain or EmulatedChain(plan_b(), VirtualClock())
     chain.transfer(bytes(words))
     return what_is_seen(chain.closed(), COILS)
 
@@ -39,7 +39,7 @@ def words(**bytes_of):
 
 @pytest.fixture
 def chain():
-    return EmulatedChain(plan_b())
+    return EmulatedChain(plan_b(), VirtualClock())
 
 
 @pytest.fixture
@@ -59,23 +59,24 @@ def test_all_switches_are_open_after_power_up(chain):
 
 @given(st.binary(min_size=6, max_size=6), st.binary(min_size=6, max_size=6))
 def test_what_went_in_comes_out_at_the_next_transfer(first, second):
-    chain = EmulatedChain(plan_b())
+    chain = EmulatedChain(plan_b(), VirtualClock())
     assert (chain.transfer(first), chain.transfer(second), chain.words) == (bytes(6), first, second)
-    assert EmulatedChain(plan_b(), readback=False).transfer(first) is None
+    assert EmulatedChain(plan_b(), VirtualClock(), readback=False).transfer(first) is None
 
 
 @pytest.mark.parametrize(("mode", "slips"), [(1, 0), (2, 0), (0, 1), (3, 1)])
 def test_modes_of_spi_that_are_not_stable_at_the_falling_edge_slip_by_a_bit(chain, mode, slips):
-    chain.transfer(SENT, mode=mode)
+    chain.mode = mode
+    chain.transfer(SENT)
     assert int.from_bytes(chain.words) == int.from_bytes(SENT) >> slips
-    assert (chain.transfer(SENT, mode=mode) == SENT) == (not slips)
+    assert (chain.transfer(SENT) == SENT) == (not slips)
 
 
 def test_a_wiring_has_eight_bytes_a_device_and_unused_switches_close_nothing():
     for length in (0, 7, 9):
         with pytest.raises(HardwareError, match="8 bytes a device"):
             switch_table(bytes(length))
-    chain = EmulatedChain(switch_table(bytes([0x00, *[0xFF] * 7])))
+    chain = EmulatedChain(switch_table(bytes([0x00, *[0xFF] * 7])), VirtualClock())
     chain.transfer(b"\xff")
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
 
@@ -162,7 +163,7 @@ def resistances(closed, coils):
 @given(st.lists(st.sampled_from([0, 0x11, 0x22, 0x44, 0x01, 0x02, 0x12, 0x82, 0x28, 0x84, 0x88, 0x24]), min_size=3,
                 max_size=3), st.sets(st.tuples(st.integers(0, 2), st.integers(0, 7)), max_size=2))  # fmt: skip
 def test_nets_against_direct_currents(commanded, also_closed):
-    chain = EmulatedChain(plan_b(3))
+    chain = EmulatedChain(plan_b(3), VirtualClock())
     chain.transfer(bytes(commanded))
     for device, bit in also_closed:
         chain.stick(device, bit, "closed")
@@ -197,24 +198,24 @@ def test_every_legal_state_is_seen_as_it_was_meant(name, measured, sense, others
         assert (name, sense) == ("six_coils_4", -1)  # it cannot turn a coil round
         return
     board = plain_board(wiring)
-    board.switches.shift(sent)
-    found = board.seen().state
+    board.chain.shift(sent)
+    found = board.seen.state
     assert (found.measured, dict(found.exceptions)) == (state.measured, exceptions)
-    board.switches.shift(wiring.safe_words)
-    assert (board.seen().kind, board.misuse.notes) == ("open", [])
+    board.chain.shift(wiring.safe_words)
+    assert (board.seen.kind, board.misuse.notes) == ("open", [])
 
 
 def test_words_that_ground_the_converter_are_noted_but_a_stuck_switch_is_nobodys_misuse(board):
     board.chain.stick(*board.chain.find(0, 0, "ground"), "closed")
-    board.switches.shift(words(coil1=0x22))
-    assert (board.seen().kind, board.misuse.notes) == ("grounded", [])
-    board.switches.shift(words(coil1=0x23))
+    board.chain.shift(words(coil1=0x22))
+    assert (board.seen.kind, board.misuse.notes) == ("grounded", [])
+    board.chain.shift(words(coil1=0x23))
     assert "grounded" in board.misuse.notes[0]
 
 
 def test_shifting_takes_time_and_a_broken_line_brings_zeros(board):
-    board.switches.shift(b"\x11" * 6)
+    board.chain.shift(b"\x11" * 6)
     assert board.clock.now() == pytest.approx(48 / 8e6)
-    board.switches.broken = True
-    assert board.switches.shift(b"\x11" * 6) == b"\x11" * 6  # what was there before
-    assert board.switches.shift(b"\x11" * 6) == bytes(6)
+    board.chain.broken = True
+    assert board.chain.shift(b"\x11" * 6) == b"\x11" * 6  # what was there before
+    assert board.chain.shift(b"\x11" * 6) == bytes(6)

@@ -147,7 +147,7 @@ def test_what_is_written_is_read_back_but_for_what_cannot_be(address, value):
     mask = 0xF800 if 0x1E <= address <= 0x21 else 0xFFFF
     if address < 8 or address in (0x18, 0x7E, 0x7F):
         mask = 0
-    assert chip.chip.peek(address) == (RESETS[address] & ~mask | value & mask)
+    assert chip.chip.registers[address] == (RESETS[address] & ~mask | value & mask)
     assert mask or "read-only" in chip.misuse.notes[0]
 
 
@@ -331,12 +331,12 @@ def test_the_chip_finds_a_drive_that_the_table_allows(code):
     # drive and amplitude left to the chip
     chip = Chip(sensors={0: replace(GOOD, parallel_resistance=R)}).converted(0x0001, DRIVE0=0)
     assert chip.read(0x18) & 0x3F00 == 0
-    found = chip.chip.peek(0x1E)
+    found = chip.chip.registers[0x1E]
     assert found & 0xF83F == 0  # only INIT_IDRIVE is written by the chip
     # the rows overlap: its own or the next one
     assert found >> 6 in (code - 1, code, code + 1)
     chip.converted(DRIVE0=found >> 6 << 11)  # it stays when it is written to IDRIVE
-    assert (chip.chip.peek(0x1E), chip.read(0x18)) == (found >> 6 << 11, 0x0048)
+    assert (chip.chip.registers[0x1E], chip.read(0x18)) == (found >> 6 << 11, 0x0048)
 
 
 @pytest.mark.parametrize(("registers", "config", "bench", "said"), [
@@ -395,7 +395,7 @@ def test_a_sensor_that_had_no_time_to_settle_is_called_weak():
 def test_settings_are_changed_in_sleep(address):
     chip = Chip().wake()
     with pytest.raises(UndocumentedUse, match="while the chip was active"):
-        chip.write(address, chip.chip.peek(address))
+        chip.write(address, chip.chip.registers[address])
     with pytest.raises(UndocumentedUse, match="CONFIG was changed"):
         chip.write(0x1A, AWAKE | 0x4000)
     chip.write(0x1A, ASLEEP)
@@ -428,7 +428,7 @@ def test_faults_of_the_bus():
     for _ in range(3):
         with pytest.raises(BusTimeout, match="held down"):
             bus.write(0x08, 5)
-    assert chip.chip.peek(0x08) == 0x0080
+    assert chip.chip.registers[0x08] == 0x0080
     bus.clear()
     bus.flip(0, 15)
     assert (bus.read(0x7E), bus.read(0x7E), bus.read(0x7E)) == (0x5448, 0xD449, 0x5449)

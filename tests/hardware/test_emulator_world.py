@@ -95,8 +95,8 @@ class Scanner:
         return self.result()
 
     def switch(self, coil):
-        self.board.switches.shift(bytes(6))
-        self.board.switches.shift(bytes(0x22 if name == coil else 0x11 for name in reversed(WIRING.coils)))
+        self.board.chain.shift(bytes(6))
+        self.board.chain.shift(bytes(0x22 if name == coil else 0x11 for name in reversed(WIRING.coils)))
 
     def wake(self):
         self.write(0x1A, 0x1401)
@@ -114,7 +114,7 @@ class Scanner:
 
     def rest(self):
         self.sleep()
-        self.board.switches.shift(b"\x11" * 6)
+        self.board.chain.shift(b"\x11" * 6)
 
 
 def frequencies(board, clock=43.4e6):
@@ -263,9 +263,9 @@ def test_an_open_short_or_grounded_converter_has_no_tank_and_only_the_first_chan
     board = make()
     assert board.true_tank() is None
     for words in (b"\x11\x11\x11\x11\x11\x66", b"\x11\x11\x11\x11\x11\x23"):
-        board.switches.shift(words)
+        board.chain.shift(words)
         assert board.true_tank() is None
-    board.switches.shift(WIRING.words(FIRST))
+    board.chain.shift(WIRING.words(FIRST))
     assert board.sensor(0, 0.0).frequency == pytest.approx(float(scanned.frequency[0]), rel=1e-3)
     assert board.sensor(1, 0.0) is None
 
@@ -304,7 +304,7 @@ def test_a_whole_board_from_a_design(folder, monkeypatch):
 
     monkeypatch.setattr("coilarray.hardware.emulator.sensor_world.response_table", small)
     board = emulated_board(PAPER, WIRING, folder=folder, conditions=Conditions(noise=0.0), strict=True)
-    board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
+    board.chain.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
     untouched = board.true_tank().frequency
     assert made == []  # only when something is pressed
     board.indenter.press(0.0, 0.0, 1e-3)

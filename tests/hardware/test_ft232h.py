@@ -13,7 +13,7 @@ from support.firmware_pins import I2cSlave, ShiftRegisters
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.wire.buses import DeviceLost, open_ft232h
+from coilarray.hardware.wire.buses import DeviceLost, Ft232h
 
 pyftdi_i2c = pytest.importorskip("pyftdi.i2c", reason="pyftdi is not installed")
 from pyftdi.ftdi import Ftdi, FtdiError  # noqa: E402
@@ -139,12 +139,12 @@ def bench(monkeypatch):
     return made
 
 
-def opened(bench, **options):
-    return open_ft232h(URL, 0x2A, **options)
+def opened(**options):
+    return Ft232h(URL, 0x2A, **options)
 
 
 def test_a_register_is_read_with_a_repeated_start_and_written_in_one_transfer_highest_byte_first(bench):
-    bus, _ = opened(bench)
+    bus = opened()
     assert bus.read(0x7E) == 0x5449
     assert (bench.chip.transfers, bench.chip.stops) == ([[0x54, 0x7E], [0x55]], 1)
     bus.write(0x14, 0x1002)
@@ -153,7 +153,7 @@ def test_a_register_is_read_with_a_repeated_start_and_written_in_one_transfer_hi
 
 
 def test_clearing_the_bus_is_nine_clocks_and_a_stop(bench):
-    bus, _ = opened(bench)
+    bus = opened()
     rises = []
     line = bench.chip.line
 
@@ -174,7 +174,7 @@ WORDS = b"\x01\x02\x04\x80\xa5\xff"
 
 @pytest.mark.parametrize("mode", [1, 2])
 def test_words_arrive_bit_by_bit_latched_by_sync_and_come_back_at_the_next_transfer(bench, mode):
-    _, switches = opened(bench, mode=mode, readback=True)
+    switches = opened(mode=mode, readback=True)
     # the clock idles where its mode has it from the beginning
     assert (bench.chain.level["sclk"], bench.chain.level["sync"], bench.latched) == (mode == 2, True, [])
     before = bench.writes
@@ -185,12 +185,12 @@ def test_words_arrive_bit_by_bit_latched_by_sync_and_come_back_at_the_next_trans
 
 
 def test_an_adapter_that_is_unplugged_is_lost(bench):
-    bus, switches = opened(bench)
+    bus = opened()
     bench.unplugged = True
-    for step in (lambda: bus.read(0), lambda: bus.write(0, 0), bus.clear, lambda: switches.shift(bytes(6))):
+    for step in (lambda: bus.read(0), lambda: bus.write(0, 0), bus.clear, lambda: bus.shift(bytes(6))):
         with pytest.raises(DeviceLost, match=r"the adapter ftdi://ftdi:232h/1 is gone: UsbError"):
             step()
-    for port in (bus, switches, bus):  # which leaves the pins as they are, and may be repeated
+    for port in (bus, bus):  # which leaves the pins as they are, and may be repeated
         port.close()
     assert set(bench.closed) == {True}
 
@@ -202,13 +202,13 @@ def test_an_adapter_that_is_unplugged_is_lost(bench):
 def test_an_adapter_that_cannot_be_opened_is_one_line(bench, error, message):
     bench.refuses = error
     with pytest.raises(HardwareError, match=rf"ftdi://ftdi:232h/1 cannot be opened: .*{message}"):
-        opened(bench)
+        opened()
 
 
 def test_an_adapter_without_a_second_port_is_refused_and_closed(bench):
     bench.wide = False
     with pytest.raises(HardwareError, match="has no pins C0 to C7 for the switches"):
-        opened(bench)
+        opened()
     assert bench.closed
     # without switches, any adapter will do, and its other pins stay as they are
     with open_board(f"{URL}?channels=0") as board:

@@ -64,15 +64,17 @@ def ports(monkeypatch):
     """Let every port but the emulator's lead to an emulated board with switches."""
     board = emulated_board(load_design("gast2020"), load_wiring())
     monkeypatch.setattr(connect, "LinuxRegisterBus", lambda *_: board.bus)
-    monkeypatch.setattr(connect, "SpiSwitchChain", lambda *_, **__: board.switches)
-    monkeypatch.setattr(connect, "open_ft232h", lambda *_, **__: (board.bus, board.switches))
-    monkeypatch.setattr(connect, "ComputerClock", lambda: board.clock)
+    monkeypatch.setattr(connect, "SpiSwitchChain", lambda *_, **__: board.chain)
+    both = SimpleNamespace(read=board.bus.read, write=board.bus.write, clear=board.bus.clear, close=board.bus.close)
+    both.shift = board.chain.shift
+    monkeypatch.setattr(connect, "Ft232h", lambda *_, **__: both)
+    monkeypatch.setattr(connect, "Clock", lambda: board.clock)
     with ExitStack() as hosts:
 
         def to_the_firmware(name):
             if COMPILER is None:
                 pytest.skip("g++ is not installed")
-            host = hosts.enter_context(FirmwareHost(board.bus, board.switches, board.clock))
+            host = hosts.enter_context(FirmwareHost(board.bus, board.chain, board.clock))
             return SimpleNamespace(name=host.port, serial_number="")
 
         monkeypatch.setattr(microcontroller, "choose_serial_port", to_the_firmware)

@@ -58,7 +58,7 @@ def test_an_end_whose_line_was_lost_is_named_after_the_last_scan(board, reader, 
     board.mode = "i"
     with Lasting(board) as it, pytest.raises(fault):
         list(stream)
-    assert it.seconds < TIMES.gap * SETTINGS.period + TIMES.reply
+    assert it.seconds < TIMES.gap * SETTINGS.period() + TIMES.reply
 
 
 def test_a_scan_after_a_reset_is_the_last(board, reader):
@@ -91,7 +91,7 @@ def test_a_stalled_stream_is_no_answer_in_time(board, reader):
     board.silent = board.deaf = True
     with Lasting(board) as it, pytest.raises(NoAnswer, match="no scan came"):
         next(stream)
-    gap = max(TIMES.gap * SETTINGS.period, TIMES.least_gap + LONGEST)
+    gap = max(TIMES.gap * SETTINGS.period(), TIMES.least_gap + LONGEST)
     assert it.seconds == pytest.approx(gap + REPLY, abs=0.05)  # and a STOP that nobody answers
     board.silent = board.deaf = False
     assert reader.scan().samples

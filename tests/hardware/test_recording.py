@@ -144,13 +144,13 @@ def test_stream(board, session, recorder):
     assert reported[-1] == (5, 5)
     count = record_stream(board.reader, recorder, seconds=2.0, progress=lambda *now: reported.append(now))
     assert reported[-1][1] == 20
-    assert count == pytest.approx(2.0 / session.settings.period, abs=1.5)  # the first and the last may just fit
+    assert count == pytest.approx(2.0 / session.settings.period(), abs=1.5)  # the first and the last may just fit
     before = board.emulator.clock.now()
     record_stream(board.reader, recorder, scans=4, interval=0.5)
     # four scans, each half a second after the one before: three intervals and one scan
-    assert board.emulator.clock.now() - before == pytest.approx(1.5 + session.settings.period, rel=0.05)
+    assert board.emulator.clock.now() - before == pytest.approx(1.5 + session.settings.period(), rel=0.05)
     assert recorder.count() == 5 + count + 4
-    assert board.emulator.seen().state is None  # closing the stream has grounded the coils
+    assert board.emulator.seen.state is None  # closing the stream has grounded the coils
 
 
 def test_resume(path, board, session):

@@ -116,7 +116,7 @@ def test_a_wrong_bit_map_is_found(wiring, order):
 def test_words_that_never_arrive_are_found():
     board = coupled_board(THREE)
     board.chain.readback = False
-    board.switches.broken = True
+    board.chain.broken = True
     # maps that let nothing oscillate show the same; the nearest comes first
     assert checked(board, THREE).findings[0] == "no word reaches the switches, or the converter is not joined to them"
 

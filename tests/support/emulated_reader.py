@@ -11,7 +11,7 @@ WIRING = load_wiring()
 
 def reader_of(board, *, bus=None, switches=None, clock=None, wiring=WIRING):
     """Return the driver of an emulated board; its buses may be wrapped."""
-    buses = bus or board.bus, switches or board.switches, clock or board.clock
+    buses = bus or board.bus, switches or board.chain, clock or board.clock
     return DirectReader(*buses, wiring.safe_words, kind="emulator", emulated=True)
 
 
@@ -58,5 +58,5 @@ def plain(**options):
 
 def brown_out(chip):
     """Drop the supply of a converter for a moment, which resets it."""
-    chip.excuse()
+    chip.excused = True
     chip.write(0x1C, 0x8000)

@@ -29,7 +29,7 @@ from typing import Any
 
 import pytest
 
-from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock, ComputerClock, RegisterBus, SwitchChain
+from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.protocol import draft_commands
 
 SKETCH = Path(__file__).parents[2] / "hardware" / "firmware" / "coilarray_reader"
@@ -231,14 +231,14 @@ class FirmwareHost:
 
     Its time is that of `clock`. A virtual one jumps to the firmware's next moment while a scan or a stream is under
     way, but never runs ahead of the computer by more than 256 bytes that nobody has read yet, and passes as real time
-    does while the firmware is idle. A `ComputerClock` is real time throughout. The `options` are those of `Firmware`.
+    does while the firmware is idle. The computer's `Clock` is real time throughout. `options` are those of `Firmware`.
     """
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock, **options: Any) -> None:
         self.firmware = Firmware(bus, switches, clock, **options)
         self.clock = clock
         self.port = ""
-        self._virtual = not isinstance(clock, ComputerClock)
+        self._virtual = type(clock) is not Clock
         self._line = bytearray()  # sent by the firmware, not yet ended
         self._backlog = bytearray()  # for the port, which takes no more just now
         self._master = self._slave = -1

@@ -372,7 +372,7 @@ def campaign(
     from coilarray.hardware.board.self_test import self_test
     from coilarray.hardware.record.campaign import design_campaign, run_campaign
     from coilarray.hardware.record.recorder import open_recorder
-    from coilarray.hardware.wire.buses import ComputerClock
+    from coilarray.hardware.wire.buses import Clock
     from coilarray.response.dataset import map_origin
 
     rows = (file.x, file.y, file.depths)
@@ -405,7 +405,7 @@ def campaign(
             )
         with recorded_session(recorder, board, settings, opened, grid.to_json(), quiet=as_json):
             recorder.add_self_test(before.symptoms, before.findings)
-            clock = ComputerClock() if board.emulator is None else board.emulator.clock
+            clock = Clock() if board.emulator is None else board.emulator.clock
             reconnect = partial(_reconnect, board) if isinstance(board.reader, MicrocontrollerReader) else None
             run_campaign(grid, board.reader, moving, recorder, clock, progress=progress, reconnect=reconnect)
             after = self_test(board.reader, board.wiring, settings)
