@@ -132,7 +132,16 @@ def compare_responses(
             f"the two responses have no state in common: measured {', '.join(first)}; simulated {', '.join(second)}."
         )
     model = forward_model(simulated).select(states)
-    kept, depths_out = _common_depths(reads.sel(state=states), model)
+    depths = reads.depth.values
+    if len(model.depth) > 1:
+        slack = _SAME_DEPTH * model.depth[-1]
+        there = (depths >= model.depth[0] - slack) & (depths <= model.depth[-1] + slack)
+    else:
+        there = np.isclose(depths, model.depth[0], rtol=_SAME_DEPTH, atol=0)
+    if not there.any():
+        listed, known = (", ".join(f"{value * 1e3:.4g}" for value in values) for values in (depths, model.depth))
+        raise LocalizeError(f"the two responses have no depth in common: measured {listed} mm; simulated {known} mm.")
+    kept = reads.sel(state=states).isel(depth=np.flatnonzero(there))
     noise = _noise(kept, simulated.sel(state=states))
     if largest_shift is not None and not (np.isfinite(largest_shift) and largest_shift >= 0):
         raise LocalizeError(f"largest_shift must be finite and not negative; got {largest_shift} m.")
@@ -159,7 +168,7 @@ def compare_responses(
         .assign_attrs(
             only_measured=", ".join(name for name in first if name not in second),
             only_simulated=", ".join(name for name in second if name not in first),
-            depths_left_out=depths_out,
+            depths_left_out=", ".join(f"{value:.6g}" for value in depths[~there]),
             noise_from="residuals" if noise is None else "delta_std",
         )
     )
@@ -320,21 +329,16 @@ def _solve(
     remaining = remains(solution)
     freedom = len(values) - len(solution)
     scatter = float(np.sqrt(remaining @ remaining / freedom)) * size if freedom else np.nan
-    noise = np.full(len(values), scatter) if sigma is None else sigma
-    return solution, _deviations(slopes(solution), noise / size), scatter
-
-
-def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Return deviations of the unknowns, NaN if not determined."""
-    result = np.full(jacobian.shape[1], np.nan)
+    noise = (np.full(len(values), scatter) if sigma is None else sigma) / size
+    jacobian = slopes(solution)
+    deviations = np.full(jacobian.shape[1], np.nan)  # of unknowns that are not determined
     lengths = np.linalg.norm(jacobian, axis=0)
     known = np.flatnonzero(lengths > _FLAT * lengths.max())
     columns = jacobian[:, known] / lengths[known]
-    if len(sigma) < len(known) or np.linalg.cond(columns) > _CONDITION:
-        return result
-    gain = np.linalg.pinv(columns) / lengths[known, None]
-    result[known] = np.sqrt((gain**2 * sigma**2).sum(axis=1))
-    return result
+    if len(noise) >= len(known) and np.linalg.cond(columns) <= _CONDITION:
+        gain = np.linalg.pinv(columns) / lengths[known, None]
+        deviations[known] = np.sqrt((gain**2 * noise**2).sum(axis=1))
+    return solution, deviations, scatter
 
 
 def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
@@ -364,20 +368,6 @@ def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> 
     value = float(np.clip(a @ b, -1.0, 1.0))
     least = float(np.sum(spread**4)) / 2
     return value, float(np.sqrt(max(float(np.sum(((b - value * a) * spread) ** 2)) - least, least)))
-
-
-def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Dataset, str]:
-    """Keep the common depths, and name the others in m."""
-    depths = measured.depth.values
-    if len(model.depth) > 1:
-        slack = _SAME_DEPTH * model.depth[-1]
-        there = (depths >= model.depth[0] - slack) & (depths <= model.depth[-1] + slack)
-    else:
-        there = np.isclose(depths, model.depth[0], rtol=_SAME_DEPTH, atol=0)
-    if not there.any():
-        listed, known = (", ".join(f"{value * 1e3:.4g}" for value in values) for values in (depths, model.depth))
-        raise LocalizeError(f"the two responses have no depth in common: measured {listed} mm; simulated {known} mm.")
-    return measured.isel(depth=np.flatnonzero(there)), ", ".join(f"{value:.6g}" for value in depths[~there])
 
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
@@ -501,12 +491,18 @@ def level_curves(response: xr.Dataset, noise: FloatArray | None = None) -> xr.Da
     already have it. Their scatter is still right if the noise is small compared with the width of a
     level. ``ellipse_problem`` is the reason why there are none.
     """
+
+    def ellipses(shaken: xr.Dataset) -> tuple[xr.Dataset, FloatArray]:
+        """Fit with x0, A and B, shape (3, levels)."""
+        fits = fit_ellipses(shaken).isel(state=0)
+        return fits, fits[[*PARAMETERS]].to_dataarray().values
+
     levels, values, undetermined, problem = np.empty(0), np.empty((3, 0)), np.empty(0, dtype=bool), ""
     try:
         if not np.isfinite(response.delta.values).all():
             raise LocalizeError("the map has gaps.")
-        fits = fit_ellipses(response).isel(state=0)
-        levels, values, undetermined = fits.level.values, _parameters(fits), fits.undetermined.values
+        fits, values = ellipses(response)
+        levels, undetermined = fits.level.values, fits.undetermined.values
     except LocalizeError as error:
         problem = str(error)
     runs = np.full((REPLICATES, *values.shape), np.nan)
@@ -515,7 +511,7 @@ def level_curves(response: xr.Dataset, noise: FloatArray | None = None) -> xr.Da
         for run in runs:
             shaken = response.assign(delta=response.delta + sigma * random.standard_normal(sigma.shape))
             try:
-                noisy = _parameters(fit_ellipses(shaken).isel(state=0))
+                noisy = ellipses(shaken)[1]
             except LocalizeError:  # the noise has removed the hill
                 continue
             run[:, : noisy.shape[1]] = noisy[:, : values.shape[1]]
@@ -530,8 +526,3 @@ def level_curves(response: xr.Dataset, noise: FloatArray | None = None) -> xr.Da
     data["undetermined"] = ("level", undetermined, {"long_name": "the points do not determine the ellipse"})
     data["ellipse_problem"] = ((), problem, {"long_name": "why there is no ellipse"})
     return xr.Dataset(data, {"level": ("level", levels, {"units": "1", "long_name": "δ of the level"})})
-
-
-def _parameters(fits: xr.Dataset) -> FloatArray:
-    """x0, A and B, shape (3, levels)."""
-    return fits[[*PARAMETERS]].to_dataarray().values

@@ -56,9 +56,16 @@ def evaluate_points(
     """
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
     document = decisive(as_file(design).document)
-    items = (_item(document, change, how) for change in changes)
+
+    def items() -> Iterator[Mapping[str, Any] | str]:
+        for change in changes:
+            try:
+                yield {"document": vary_document(document, change), **how}
+            except DesignError as error:
+                yield f"{document['name']}: {error}"
+
     total = len(changes) if isinstance(changes, Sized) else None
-    return run_cached(evaluate_point, items, executor, cache, progress=progress, total=total)
+    return run_cached(evaluate_point, items(), executor, cache, progress=progress, total=total)
 
 
 def decisive(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -81,14 +88,6 @@ def _kept(entry: object) -> Outcome | None:
         case {"values": dict(values)} if all(isinstance(value, float) for value in values.values()):
             return values
     return None
-
-
-def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any] | str:
-    """Point as plain data, or why it is impossible."""
-    try:
-        return {"document": vary_document(document, change), **how}
-    except DesignError as error:
-        return f"{document['name']}: {error}"
 
 
 def run_cached(
@@ -195,35 +194,22 @@ class Axis:
         """Values as texts: a text unchanged, anything else as JSON."""
         return [_label(value) for value in self.values]
 
-    def sample(self, parts: Sequence[float], *, whole: bool) -> list[Any]:
-        """Values at fractions (below 1) of the interval.
+    def spread(self, parts: Sequence[float] | None, *, whole: bool) -> list[Any]:
+        """Values at fractions (below 1) of the interval, or from end to end for a grid.
 
         Raises GoalError if the interval has no whole number for an entry that takes no others.
         """
         if not self.interval:
-            return [self.values[int(part * len(self.values))] for part in parts]
+            return list(self.values) if parts is None else [self.values[int(part * len(self.values))] for part in parts]
         low, high = self.values
-        if whole:
-            first, last = self._whole()
-            return [first + int(part * (last - first + 1)) for part in parts]
-        return [low + part * (high - low) for part in parts]
-
-    def stepped(self, *, whole: bool) -> Axis:
-        """Interval as values for a grid, from end to end."""
-        if not self.interval:
-            return self
-        if whole:
-            values = np.unique(np.linspace(*self._whole(), _STEPS).round()).astype(int).tolist()
-            return Axis(self.key, tuple(values))
-        low, high = self.values
-        return Axis(self.key, _evenly(low, high, _STEPS))
-
-    def _whole(self) -> tuple[int, int]:
-        """Return the first and last whole number of the interval."""
-        low, high = self.values
-        if math.floor(high) < math.ceil(low):
+        if not whole:
+            return [*_evenly(low, high, _STEPS)] if parts is None else [low + part * (high - low) for part in parts]
+        first, last = math.ceil(low), math.floor(high)
+        if last < first:
             raise GoalError(f"{self.key} takes whole numbers; there is none from {low} to {high}.")
-        return math.ceil(low), math.floor(high)
+        if parts is None:
+            return np.unique(np.linspace(first, last, _STEPS).round()).astype(int).tolist()
+        return [first + int(part * (last - first + 1)) for part in parts]
 
 
 def parse_axis(text: str, option: str = "--vary") -> Axis:
@@ -338,9 +324,8 @@ def sweep(
     >>> keeps_rules(wide).values.tolist()
     [True, True]
     """
-    plan = plan_sweep(
-        design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
-    )
+    axes = [Axis(key, tuple(values)) for key, values in entries.items()]
+    plan = plan_sweep(design, axes, quantities, accuracy=accuracy)
     return run_sweep(plan, workers, store_to_keep(keep), progress=progress)
 
 
@@ -370,14 +355,21 @@ def plan_sweep(
         requests[UNREAD] = request(UNREAD)  # after the others, which decide what is read
     requests.setdefault(RULES, request(RULES))
     file = as_file(design)
+    whole = [isinstance(own := file.values.get(key), int) and not isinstance(own, bool) for key in keys]
+    parts: Sequence[Sequence[float] | None] = [None] * len(axes)
+    if samples is not None:
+        _check_number(samples)
+        if seed < 0:
+            raise GoalError(f"the seed must not be negative; got {seed}.")
+        sequence = qmc.Sobol(len(axes), scramble=True, seed=np.random.default_rng(seed))
+        # the sequence is balanced for powers of two, and gives a warning for other counts
+        parts = sequence.random_base2((samples - 1).bit_length())[:samples].T.tolist()
+    columns = [axis.spread(part, whole=its) for axis, part, its in zip(axes, parts, whole, strict=True)]
     if samples is None:
-        axes = [axis.stepped(whole=_is_whole(file.values.get(axis.key))) for axis in axes]
-        _check_number(math.prod(len(axis.values) for axis in axes))
-        rows: Iterator[tuple[Any, ...]] = itertools.product(*(axis.values for axis in axes))
-        sampling = "grid"
-    else:
-        rows = _samples(file, axes, samples, seed)
-        sampling = f"{samples} points of a Sobol sequence, seed {seed}"
+        _check_number(math.prod(map(len, columns)))
+        axes = [Axis(key, tuple(column)) for key, column in zip(keys, columns, strict=True)]
+    rows = itertools.product(*columns) if samples is None else zip(*columns, strict=True)
+    sampling = "grid" if samples is None else f"{samples} points of a Sobol sequence, seed {seed}"
     points = [dict(zip(keys, row, strict=True)) for row in rows]
     _check_designs(file, points, tuple(requests.values()))
     return Sweep(file, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
@@ -433,41 +425,22 @@ def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) 
         for one, row in zip(plan.requests, values, strict=True)
     }
     reason = (dims, reasons.reshape(shape), {"long_name": "why the point has no quantities"})
+    coordinates = {}
+    for axis in plan.axes:
+        at = axis.values if grid else [point[axis.key] for point in plan.points]
+        said: dict[str, Any] = {"long_name": axis.key}
+        own = plan.file.values.get(axis.key)
+        if own is not None:
+            said["design_value"] = own if axis.numeric and isinstance(own, int | float) else _label(own)
+        if axis.numeric:
+            said["units"] = entry_unit(axis.key)
+        array = np.array(at) if axis.numeric else np.array([_label(value) for value in at], dtype=object)
+        coordinates[axis.key] = xr.Variable(axis.key if grid else "sample", array, said)
     return xr.Dataset(
         {**variables, "reason": reason},
-        {axis.key: _coordinate(plan, axis) for axis in plan.axes},
+        coordinates,
         {**provenance(plan.file.design), "sampling": plan.sampling, "accuracy": plan.accuracy},
     )
-
-
-def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
-    """Values of an entry, with unit and design value."""
-    grid = plan.sampling == "grid"
-    values = axis.values if grid else [point[axis.key] for point in plan.points]
-    attributes: dict[str, Any] = {"long_name": axis.key}
-    own = plan.file.values.get(axis.key)
-    if own is not None:
-        attributes["design_value"] = own if axis.numeric and isinstance(own, int | float) else _label(own)
-    dim = axis.key if grid else "sample"
-    if not axis.numeric:
-        return xr.Variable(dim, np.array([_label(value) for value in values], dtype=object), attributes)
-    attributes["units"] = entry_unit(axis.key)
-    return xr.Variable(dim, np.array(values), attributes)
-
-
-def _samples(file: DesignFile, axes: Sequence[Axis], count: int, seed: int) -> Iterator[tuple[Any, ...]]:
-    """Choose `count` points of a scrambled Sobol sequence."""
-    _check_number(count)
-    if seed < 0:
-        raise GoalError(f"the seed must not be negative; got {seed}.")
-    sequence = qmc.Sobol(len(axes), scramble=True, seed=np.random.default_rng(seed))
-    # the sequence is balanced for powers of two, and gives a warning for other counts
-    parts = sequence.random_base2((count - 1).bit_length())[:count]
-    columns = [
-        axis.sample(column, whole=_is_whole(file.values.get(axis.key)))
-        for axis, column in zip(axes, parts.T.tolist(), strict=True)
-    ]
-    return zip(*columns, strict=True)
 
 
 def _check_number(points: int) -> None:
@@ -493,10 +466,6 @@ def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], reques
         raise GoalError(f"no point of the sweep gives a design; the first one: {reason}")
     name, key = next(iter(missing.items()))
     raise GoalError(f"{key}: no design of the sweep has a coil {name!r}; there are {', '.join(names)}.")
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _is_plain(value: object) -> bool:
