@@ -24,6 +24,7 @@ import xarray as xr
 from scipy.optimize import least_squares
 
 from coilarray.compute.arrays import BoolArray, FloatArray
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, forward_model
@@ -45,8 +46,6 @@ _FLAT = 1e-9  # of the other columns, below which the slope by an unknown counts
 _CONDITION = 1e12  # of the equations, beyond which they determine nothing
 _AT_END = 1e-3  # of its range, as the solver stays inside bounds and stops a little before them
 _CLOSE = 1e-14  # relative, convergence to rounding
-_Compared = dict[str, Any]
-"""Figures of one state and depth by name."""
 
 
 def compare_responses(
@@ -154,18 +153,37 @@ def compare_responses(
         for axis in (kept.x.values, kept.y.values)
     )
 
-    def compared(k: int, j: int) -> _Compared:
+    def compared(k: int, j: int) -> xr.Dataset:
         level = None if noise is None else noise[k, ..., j]
         return _compared(kept.isel(depth=k, state=j), model.select([states[j]]), level, (x_shift, y_shift))
 
     rows = [[compared(k, j) for j in range(len(states))] for k in range(kept.sizes["depth"])]
-    if not any(one["points"] for row in rows for one in row):
+    found = _combined(rows, "depth", "state").transpose(*_DIMS, ...)
+    if not found.points.any():
         raise LocalizeError("no measured position is in the simulated map.")
-    ellipses = _ellipses(kept, simulated, model, progress)
+    both = np.stack([kept.delta.values, found.simulated.values])
+    data = variables(("delta", ("source", *_DIMS), both, "1", "δ"))
+    if "base_inductance" in kept and "base_inductance" in simulated:
+        pair = [side.base_inductance.sel(state=kept.state.values).values for side in (kept, simulated)]
+        data |= variables(("base_inductance", ("source", "state"), np.array(pair), "H", "L_0"))
+    coords = {name: kept[name] for name in _DIMS}
+    for name in ("depth", "y", "x"):  # a response of other programs may not have them
+        coords[name] = coords[name].assign_attrs({"long_name": name, **kept[name].attrs, "units": "m"})
+    places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
+    coords |= {**places, "source": ("source", list(SOURCES)), "axis": ("axis", ["x", "y"])}
+    said = {
+        f"{who}_{key}": value
+        for who, of in zip(SOURCES, (kept, simulated), strict=True)
+        for key, value in of.attrs.items()
+    }
+    counts = {f"points_{name}": int(found[name].sum()) for name in ("left_out", "missing")}
     return (
-        _dataset(kept, simulated, rows)
-        .merge(ellipses)
+        found.drop_vars(("simulated", "left_out", "missing"))
+        .assign(data)
+        .assign_coords(coords)
+        .merge(_ellipses(kept, simulated, model, progress))
         .assign_attrs(
+            {**said, **counts},
             only_measured=", ".join(name for name in first if name not in second),
             only_simulated=", ".join(name for name in second if name not in first),
             depths_left_out=", ".join(f"{value:.6g}" for value in depths[~there]),
@@ -174,9 +192,22 @@ def compare_responses(
     )
 
 
+def _combined(rows: Sequence[Any], *dims: str) -> xr.Dataset:
+    """Datasets in nested lists along new dimensions."""
+    return xr.combine_nested(
+        rows,
+        dims,
+        join="outer",
+        fill_value={"undetermined": False},
+        coords="minimal",
+        compat="override",
+        combine_attrs="override",
+    )
+
+
 def _compared(
     measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, largest_shift: tuple[float, float]
-) -> _Compared:
+) -> xr.Dataset:
     """Compare a map with its model, `sigma` for both."""
     shape = measured.delta.shape
     X, Y = np.meshgrid(measured.x.values, measured.y.values)
@@ -196,26 +227,32 @@ def _compared(
     shifted[still] = values_at(model, moved[still])[0]
     after = found.scale * shifted
     noise = np.full(values.size, found.scatter) if given is None else given
-    figures: _Compared = {
-        "simulated": before.reshape(shape),
-        "residual_before": (values - before).reshape(shape),
-        "residual_after": (values - after).reshape(shape),
-        "noise": float(np.sqrt(np.mean(given[used] ** 2))) if given is not None and used.any() else np.nan,
-        "points": int(used.sum()),
-        "left_out": int((np.isfinite(values) & ~there).sum()),
-        "missing": int(np.isnan(values).sum()),
-    }
-    figures |= {name: getattr(found, name) for name in ("scale", "scale_std", "shift", "shift_std", "at_limit")}
     read, spread = values[used], noise[used]
-    pairs = {
+    figures = {
+        "scale": (found.scale, found.scale_std),
         "rms_before": _rms(read, before[used], spread),
-        "correlation_before": _correlation(read, before[used], spread),
         "rms_after": _rms(read, after[used], spread),
+        "correlation_before": _correlation(read, before[used], spread),
         "correlation_after": _correlation(read, shifted[used], spread),
     }
-    for name, pair in pairs.items():
-        figures[name], figures[f"{name}_std"] = pair
-    return figures
+    of_noise = float(np.sqrt(np.mean(given[used] ** 2))) if given is not None and used.any() else np.nan
+    place = ("y", "x")
+    rows: list[tuple[str, tuple[str, ...], Any, str, str]] = [
+        ("simulated", place, before.reshape(shape), "1", "simulated δ"),
+        ("residual_before", place, (values - before).reshape(shape), "1", "measured less simulated δ"),
+        ("residual_after", place, (values - after).reshape(shape), "1", "measured less scaled and shifted simulated δ"),
+        ("at_limit", (), found.at_limit, "", "at the limit of the search"),
+        ("noise", (), of_noise, "1", "noise of δ"),
+        ("points", (), int(used.sum()), "1", "positions"),
+        ("left_out", (), int((np.isfinite(values) & ~there).sum()), "1", "positions outside the simulated map"),
+        ("missing", (), int(np.isnan(values).sum()), "1", "positions without a value"),
+        ("shift", ("axis",), list(found.shift), "m", "shift"),
+        ("shift_std", ("axis",), list(found.shift_std), "m", "± shift"),
+    ]
+    for name, (value, deviation) in figures.items():
+        words = name.replace("_", " ")
+        rows += [(name, (), value, "1", words), (f"{name}_std", (), deviation, "1", f"± {words}")]
+    return xr.Dataset(variables(*rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,53 +435,6 @@ def own_noise(response: xr.Dataset) -> FloatArray | None:
     return np.asarray(np.where(known, spread, np.sqrt(level)))
 
 
-def _dataset(measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compared]]) -> xr.Dataset:
-    """Dataset of all figures of the comparison."""
-
-    def stacked(name: str) -> npt.NDArray[np.generic]:
-        return np.array([[one[name] for one in row] for row in rows])
-
-    def maps(name: str) -> FloatArray:
-        return np.moveaxis(stacked(name).astype(np.float64), 1, -1)  # depth, y, x, state
-
-    both = ("depth", "state")
-    one = {"units": "1"}
-    data: dict[str, object] = {
-        "delta": (("source", *_DIMS), np.stack([measured.delta.values, maps("simulated")]), one),
-        "residual_before": (_DIMS, maps("residual_before"), {**one, "long_name": "measured less simulated δ"}),
-        "residual_after": (
-            _DIMS,
-            maps("residual_after"),
-            {**one, "long_name": "measured less scaled and shifted simulated δ"},
-        ),
-        "at_limit": (both, stacked("at_limit"), {"long_name": "at the limit of the search"}),
-        "noise": (both, stacked("noise"), {**one, "long_name": "noise of δ"}),
-        "points": (both, stacked("points"), {**one, "long_name": "positions"}),
-    }
-    for name in ("scale", "rms_before", "rms_after", "correlation_before", "correlation_after"):
-        text = name.replace("_", " ")
-        data[name] = (both, stacked(name), {**one, "long_name": text})
-        data[f"{name}_std"] = (both, stacked(f"{name}_std"), {**one, "long_name": f"± {text}"})
-    for name, text in (("shift", "shift"), ("shift_std", "± shift")):
-        data[name] = ((*both, "axis"), stacked(name), {"units": "m", "long_name": text})
-    if "base_inductance" in measured and "base_inductance" in simulated:
-        states = measured.state.values
-        pair = [side.base_inductance.sel(state=states).values for side in (measured, simulated)]
-        data["base_inductance"] = (("source", "state"), np.array(pair), {"units": "H", "long_name": "L_0"})
-    coords = {name: measured[name] for name in _DIMS}
-    for name in ("depth", "y", "x"):  # a response of other programs may not have them
-        coords[name] = coords[name].assign_attrs({"long_name": name, **measured[name].attrs, "units": "m"})
-    places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
-    result = xr.Dataset(data, {**coords, **places, "source": list(SOURCES), "axis": ["x", "y"]})
-    said = {
-        f"{who}_{key}": value
-        for who, of in zip(SOURCES, (measured, simulated), strict=True)
-        for key, value in of.attrs.items()
-    }
-    counts = {f"points_{name}": sum(one[name] for row in rows for one in row) for name in ("left_out", "missing")}
-    return result.assign_attrs({**said, **counts})
-
-
 def _ellipses(
     measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, progress: Progress | None
 ) -> xr.Dataset:
@@ -470,16 +460,7 @@ def _ellipses(
         return found
 
     curves = [[[fitted(*side, k, j) for j in states] for k in depths] for side in ((window, cut), (sampled, None))]
-    dims = ("source", "depth", "state")
-    found = xr.combine_nested(
-        curves,
-        dims,
-        join="outer",
-        fill_value={"undetermined": False},
-        coords="minimal",
-        compat="override",
-        combine_attrs="override",
-    ).transpose(*dims, "level")
+    found = _combined(curves, "source", "depth", "state").transpose("source", "depth", "state", "level")
     return found.assign(ellipse_problem=found.ellipse_problem.astype(str))
 
 
