@@ -59,11 +59,6 @@ def _board_area(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return (x_max - x_min) * (y_max - y_min) * 1e6
 
 
-def _span(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    x_min, _, x_max, _ = evaluation.design.array.outline_bounds
-    return (x_max - x_min) * 1e3
-
-
 def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     placements = evaluation.design.array.placements
     shapes = [shapely.Polygon(place.to_board(place.coil.outline)) for place in placements]
@@ -128,7 +123,8 @@ def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 COILS = (
     Quantity("board_area_mm2", "mm²", "geometry", "area of the rectangular board", _board_area),
-    Quantity("span_mm", "mm", "geometry", "extent of the windings' outlines along x", _span),
+    Quantity("span_mm", "mm", "geometry", "extent of the windings' outlines along x",
+             lambda evaluation, _: float(np.ptp(evaluation.design.array.outline_bounds[::2])) * 1e3),
     Quantity("covered_mm2", "mm²", "geometry", "area within the outline of at least one winding", _covered),
     Quantity(
         "fab_margin_mm", "mm", "geometry",
@@ -245,7 +241,19 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
     response = evaluation.response(np.array(setup.depths[:1]), np.array(setup.x), np.array(setup.y))
-    coils = [given] if given is not None else _peaks_within(evaluation, response)
+    coils, near = [given], np.diff(response.y.values).min(initial=np.inf) / 2
+    if given is None:  # those on the x axis that peak inside the map
+        coils = []
+        for name, state in evaluation.own_states.items():
+            hill = response.delta.values[0, :, :, state]
+            row, column = np.unravel_index(int(np.argmax(hill)), hill.shape)
+            within = 0 < row < hill.shape[0] - 1 and 0 < column < hill.shape[1] - 1
+            if within and abs(evaluation.centre(name)[1]) <= near:
+                coils.append(name)
+    if not coils:
+        raise GoalError(
+            f"no coil of {evaluation.design.name} is on the x axis of its map with the largest δ inside the map."
+        )
     states = [str(response.state.values[evaluation.state_of(coil)]) for coil in coils]
     curves = ellipse_curves(response, states, DELTAS)
     rms = []
@@ -271,23 +279,6 @@ def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> Cub
     return CubicSpline(x, response.delta.values[0, 0])
 
 
-def _peaks_within(evaluation: Evaluation, response: xr.Dataset) -> list[str]:
-    """Coils on the x axis that peak inside the map."""
-    near = np.diff(response.y.values).min(initial=np.inf) / 2
-    inside = []
-    for name, state in evaluation.own_states.items():
-        hill = response.delta.values[0, :, :, state]
-        row, column = np.unravel_index(int(np.argmax(hill)), hill.shape)
-        within = 0 < row < hill.shape[0] - 1 and 0 < column < hill.shape[1] - 1
-        if within and abs(evaluation.centre(name)[1]) <= near:
-            inside.append(name)
-    if not inside:
-        raise GoalError(
-            f"no coil of {evaluation.design.name} is on the x axis of its map with the largest δ inside the map."
-        )
-    return inside
-
-
 def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> float:
     """Median over a region of the standard deviation in mm."""
     depth = evaluation.depth(options.get("depth_mm"))
@@ -299,24 +290,17 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
         (x_min, x_max), (y_min, y_max) = from_board(edges[:2], origin[0]), from_board(edges[2:], origin[1])
     step = evaluation.design.top / _TABLE_STEPS
     table = evaluation.response(depth * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step))
-    bound = identifiability(
-        forward_model(table),
-        depth,
-        noise=options.get("noise"),
-        x=_middles(x_min, x_max, _PLACES[0]),
-        y=_middles(y_min, y_max, _PLACES[1]),
+    x, y = (  # the middles of equal parts
+        low + (high - low) * (np.arange(count) + 0.5) / count
+        for low, high, count in zip((x_min, y_min), (x_max, y_max), _PLACES, strict=True)
     )
+    bound = identifiability(forward_model(table), depth, noise=options.get("noise"), x=x, y=y)
     median = float(np.median(bound[name].values)) * 1e3
     if math.isinf(median):
         raise GoalError(
             f"the readings of {evaluation.design.name} do not determine the position and depth of the indenter."
         )
     return median
-
-
-def _middles(start: float, stop: float, count: int) -> FloatArray:
-    """Middles of equal parts of an interval."""
-    return start + (stop - start) * (np.arange(count) + 0.5) / count
 
 
 def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
@@ -329,10 +313,22 @@ def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -
     return Quantity(name, unit, "target", f"{says}, with the target at a distance", with_target, (COIL, *_OVER))
 
 
+def _ranges(
+    evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Map of a coil at all and a wanted distance, and its ranges."""
+    distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
+    if len(distances) < 2:
+        raise GoalError(
+            f"range and deviation need at least two distances of the target; {evaluation.design.name} has one."
+        )
+    known = _over(evaluation, options, distances)
+    return known, ranges_of(known, options.get("noise", known.attrs["sigma"]))
+
+
 def _target_range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Largest detected distance in mm."""
-    found = _ranges(_every_distance(evaluation, options), options)
-    value = float(found.range.item())
+    value = float(_ranges(evaluation, options)[1].range.item())
     if math.isnan(value):
         raise GoalError(
             f"{options['coil']} of {evaluation.design.name} does not detect the target at any distance that the "
@@ -344,29 +340,14 @@ def _target_range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Compute the standard deviation of the distance in µm."""
     distance = evaluation.distance(options.get("distance_mm"))
-    known = _every_distance(evaluation, options, distance)
-    deviations = _ranges(known, options).distance_deviation.values[:, 0]
-    value = float(deviations[np.abs(known.distance.values - distance).argmin()])
+    known, found = _ranges(evaluation, options, distance)
+    value = float(found.distance_deviation.values[np.abs(known.distance.values - distance).argmin(), 0])
     if math.isnan(value):
         raise GoalError(
             f"the converter does not read {options['coil']} of {evaluation.design.name} with the target at "
             f"{distance * 1e3:g} mm, or at no other of its distances."
         )
     return value * 1e6
-
-
-def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
-    return ranges_of(response, options.get("noise", response.attrs["sigma"]))
-
-
-def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:
-    """Map of a coil at all and a wanted distance."""
-    distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
-    if len(distances) < 2:
-        raise GoalError(
-            f"range and deviation need at least two distances of the target; {evaluation.design.name} has one."
-        )
-    return _over(evaluation, options, distances)
 
 
 def _over(evaluation: Evaluation, options: Mapping[str, Any], distances: Sequence[float]) -> xr.Dataset:
@@ -438,6 +419,10 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType({one.name: one for one in 
 _TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 
+_SYMBOLS = {"L": "inductance_uH", "f": "frequency_MHz", "R": "effective_resistance_ohm", "δ": "peak_delta"}
+"""Quantities by their letters in reports, for hints."""
+
+
 def request(asked: str | Mapping[str, Any]) -> Request:
     """Read a quantity with options from a text or table.
 
@@ -484,24 +469,14 @@ def _quantity(name: object) -> Quantity:
         return QUANTITIES[name]
     if not name:
         raise GoalError(f"the name of a quantity is missing; there are {listed(QUANTITIES)}.")
-    meant = _meant(str(name))
+    text = str(name).casefold()
+    within = [key for key in QUANTITIES if text == key.casefold() or (len(text) > 2 and text in key.casefold())]
+    close = within or difflib.get_close_matches(text, list(QUANTITIES), n=1)
+    meant = sorted(close, key=lambda key: (key.startswith("target_"), len(key)))[:3]
+    meant = [_SYMBOLS[str(name)]] if str(name) in _SYMBOLS else meant
     hint = f"; did you mean {', '.join(meant)}?" if meant else "."
     known = f"coilarray optimize --list-quantities shows all {len(QUANTITIES)}."
     raise GoalError(f"there is no quantity {shown(name)}{hint} {known}")
-
-
-_SYMBOLS = {"L": "inductance_uH", "f": "frequency_MHz", "R": "effective_resistance_ohm", "δ": "peak_delta"}
-"""Quantities by their letters in reports, for hints."""
-
-
-def _meant(name: str) -> list[str]:
-    """Quantities with a similar name."""
-    if name in _SYMBOLS:
-        return [_SYMBOLS[name]]
-    text = name.casefold()
-    within = [key for key in QUANTITIES if text == key.casefold() or (len(text) > 2 and text in key.casefold())]
-    close = within or difflib.get_close_matches(text, list(QUANTITIES), n=1)
-    return sorted(close, key=lambda key: (key.startswith("target_"), len(key)))[:3]
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:

@@ -277,12 +277,6 @@ def read_pair(given: Any) -> tuple[str, ...] | None:
     return tuple(given) if all(read_name(name) for name in given) else None
 
 
-def read_positive(given: Any) -> float | None:
-    """Read a number above zero."""
-    number = read_number(given)
-    return number if number is not None and number > 0 else None
-
-
 def read_rectangle(given: Any) -> tuple[float, ...] | None:
     """Read x_min, x_max, y_min, y_max from a list or text."""
     parts = given.split(":") if isinstance(given, str) else given
@@ -292,12 +286,17 @@ def read_rectangle(given: Any) -> tuple[float, ...] | None:
     return tuple(numbers) if len(numbers) == 4 and numbers[0] < numbers[1] and numbers[2] < numbers[3] else None
 
 
-def read_number(given: Any) -> float | None:
-    """Read a finite number."""
+def read_number(given: Any, above: float = -math.inf) -> float | None:
+    """Read a finite number above another one."""
     if isinstance(given, bool) or not isinstance(given, str | int | float):
         return None
     try:
         number = float(given)
     except (ValueError, OverflowError):
         return None
-    return number if math.isfinite(number) else None
+    return number if math.isfinite(number) and number > above else None
+
+
+def read_positive(given: Any) -> float | None:
+    """Read a number above zero."""
+    return read_number(given, above=0.0)

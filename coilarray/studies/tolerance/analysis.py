@@ -206,7 +206,12 @@ def analyse(
                 f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be made: {outcome}"
             )
         rows.append([outcome[name] for name in outs])
-    nominal, effects = np.array(rows[0]), sensitivity(found, steps, np.array(rows[1:]))
+    nominal, beside = np.array(rows[0]), np.array(rows[1:])  # above and below of each step in turn
+    slopes = (beside[::2] - beside[1::2]) / (2 * np.array(list(steps.values())))[:, None]
+    moved = np.zeros((len(found), len(steps)))
+    for k, one in enumerate(found):
+        moved[k, [list(steps).index(target) for target in one.targets]] = one.deviation
+    effects = np.asarray(moved @ slopes)  # J_c σ_c
     sampled = np.array([[np.nan] * len(nominal) if isinstance(o, str) else [o[name] for name in outs] for o in taken])
     sampled = sampled.reshape(samples, len(nominal))
     located: dict[str, str] = {}
@@ -319,20 +324,10 @@ class Shifts:
 
     def names(self, places: Sequence[str]) -> tuple[str, ...]:
         """Names of the outputs, place by place."""
-        return tuple(
-            f"shift_{PARAMETERS[axis]}_mm[{place}]"
-            for place, axes in zip(places, self.determined, strict=True)
-            for axis in axes
-        )
-
-    def undetermined(self, places: Sequence[str]) -> tuple[str, ...]:
-        """Undetermined unknowns like ``y at x_mm=0,y_mm=0,depth_mm=1``."""
-        texts = []
-        for place, axes in zip(places, self.determined, strict=True):
-            missing = [PARAMETERS[axis] for axis in range(self.model.unknowns) if axis not in axes]
-            if missing:
-                texts.append(f"{', '.join(missing)} at {place}")
-        return tuple(texts)
+        pairs = [
+            (PARAMETERS[axis], place) for place, axes in zip(places, self.determined, strict=True) for axis in axes
+        ]
+        return tuple(f"shift_{parameter}_mm[{place}]" for parameter, place in pairs)
 
     def matrix(self) -> FloatArray:
         """Shifts in mm per Δδ (shifts, places · states)."""
@@ -374,41 +369,24 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
     """Prepare to locate readings at positions within the table.
 
     An unknown counts as determined if its standard deviation by the usual noise alone is up to
-    `largest` in m.
+    `largest` in m. The least known are left out until the others are.
     """
     points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
     require_states(model.states, model.unknowns, "scan")
-    information = fisher_information(model, points, positions.noise)
-    return Shifts(model, points, positions.noise, tuple(_determined(one, largest) for one in information))
-
-
-def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
-    """Leave out the least known unknowns until others are known."""
-    axes = list(range(len(information)))
-    while axes:
-        among = information[np.ix_(axes, axes)]
-        deviations = np.sqrt(np.diag(covariance_of(among)))
-        if deviations.max() <= largest:
-            break
-        # if the information is singular, all deviations are infinite: then the worst unknown taken
-        # alone is left out
-        known = np.isfinite(deviations).all()
-        del axes[int(np.argmax(deviations) if known else np.argmin(np.diag(among)))]
-    return tuple(axes)
-
-
-def sensitivity(contributors: Sequence[Contributor], steps: Mapping[str, float], values: FloatArray) -> FloatArray:
-    """Effects J_c σ_c (contributors, outputs) from boards above and below.
-
-    `values` (boards, outputs) has the board above and the board below of each step in turn.
-    """
-    names = list(steps)
-    above, below = values[::2], values[1::2]
-    slopes = (above - below) / (2 * np.array(list(steps.values())))[:, None]
-    moved = np.zeros((len(contributors), len(names)))
-    for k, one in enumerate(contributors):
-        moved[k, [names.index(target) for target in one.targets]] = one.deviation
-    return np.asarray(moved @ slopes)
+    determined = []
+    for information in fisher_information(model, points, positions.noise):
+        axes = list(range(len(information)))
+        while axes:
+            among = information[np.ix_(axes, axes)]
+            deviations = np.sqrt(np.diag(covariance_of(among)))
+            if deviations.max() <= largest:
+                break
+            # if the information is singular, all deviations are infinite: then the worst unknown
+            # taken alone is left out
+            known = np.isfinite(deviations).all()
+            del axes[int(np.argmax(deviations) if known else np.argmin(np.diag(among)))]
+        determined.append(tuple(axes))
+    return Shifts(model, points, positions.noise, tuple(determined))
 
 
 def _with_shifts(
@@ -420,10 +398,13 @@ def _with_shifts(
     good = np.isfinite(sampled).all(axis=1)
     located = np.full((len(sampled), len(by_delta)), np.nan)
     located[good], found = shifts.located(sampled[good, first:] - nominal[first:])
-    attributes = {
-        "found": f"{found} of {int(good.sum()) * len(shifts.points)} readings",
-        "undetermined": "; ".join(shifts.undetermined(outputs.places())),
-    }
+    undetermined = []  # as ``y at x_mm=0,y_mm=0,depth_mm=1``
+    for place, axes in zip(outputs.places(), shifts.determined, strict=True):
+        missing = [PARAMETERS[axis] for axis in range(shifts.model.unknowns) if axis not in axes]
+        if missing:
+            undetermined.append(f"{', '.join(missing)} at {place}")
+    readings = int(good.sum()) * len(shifts.points)
+    attributes = {"found": f"{found} of {readings} readings", "undetermined": "; ".join(undetermined)}
     effects = np.hstack((effects, effects @ matrix.T))
     return np.append(nominal, np.zeros(len(by_delta))), effects, np.hstack((sampled, located)), attributes
 

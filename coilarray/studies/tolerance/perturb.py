@@ -39,9 +39,9 @@ from itertools import pairwise
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.design.model import Design, Indentation
+from coilarray.design.model import Design
 from coilarray.errors import DesignError, GeometryError, GoalError
-from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, Sheet, Stackup, Target
+from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, Sheet, Target
 
 
 def error_names(design: Design) -> tuple[str, ...]:
@@ -65,7 +65,9 @@ def error_names(design: Design) -> tuple[str, ...]:
         names.append("permeability")
     names += [*(f"elastomer.{sheet.name}" for sheet in design.sheets), "capacitance"]
     names += [f"{kind}.{plate.name}" for kind in ("plate_distance", "plate_thickness") for plate in design.plates]
-    if any(material.conductivity > 0 for material in _materials(design)):
+    materials = [plate.material for plate in design.plates]
+    materials += [] if design.target is None else [design.target.body.material]
+    if any(material.conductivity > 0 for material in materials):
         names.append("conductivity")
     if design.target is not None and isinstance(design.target.body, FinitePlate):
         names += ["target_tilt_x", "target_tilt_y"]
@@ -95,6 +97,10 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
         return design
     switches = design.circuit.switches
     tank = _scaled(switches.tank_capacitance, nonzero, "capacitance")
+    setup, shift = design.indentation, [nonzero.get(f"placement_{axis}", 0.0) for axis in "xy"]
+    if setup is not None and any(shift):
+        x, y = setup.origin_point
+        setup = replace(setup, origin=None, origin_point=(x + shift[0], y + shift[1]))
     try:
         array = _array(design.array, nonzero)
         sheets = tuple(_sheet(sheet, nonzero) for sheet in design.sheets)
@@ -104,7 +110,7 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
             design,
             array=array,
             sheets=sheets,
-            indentation=_indentation(design.indentation, nonzero),
+            indentation=setup,
             circuit=replace(design.circuit, switches=replace(switches, tank_capacitance=tank)),
             plates=tuple(_plate(plate, design, nonzero, rise, sink) for plate in design.plates),
             target=_target(design.target, nonzero),
@@ -128,19 +134,6 @@ def _sheet(sheet: Sheet, errors: Mapping[str, float]) -> Sheet:
         thickness=sheet.thickness + errors.get(f"elastomer.{sheet.name}", 0.0),
         relative_permeability=_scaled(sheet.relative_permeability, errors, "permeability") if magnetic else 1.0,
     )
-
-
-def _indentation(setup: Indentation | None, errors: Mapping[str, float]) -> Indentation | None:
-    shift = [errors.get(f"placement_{axis}", 0.0) for axis in "xy"]
-    if setup is None or not any(shift):
-        return setup
-    x, y = setup.origin_point
-    return replace(setup, origin=None, origin_point=(x + shift[0], y + shift[1]))
-
-
-def _materials(design: Design) -> list[Material]:
-    """Return the materials of all plates and of the target."""
-    return [plate.material for plate in design.plates] + ([design.target.body.material] if design.target else [])
 
 
 def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
@@ -179,7 +172,19 @@ def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None
 
 def _array(array: Array, errors: Mapping[str, float]) -> Array:
     """Return an array with its errors."""
-    stackup = _stackup(array.stackup, errors)
+
+    def thickened(kind: str, parts: Iterable[str], thickness: Sequence[float]) -> tuple[float, ...]:
+        names = (f"{kind}.{part}" for part in parts)
+        return tuple(value * (1 + errors.get(name, 0.0)) for name, value in zip(names, thickness, strict=True))
+
+    layers = array.stackup.names
+    stackup = replace(
+        array.stackup,
+        copper_thickness=thickened("copper", layers, array.stackup.copper_thickness),
+        dielectric_thickness=thickened(
+            "dielectric", map("-".join, pairwise(layers)), array.stackup.dielectric_thickness
+        ),
+    )
     x_min, y_min, x_max, y_max = array.bounds
     middle = np.array([x_min + x_max, y_min + y_max]) / 2
     made: dict[tuple[object, ...], Coil] = {}
@@ -194,50 +199,29 @@ def _array(array: Array, errors: Mapping[str, float]) -> Array:
     return replace(array, stackup=stackup, placements=tuple(placements))
 
 
-def _stackup(stackup: Stackup, errors: Mapping[str, float]) -> Stackup:
-    """Return a stack-up with its errors."""
-
-    def thickened(kind: str, parts: Iterable[str], thickness: Sequence[float]) -> tuple[float, ...]:
-        names = (f"{kind}.{part}" for part in parts)
-        return tuple(value * (1 + errors.get(name, 0.0)) for name, value in zip(names, thickness, strict=True))
-
-    below = (f"{upper}-{lower}" for upper, lower in pairwise(stackup.names))
-    return replace(
-        stackup,
-        copper_thickness=thickened("copper", stackup.names, stackup.copper_thickness),
-        dielectric_thickness=thickened("dielectric", below, stackup.dielectric_thickness),
-    )
-
-
 def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> Coil:
     """Coil with errors at its placement, in its frame."""
     coil = place.coil
     wider = [errors.get(f"etch.{layer}", 0.0) for layer in place.layers]
+    lines = []
+    for line, layer in zip(coil.lines, place.layers, strict=True):  # shifted and turned, but not at their ends
+        shift = np.array([errors.get(f"registration_{axis}.{layer}", 0.0) for axis in "xy"])
+        if angle := errors.get(f"rotation.{layer}", 0.0):
+            shift = shift + (place.to_board(line) - middle) @ (_turn(angle) - np.eye(2)).T
+        moved = line
+        if shift.any():
+            moved = line.copy()
+            moved[1:-1] += np.broadcast_to(shift @ _turn(place.rotation), line.shape)[
+                1:-1
+            ]  # v @ R(φ) turns v back by φ
+        lines.append(moved)
     return replace(
         coil,
-        lines=tuple(
-            _moved(place, line, layer, errors, middle) for line, layer in zip(coil.lines, place.layers, strict=True)
-        ),
+        lines=tuple(lines),
         widths=tuple(widths + change for widths, change in zip(coil.widths, wider, strict=True)),
         # one gap per coil: the pitch of its turns stays, on the mean over its layers
         gap=coil.gap - sum(wider) / len(wider),
     )
-
-
-def _moved(
-    place: Placement, line: FloatArray, layer: str, errors: Mapping[str, float], middle: FloatArray
-) -> FloatArray:
-    """Shift and turn a line, but not its ends."""
-    shift = np.array([errors.get(f"registration_{axis}.{layer}", 0.0) for axis in "xy"])
-    angle = errors.get(f"rotation.{layer}", 0.0)
-    if not (shift.any() or angle):
-        return line
-    if angle:
-        away = place.to_board(line) - middle
-        shift = shift + away @ (_turn(angle) - np.eye(2)).T
-    moved = line.copy()
-    moved[1:-1] += np.broadcast_to(shift @ _turn(place.rotation), line.shape)[1:-1]  # v @ R(φ) turns v back by φ
-    return moved
 
 
 def _turn(angle: float) -> FloatArray:

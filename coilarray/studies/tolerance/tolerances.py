@@ -190,8 +190,7 @@ class _Errors(Table):
         """Return the table in SI."""
         scale = 1.0 if self.distribution == "normal" else 1 / math.sqrt(3)  # half width to standard deviation
         of_board_and_layer = self.in_si(without=("distribution",)).values()
-        values = [value * scale for value in of_board_and_layer]
-        return Spread(self.distribution, *values)
+        return Spread(self.distribution, *(value * scale for value in of_board_and_layer))
 
 
 class _LayerMicrometres(_Errors):
@@ -255,21 +254,12 @@ class _PositionsTable(Table):
         require_rising("y_mm", self.y_mm)
         return self
 
-    def build(self) -> Positions:
-        """Return the positions in SI, divided for exact decimals."""
-        x, y = (tuple(value / 1e3 for value in values) for values in (self.x_mm, self.y_mm))
-        return Positions(x, y, self.depth_mm / 1e3, self.noise)
-
 
 class _LimitTable(Bounds):
     """Quantity that a good board keeps within the bounds."""
 
     quantity: str
     """Quantity of the design that a good board keeps within the bounds."""
-
-    def build(self) -> Limit:
-        """Return the limit."""
-        return Limit(self.quantity, **self.model_dump(exclude={"quantity"}, exclude_none=True))
 
 
 class _File(Table):
@@ -319,13 +309,12 @@ class _File(Table):
 
     def build(self, spreads: Mapping[str, Spread], assumed: Mapping[str, str]) -> Tolerances:
         """Return the tolerances of the file with these errors."""
-        return Tolerances(
-            dict(spreads),
-            dict(assumed),
-            tuple(self.quantities),
-            None if self.positions is None else self.positions.build(),
-            tuple(limit.build() for limit in self.limit),
-        )
+        positions = None
+        if (at := self.positions) is not None:  # divided for exact decimals
+            x, y = (tuple(value / 1e3 for value in values) for values in (at.x_mm, at.y_mm))
+            positions = Positions(x, y, at.depth_mm / 1e3, at.noise)
+        limits = tuple(Limit(**limit.model_dump(exclude_none=True)) for limit in self.limit)
+        return Tolerances(dict(spreads), dict(assumed), tuple(self.quantities), positions, limits)
 
 
 @cache
