@@ -250,9 +250,10 @@ def optimize(
     from coilarray.studies.optimize.derive import keeping_rules
     from coilarray.studies.optimize.run import (
         optimize_design,
-        points_found,
+        read_studies,
         require_coils,
         result_data,
+        study_name,
         write_optimization,
     )
 
@@ -262,7 +263,7 @@ def optimize(
     require_coils(opened.design, wanted)
     wanted = keeping_rules(wanted, opened)
     kept = open_store(cache)
-    found = points_found(out, opened.design, wanted)
+    found = len(read_studies(out).get(study_name(opened.design, wanted), []))
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
     with (

@@ -17,7 +17,7 @@ from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.report.optimization import none_better
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
 from coilarray.studies.optimize.goal import better_than
-from coilarray.studies.optimize.run import FILE, points_found, read_studies, study_name
+from coilarray.studies.optimize.run import FILE, read_studies, study_name
 
 pytestmark = pytest.mark.slow
 
@@ -227,8 +227,8 @@ def test_screened_points_are_confirmed(design, tmp_path):
 def test_points_in_the_file(design, tmp_path):
     goal = goal_of(LEAST + BOUND, trials=20)
     result = optimize_with(design, goal, tmp_path, Points())
-    assert points_found(tmp_path, design, goal) == 20
-    assert points_found(tmp_path / "none", design, goal) == 0
+    assert len(read_studies(tmp_path)[study_name(design, goal)]) == 20
+    assert read_studies(tmp_path / "none") == {}
     assert not (tmp_path / "none").exists()
     ((name, points),) = read_studies(tmp_path).items()
     assert name == study_name(design, goal)

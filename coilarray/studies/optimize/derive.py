@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -88,10 +89,8 @@ def pitch_ranges(file: DesignFile) -> list[Row]:
     apart = max((pitch * (one.touching + gap) / one.distance for one in known if one.share_copper), default=0.0)
     near = neighbours(design)
     closest = pitch * _OVERLAP * near.touching / near.distance
-    if apart > closest:
-        low, why = apart, "nearer, coils on the same copper would meet"
-    else:
-        low, why = closest, "nearer, neighbours would be all but one coil"
+    why = "coils on the same copper would meet" if apart > closest else "neighbours would be all but one coil"
+    low, why = max(apart, closest), f"nearer, {why}"
     return [_between("array.pitch_mm", pitch, low, _WIDER * pitch, f"{why}; up to a quarter more than it is")]
 
 
@@ -106,6 +105,11 @@ def size_ranges(file: DesignFile) -> list[Row]:
         room = _WIDER  # the lattice makes room
     more, why = min(_WIDER, room), "three fifths of that to a quarter more, as far as there is room"
     return [_between(key, size, _SMALLER * size, more * size, why) for key, size in _of_coils(file, "outer_")]
+
+
+def distance_ranges(file: DesignFile) -> list[Row]:
+    """Range of the pitch, or of the sizes if each coil has its own place."""
+    return pitch_ranges(file) or size_ranges(file)
 
 
 def turns_ranges(file: DesignFile) -> list[Row]:
@@ -218,19 +222,6 @@ _KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as ke
 _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 
-def parse_wish(text: str) -> dict[str, Any] | None:
-    """Read ``minimize QUANTITY``, ``maximize QUANTITY`` or ``QUANTITY=VALUE``, or None.
-
-    >>> parse_wish("maximize q"), parse_wish("k[coil1,coil2]=0")
-    ({'quantity': 'q', 'direction': 'maximize'}, {'quantity': 'k[coil1,coil2]', 'target': 0.0})
-    """
-    if found := _DIRECTED.fullmatch(text.strip()):
-        return {"quantity": found[2].strip(), "direction": found[1]}
-    if found := _TARGET.fullmatch(text.strip()):
-        return {"quantity": found[1].strip(), "target": float(found[2])}
-    return None
-
-
 def parse_bound(text: str) -> dict[str, Any]:
     """Read ``QUANTITY>=VALUE`` or ``QUANTITY<=VALUE`` as a constraint."""
     found = _BOUND.fullmatch(text.strip())
@@ -315,8 +306,12 @@ class _Named:
 
     title: str
     needs: Callable[[Design], object]  # GoalError for a design that lacks the goal's subject
-    variables: Callable[[DesignFile], list[Row]]
+    kinds: Sequence[Callable[[DesignFile], list[Row]]]
     part: Callable[[DesignFile], _Part]
+
+    def variables(self, file: DesignFile) -> list[Row]:
+        """Variables of all kinds."""
+        return [row for kind in self.kinds for row in kind(file)]
 
 
 def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
@@ -441,14 +436,17 @@ def _named(wish: str) -> _Named:
     """Goal of a name or wish, over coils and distances."""
     if wish in _NAMED:
         return _NAMED[wish]
-    objective = parse_wish(wish)
-    if objective is None:
+    if found := _DIRECTED.fullmatch(wish.strip()):
+        objective = {"quantity": canonical(found[2].strip()), "direction": found[1]}
+    elif found := _TARGET.fullmatch(wish.strip()):
+        objective = {"quantity": canonical(found[1].strip()), "target": float(found[2])}
+    else:
         raise GoalError(
             f"a goal must be one of {', '.join(NAMES)}, or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; "
             f"got {wish!r}."
         )
-    objective["quantity"] = canonical(objective["quantity"])
-    return _Named(wish, lambda _: None, _COILS, lambda file: _Part(Row(objective, ""), [_fab(file)]))
+    kinds = (pitch_ranges, size_ranges, turns_ranges)
+    return _Named(wish, lambda _: None, kinds, lambda file: _Part(Row(objective, ""), [_fab(file)]))
 
 
 def _worst_k(file: DesignFile) -> _Part:
@@ -480,6 +478,11 @@ def _position_error(file: DesignFile) -> _Part:
     says = "least standard deviation of x over all coils, for δ with the design's noise budget"
     objective = Row({"quantity": "position_error_mm", "direction": "minimize"}, says)
     return _Part(objective, [_fab(file), *_areas(file)], ["depth_error_mm"], trials=40, polish=0)
+
+
+def _a_target(design: Design) -> None:
+    """Refuse a design without a target."""
+    _ = Evaluation(design).target
 
 
 def _of_target(file: DesignFile, *, finest: bool) -> _Part:
@@ -539,49 +542,21 @@ def _areas(file: DesignFile) -> list[Row]:
     ]
 
 
-def _ranges_of(*kinds: Callable[[DesignFile], list[Row]]) -> Callable[[DesignFile], list[Row]]:
-    return lambda file: [row for kind in kinds for row in kind(file)]
-
-
-_COILS = _ranges_of(pitch_ranges, size_ranges, turns_ranges)
-_TRACES = _ranges_of(size_ranges, turns_ranges, trace_ranges)
+_TRACES = (size_ranges, turns_ranges, trace_ranges)
 _NAMED: Mapping[str, _Named] = {
-    "worst_k": _Named(
-        "Less coupling between any two coils",
-        neighbours,
-        lambda file: [*(pitch_ranges(file) or size_ranges(file)), *layer_choices(file)],
-        _worst_k,
-    ),
-    "decouple": _Named(
-        "Neighbours without coupling",
-        neighbours,
-        lambda file: pitch_ranges(file) or size_ranges(file),  # of the sizes if each coil has its own place
-        _decouple,
-    ),
+    "worst_k": _Named("Less coupling between any two coils", neighbours, (distance_ranges, layer_choices), _worst_k),
+    "decouple": _Named("Neighbours without coupling", neighbours, (distance_ranges,), _decouple),
     "position_error": _Named(
-        "Positions best resolved",
-        _three_states,
-        _ranges_of(pitch_ranges, turns_ranges, termination_choices),
-        _position_error,
+        "Positions best resolved", _three_states, (pitch_ranges, turns_ranges, termination_choices), _position_error
     ),
     "smallest": _Named(
         "The smallest board for its inductance",
         lambda _: None,
-        _ranges_of(size_ranges, pitch_ranges, turns_ranges, trace_ranges),
+        (size_ranges, pitch_ranges, turns_ranges, trace_ranges),
         _smallest,
     ),
-    "range": _Named(
-        "Largest range of a target",
-        lambda design: Evaluation(design).target,
-        _TRACES,
-        lambda file: _of_target(file, finest=False),
-    ),
-    "resolution": _Named(
-        "Finest resolution of distance",
-        lambda design: Evaluation(design).target,
-        _TRACES,
-        lambda file: _of_target(file, finest=True),
-    ),
+    "range": _Named("Largest range of a target", _a_target, _TRACES, partial(_of_target, finest=False)),
+    "resolution": _Named("Finest resolution of distance", _a_target, _TRACES, partial(_of_target, finest=True)),
 }
 NAMES: Mapping[str, str] = {name: named.title for name, named in _NAMED.items()}
 """Goals that fit many designs, by name, with descriptions."""

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 import xarray as xr
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
@@ -232,11 +233,6 @@ class Goal(Table):
         keys = [wish.quantity for wish in self.objectives] + [limit.quantity for limit in self.constraints] + self.watch
         return tuple(dict.fromkeys(keys))
 
-    @property
-    def directions(self) -> list[Literal["minimize", "maximize"]]:
-        """Direction of every objective's score, as Optuna names it."""
-        return ["maximize" if objective.maximized else "minimize" for objective in self.objectives]
-
     def scores(self, values: Mapping[str, float]) -> tuple[float, ...]:
         """Score of every objective, from quantities by name."""
         return tuple(objective.score(values[objective.quantity]) for objective in self.objectives)
@@ -345,14 +341,13 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
     It is complete if the start breaks a bound.
     """
-    signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
-
-    def gains(trial: Trial) -> bool:
-        pairs = zip(signs, trial.scores, start.scores, strict=True)
-        return any(sign * (before - now) > _SCORE_ROUNDING * abs(before) for sign, now, before in pairs)
-
-    front = front_of((start, *trials), goal)
-    return tuple(trial for trial in front if trial.kind != "start" and (not start.feasible or gains(trial)))
+    found = [trial for trial in front_of((start, *trials), goal) if trial.kind != "start"]
+    if not start.feasible:
+        return tuple(found)
+    signs = np.array([-1 if objective.maximized else 1 for objective in goal.objectives])
+    before = np.array(start.scores)
+    least = _SCORE_ROUNDING * np.abs(before)
+    return tuple(trial for trial in found if (signs * (before - np.array(trial.scores)) > least).any())
 
 
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
@@ -469,8 +464,30 @@ def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     Raises GoalError for an unknown entry, or a bound or choice that the design file cannot have.
     Impossible geometries are found only in the search.
     """
-    file = as_file(design)
-    return tuple(_axis(variable, f"variable.{k}", file) for k, variable in enumerate(goal.variables))
+    file, axes = as_file(design), []
+    for number, variable in enumerate(goal.variables):
+        key, entry, start = f"variable.{number}", variable.entry, value_of(file, variable.entry)
+        if variable.choices is not None:
+            for choice in variable.choices:
+                _check(file, entry, choice, f"{key}.choices")
+            axes.append(Axis(entry, tuple(json.dumps(choice) for choice in variable.choices), start=start))
+            continue
+        low, high, step = variable.low, variable.high, variable.step
+        assert low is not None  # checked by the table
+        assert high is not None
+        _check(file, entry, low, f"{key}.low")
+        _check(file, entry, high, f"{key}.high")
+        whole = isinstance(start, int) and not isinstance(start, bool)
+        if start is None and low.is_integer() and high.is_integer():
+            try:  # the entry's type is found from the values that it refuses
+                _check(file, entry, low + 0.5 * min(1.0, high - low), entry)
+            except GoalError:
+                whole = True
+        for name, value in (("low", low), ("high", high), ("step", step or 1.0)):
+            if whole and not value.is_integer():
+                raise GoalError(f"{key}.{name} must be a whole number, as {entry} is; got {value:g}.")
+        axes.append(Axis(entry, (), low, high, step, variable.log, whole, start))
+    return tuple(axes)
 
 
 def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -482,33 +499,6 @@ def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
     """Parameters of the design, None if outside the bounds."""
     parameters = {axis.entry: axis.parameter(axis.start) for axis in axes}
     return None if None in parameters.values() else parameters
-
-
-def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
-    """Make the axis of a variable, checked against the design."""
-    start = value_of(file, variable.entry)
-    if variable.choices is not None:
-        for choice in variable.choices:
-            _check(file, variable.entry, choice, f"{key}.choices")
-        return Axis(variable.entry, tuple(json.dumps(choice) for choice in variable.choices), start=start)
-    low, high = variable.low, variable.high
-    assert low is not None  # checked by the table
-    assert high is not None
-    _check(file, variable.entry, low, f"{key}.low")
-    _check(file, variable.entry, high, f"{key}.high")
-    whole = isinstance(start, int) and not isinstance(start, bool)
-    if start is None:  # the entry's type is found from the values that it refuses
-        whole = (
-            low.is_integer()
-            and high.is_integer()
-            and not _allowed(file, variable.entry, low + 0.5 * min(1.0, high - low))
-        )
-    step = variable.step
-    if whole:
-        for name, number in (("low", low), ("high", high), ("step", step or 1.0)):
-            if not number.is_integer():
-                raise GoalError(f"{key}.{name} must be a whole number, as {variable.entry} is; got {number:g}.")
-    return Axis(variable.entry, (), low, high, step, variable.log, whole, start)
 
 
 def value_of(file: DesignFile, entry: str) -> Any:
@@ -531,11 +521,3 @@ def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
         raise GoalError(f"{key}: {error}") from None
     except ValidationError as error:
         raise GoalError(f"{key}: {first_error(error, document, Document)}") from None
-
-
-def _allowed(file: DesignFile, entry: str, value: Any) -> bool:
-    try:
-        _check(file, entry, value, entry)
-    except GoalError:
-        return False
-    return True

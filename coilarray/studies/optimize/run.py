@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
@@ -52,10 +52,6 @@ from coilarray.studies.optimize.goal import (
     trial_of,
 )
 from coilarray.studies.sweep import Outcome, evaluate_points
-
-if TYPE_CHECKING:
-    from optuna.samplers import BaseSampler
-
 
 FILE = "points.jsonl"
 """File of the points, a line each."""
@@ -184,8 +180,16 @@ def optimize_with(
 
         tried = _search(goal, axes, points, outcome, evaluate, count)
         best = best_of(tried, goal) if single else None
-        problem = _polish_problem(goal, axes, best)
-        if not problem and best is not None:
+        problem = ""
+        if not single:
+            problem = "a goal with several objectives has no single best point to polish."
+        elif not goal.polish:
+            problem = "the goal asks for none."
+        elif best is None:
+            problem = "no point of the search keeps all constraints."
+        elif not any(axis.continuous for axis in axes):
+            problem = "no variable is continuous."
+        else:
             _polish(goal, axes, best, points, evaluate, count)
         names = {trial.name for trial in tried}
         tried += [trial for trial in points.trials.values() if trial.name not in names]
@@ -229,11 +233,6 @@ def read_studies(folder: Path) -> dict[str, list[dict[str, Any]]]:
     return studies
 
 
-def points_found(folder: Path, design: Design, goal: Goal) -> int:
-    """Return the number of points left by an earlier run."""
-    return len(read_studies(folder).get(study_name(design, goal), []))
-
-
 class _Points:
     """Points of a study in a file, by `_key`."""
 
@@ -270,23 +269,16 @@ def _open_points(folder: Path, design: Design, goal: Goal, axes: Sequence[Axis])
     import_extra("optuna", "optimisations", package="Optuna", extra="optimize")
     make_folder(folder)
     busy = f"another search is running in {folder}; wait for it or give another folder."
-    with locked_database(folder / "points.lock", busy), quiet():
-        parameters = start_parameters(axes)
-        start = None if parameters is None else changes_of(axes, parameters)
-        yield _Points(folder / FILE, study_name(design, goal), goal, start)
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Silence Optuna's notes and warnings on standard error."""
     from optuna import logging
 
-    before = logging.get_verbosity()
-    logging.set_verbosity(logging.ERROR)
-    try:
-        yield
-    finally:
-        logging.set_verbosity(before)
+    parameters, before = start_parameters(axes), logging.get_verbosity()
+    start = None if parameters is None else changes_of(axes, parameters)
+    with locked_database(folder / "points.lock", busy):
+        logging.set_verbosity(logging.ERROR)
+        try:
+            yield _Points(folder / FILE, study_name(design, goal), goal, start)
+        finally:
+            logging.set_verbosity(before)
 
 
 def _search(
@@ -302,10 +294,10 @@ def _search(
     The first point is the design itself, with the outcome `start`, if it lies within the bounds.
     `report` is called with each trial.
     """
-    from optuna import create_study
+    from optuna import create_study, samplers
     from optuna.trial import TrialState
 
-    study = create_study(directions=goal.directions)
+    study = create_study(directions=["maximize" if one.maximized else "minimize" for one in goal.objectives])
     distributions = {axis.entry: axis.distribution() for axis in axes}
     first, accuracy = start_parameters(axes), goal.search.accuracy
     trials: list[Trial] = []
@@ -313,7 +305,14 @@ def _search(
         places = range(begin, min(begin + goal.search.batch, goal.search.trials))
         asked = []
         for place in places:
-            study.sampler = _sampler(goal, place)
+            seed = int(np.random.SeedSequence([goal.search.seed, place]).generate_state(1)[0])
+            match goal.sampler:
+                case "tpe":
+                    study.sampler = samplers.TPESampler(seed=seed)
+                case "nsga2":
+                    study.sampler = samplers.NSGAIISampler(seed=seed, population_size=goal.search.population)
+                case "random":
+                    study.sampler = samplers.RandomSampler(seed=seed)
             if place == 0 and first is not None:
                 study.enqueue_trial(first)
             asked.append(study.ask(distributions))
@@ -321,11 +320,11 @@ def _search(
         keys = [_key(change, accuracy) for change in changes]
         if begin == 0 and first is not None and accuracy == "full" and keys[0] not in points.trials:
             points.add(trial_of(goal, "search", 0, changes[0], start))
-        known = [k for k in range(len(keys)) if keys[k] in points.trials]
-        missing = [k for k in range(len(keys)) if keys[k] not in points.trials]
-        batch = {}
-        for k in known:
-            old = points.trials[keys[k]]
+        batch, missing = {}, []
+        for k, key in enumerate(keys):
+            if (old := points.trials.get(key)) is None:
+                missing.append(k)
+                continue
             batch[begin + k] = trial_of(goal, "search", begin + k, changes[k], old.reason or old.quantities, accuracy)
             report(batch[begin + k])
         for index, outcome in evaluate([changes[k] for k in missing], accuracy) if missing else ():
@@ -343,33 +342,6 @@ def _search(
                 study.tell(one, list(trial.scores))
             trials.append(trial)
     return trials
-
-
-def _sampler(goal: Goal, place: int) -> BaseSampler:
-    """Make the sampler of one point."""
-    from optuna import samplers
-
-    seed = int(np.random.SeedSequence([goal.search.seed, place]).generate_state(1)[0])
-    match goal.sampler:
-        case "tpe":
-            return samplers.TPESampler(seed=seed)
-        case "nsga2":
-            return samplers.NSGAIISampler(seed=seed, population_size=goal.search.population)
-        case "random":
-            return samplers.RandomSampler(seed=seed)
-
-
-def _polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
-    """Reason why polishing is impossible, or ""."""
-    if len(goal.objectives) > 1:
-        return "a goal with several objectives has no single best point to polish."
-    if not goal.polish:
-        return "the goal asks for none."
-    if best is None:
-        return "no point of the search keeps all constraints."
-    if not any(axis.continuous for axis in axes):
-        return "no variable is continuous."
-    return ""
 
 
 def _polish(
@@ -466,14 +438,23 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
     folder = Path(folder)
     make_folder(folder)
     names = design_names(result)
+    entries = [variable.entry for variable in result.goal.variables]
+    quantities = result.goal.quantities
+    best = {(trial.kind, trial.place) for trial in result.front}
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["kind", "place", "accuracy", "feasible", "front", *entries, *quantities, "reason"])
+    for trial in (result.start, *result.trials):
+        about = (trial.kind, trial.place, trial.accuracy, trial.feasible, (trial.kind, trial.place) in best)
+        values = (result.values(trial)[entry] for entry in entries)
+        cells = (json.dumps(value) if isinstance(value, list) else value for value in values)
+        writer.writerow([*about, *cells, *(trial.quantities.get(key, "") for key in quantities), trial.reason])
     texts = {
-        "trials.csv": trials_csv(result),
+        "trials.csv": buffer.getvalue(),
         "result.json": json.dumps(result_data(result), indent=1, allow_nan=False) + "\n",
-        **{
-            name: trial_text(result.file, trial, Path(name).stem)
-            for name, trial in zip(names, result.front, strict=True)
-        },
     }
+    for name, trial in zip(names, result.front, strict=True):
+        texts[name] = trial_text(result.file, trial, Path(name).stem)
     try:
         front = json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]
         before = [str(design["file"]) for design in front]
@@ -506,22 +487,6 @@ def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
     found = ", ".join(f"{key} = {value:.6g}" for key, value in trial.quantities.items())
     text = file_text(replace(file, document=document))
     return f"# {design.name} as changed by coilarray optimize ({trial.name}): {found}\n\n{text}"
-
-
-def trials_csv(result: Optimization) -> str:
-    """All trials as CSV, the start first."""
-    entries = [variable.entry for variable in result.goal.variables]
-    quantities = result.goal.quantities
-    best = {(trial.kind, trial.place) for trial in result.front}
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["kind", "place", "accuracy", "feasible", "front", *entries, *quantities, "reason"])
-    for trial in (result.start, *result.trials):
-        about = (trial.kind, trial.place, trial.accuracy, trial.feasible, (trial.kind, trial.place) in best)
-        values = (result.values(trial)[entry] for entry in entries)
-        cells = (json.dumps(value) if isinstance(value, list) else value for value in values)
-        writer.writerow([*about, *cells, *(trial.quantities.get(key, "") for key in quantities), trial.reason])
-    return buffer.getvalue()
 
 
 def result_data(result: Optimization) -> dict[str, Any]:
