@@ -115,8 +115,15 @@ def lay_out(plan: Plan, choices: Choices) -> Plan:
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
     """Find pitch and terminals for a winding, or raise DesignError."""
-    _require_pads(wound)
-    problem = None
+    problem = _problem(wound)
+    if problem is not None:  # more layers than have room for the via pads
+        fewer = (replace(wound, winding_layers=n) for n in range(wound.winding_layers - 2, 0, -2))
+        most = next((plan.layers for plan in fewer if _problem(plan) is None), None)
+        if most is None:
+            raise problem
+        reason = str(problem).removeprefix(f"{wound.name}: ").removeprefix(f"coils.{wound.shape}: ")
+        size = " × ".join(f"{side * 1e3:g}" for side in dict.fromkeys(wound.size))
+        raise DesignError(f"layers must be at most {most} for a coil of {size} mm; got {wound.layers}: {reason}")
     # turned hexagons, which face neighbours with corners, may lie further apart on equal layers
     lattice = wound.arrangement.lattice
     can_turn = wound.shape == "hexagon" and wound.sets > 1 and lattice in ("hexagonal", "triangle", "rings")
@@ -133,19 +140,6 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
         f"pitch must leave room for coils and terminals, as {_side_by_side(wound) * 1e3:g} mm and more do; got "
         f"{choices.pitch * 1e3:g} mm: {problem}"
     )
-
-
-def _require_pads(wound: Plan) -> None:
-    """Refuse more layers than have room for the via pads."""
-    problem = _problem(wound)
-    if problem is not None:
-        fewer = (replace(wound, winding_layers=n) for n in range(wound.winding_layers - 2, 0, -2))
-        most = next((plan.layers for plan in fewer if _problem(plan) is None), None)
-        if most is None:
-            raise problem
-        reason = str(problem).removeprefix(f"{wound.name}: ").removeprefix(f"coils.{wound.shape}: ")
-        size = " × ".join(f"{side * 1e3:g}" for side in dict.fromkeys(wound.size))
-        raise DesignError(f"layers must be at most {most} for a coil of {size} mm; got {wound.layers}: {reason}")
 
 
 def _problem(wound: Plan) -> DesignError | None:
@@ -200,15 +194,20 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
 def _placed(plan: Plan, choices: Choices) -> Plan:
     """Find the pitch, without overlaps of coils on a layer."""
     if choices.overlap == "decoupled":
-        few = replace(plan, arrangement=plan.arrangement.fewest)
-        rough = replace(few, rough=True, elastomer=False)
+        fewest = replace(plan, arrangement=plan.arrangement.fewest)
+        rough = replace(fewest, rough=True, elastomer=False)
         pitch = decoupled_pitch(
-            plan.width, lambda at: replace(few, pitch=at).design, lambda at: replace(rough, pitch=at).design
+            plan.width, lambda at: replace(fewest, pitch=at).design, lambda at: replace(rough, pitch=at).design
         )
         placed = replace(plan, pitch=pitch)
     else:
         placed = replace(plan, pitch=_side_by_side(plan) if choices.pitch is None else choices.pitch)
-    if not _are_apart(placed):
+    few = replace(placed, arrangement=plan.arrangement.few, elastomer=False).design.array.placements
+    shapes = [shapely.Polygon(place.to_board(place.coil.outline)) for place in few]
+    if any(
+        one.layers == other.layers and shapes[i].distance(shapes[j]) < plan.rules.min_gap
+        for (i, one), (j, other) in combinations(enumerate(few), 2)
+    ):
         raise DesignError(
             f"coils of {plan.width * 1e3:g} mm at a pitch of {placed.pitch * 1e3:.4g} mm overlap so far that "
             f"{plan.layers} layers do not part them."
@@ -218,7 +217,12 @@ def _placed(plan: Plan, choices: Choices) -> Plan:
 
 def _winding(plan: Plan, choices: Choices) -> Winding:
     """Find turns and trace, as usual or else the narrowest."""
-    usual, finest = _rooms(plan)
+    radius, rules = min(plan.size) / 2, plan.rules
+    closest = math.ceil(rules.min_gap * _GAP_MARGIN / _GAP_STEP) * _GAP_STEP
+    hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
+    widest = min(_WIDEST, _CORNERED * hole) if plan.shape in ("hexagon", "square") else _WIDEST
+    usual = Room(radius, hole, max(_TRACE, rules.min_trace), max(_TRACE, closest), widest)
+    finest = replace(usual, trace_width=rules.min_trace, gap=closest)
     if not finest.most_turns:
         least = math.ceil(2e5 * (finest.hole + 2 * finest.trace_width + finest.gap) * (1 - 1e-9)) / 100  # mm
         raise DesignError(
@@ -234,16 +238,6 @@ def _winding(plan: Plan, choices: Choices) -> Winding:
         return _wind_apart(plan, choices, usual)
     except DesignError:
         return _wind_apart(plan, choices, finest)
-
-
-def _rooms(plan: Plan) -> tuple[Room, Room]:
-    """Return the room of windings with usual and narrowest traces."""
-    radius, rules = min(plan.size) / 2, plan.rules
-    closest = math.ceil(rules.min_gap * _GAP_MARGIN / _GAP_STEP) * _GAP_STEP
-    hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
-    widest = min(_WIDEST, _CORNERED * hole) if plan.shape in ("hexagon", "square") else _WIDEST
-    usual = Room(radius, hole, max(_TRACE, rules.min_trace), max(_TRACE, closest), widest)
-    return usual, replace(usual, trace_width=rules.min_trace, gap=closest)
 
 
 def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
@@ -313,18 +307,6 @@ def _rough_resistance(rough: Plan, frequency: float) -> float:
     return float(resistance_matrix(rough.design.array, [frequency]).resistance[0, 0, 0])
 
 
-def _are_apart(plan: Plan) -> bool:
-    """Whether no two coils on the same layers overlap."""
-    if plan.arrangement.lattice == "single":
-        return True
-    placements = replace(plan, arrangement=plan.arrangement.few, elastomer=False).design.array.placements
-    shapes = [shapely.Polygon(place.to_board(place.coil.outline)) for place in placements]
-    return not any(
-        one.layers == other.layers and shapes[i].distance(shapes[j]) < plan.rules.min_gap
-        for (i, one), (j, other) in combinations(enumerate(placements), 2)
-    )
-
-
 def with_terminals(plan: Plan, *, movable: bool) -> Plan:
     """Find the start of the windings and their leads.
 
@@ -332,8 +314,19 @@ def with_terminals(plan: Plan, *, movable: bool) -> Plan:
     neighbour's winding or beside all of them. Coils side by side that are `movable` are moved
     apart.
     """
+
+    def candidates() -> Iterator[Plan]:
+        """Plans with possible starts, leads and pitches."""
+        moves = _MOVES if movable and plan.sets == 1 and plan.arrangement.lattice != "single" else 1
+        for move, start in product(range(moves), range(len(plan.starts))):
+            begun = replace(plan, pitch=plan.pitch + move * _MOVE, start=start)
+            if plan.sets == 1:
+                yield begun
+            else:
+                yield from (replace(begun, lead=length) for length in islice(_clear_leads(begun), _MOST_TRIALS))
+
     problem = None
-    for tried in _candidates(plan, movable=movable):
+    for tried in candidates():
         try:
             for arrangement in dict.fromkeys((plan.arrangement.few, plan.arrangement)):
                 board = replace(tried, arrangement=arrangement, elastomer=False)
@@ -346,19 +339,6 @@ def with_terminals(plan: Plan, *, movable: bool) -> Plan:
         "there is no place for terminals that keeps every rule"
         + (f"; in the usual one {problem}" if problem else ": the holes of the neighbours are too small for them.")
     )
-
-
-def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
-    """Yield plans with possible starts, leads and pitches."""
-    starts = range(len(plan.starts))
-    if plan.sets > 1:
-        for start in starts:
-            begun = replace(plan, start=start)
-            yield from (replace(begun, lead=length) for length in islice(_clear_leads(begun), _MOST_TRIALS))
-        return
-    for move in range(_MOVES if movable and plan.arrangement.lattice != "single" else 1):
-        for start in starts:
-            yield replace(plan, pitch=plan.pitch + move * _MOVE, start=start)
 
 
 def _clear_leads(plan: Plan) -> Iterator[float]:
@@ -398,7 +378,8 @@ def _clear_leads(plan: Plan) -> Iterator[float]:
                 place.to_board(np.vstack((ends, coil.via_points))), np.concatenate([*leads[:k], *leads[k + 1 :]])
             )
             >= beside + pad / 2
-            and _apart(leads[k], np.array(alike[k])) >= beside + coil.trace_width / 2
+            and np.min(shapely.distance(leads[k][:, None], np.array(alike[k])), initial=np.inf)
+            >= beside + coil.trace_width / 2
             for k, place in enumerate(placements)
         ):
             yield plan.lead + longer
@@ -413,10 +394,6 @@ def _windings(place: Placement) -> npt.NDArray[np.object_]:
 
 def _nearest(points: FloatArray, lines: npt.NDArray[np.object_]) -> float:
     return float(np.min(shapely.distance(np.asarray(shapely.points(points))[:, None], lines), initial=np.inf))
-
-
-def _apart(lines: npt.NDArray[np.object_], others: npt.NDArray[np.object_]) -> float:
-    return float(np.min(np.asarray(shapely.distance(lines[:, None], others)), initial=np.inf))
 
 
 def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:

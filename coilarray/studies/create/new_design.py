@@ -104,7 +104,11 @@ def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float
         except NetworkError:
             break
         if abs(short) <= _MET * wanted:
-            return _rounded(capacitance, frequency, reached)
+            standard = _nearest_standard(capacitance)
+            with suppress(NetworkError):  # it may be too much for the losses, unlike the exact value
+                if abs(reached(standard) / frequency - 1) <= _CLOSE:
+                    return standard
+            return float(f"{capacitance:.{_DIGITS}g}")
         if before:
             slope = (short_before - short) / (capacitance - before)
         before, short_before = capacitance, short
@@ -115,15 +119,6 @@ def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float
         f"a coil of {inductance * 1e6:.4g} µH cannot oscillate at {frequency * 1e-6:g} MHz: the capacitance of its "
         "winding is too large for that, or its losses are."
     )
-
-
-def _rounded(capacitance: float, frequency: float, reached: Callable[[float], float]) -> float:
-    """Nearest standard value if close, or three digits."""
-    standard = _nearest_standard(capacitance)
-    with suppress(NetworkError):  # it may be too much for the losses, unlike the exact value
-        if abs(reached(standard) / frequency - 1) <= _CLOSE:
-            return standard
-    return float(f"{capacitance:.{_DIGITS}g}")
 
 
 class _Named(Table):

@@ -315,6 +315,26 @@ _STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
 _TURNED = _corners(0, 180, 60, 120, 240, 300)
 
 
+_BOARD_ASSUMED = {
+    "stackup.dielectric_thickness_mm": "usual of a board of 1.6 mm; ask the board house for its own",
+    "stackup.dielectric_epsilon_r": "usual of FR-4",
+}
+_ELASTOMER: Mapping[str, Any] = {
+    "elastomer": [
+        {"name": "base", "thickness_mm": 3.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 60.0},
+        {"name": "magnetic", "thickness_mm": 1.0, "relative_permeability": 2.5, "youngs_modulus_kPa": 180.0},
+    ],
+    "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
+    "indentation": {"depths_mm": [0.3, 0.6]},
+}
+_ELASTOMER_ASSUMED = {
+    "elastomer.0.youngs_modulus_kPa": "typical of a soft silicone rubber",
+    "elastomer.1.youngs_modulus_kPa": "three times the pure rubber, as 30 % of powder makes it (Guth-Gold)",
+    "elastomer.1.relative_permeability": "typical of 30 % of iron powder",
+    "circuit.elastomer_permittivity": "about 3 for silicone rubber; iron powder raises it",
+}
+
+
 @dataclass(frozen=True)
 class Plan:
     """Decisions about a design so far, in m and F."""
@@ -388,7 +408,7 @@ class Plan:
         if self.connector is not None:
             document["connector"] = dict(self.connector)
         if self.elastomer:
-            document |= self._elastomer()
+            document |= _ELASTOMER
         return document | {
             "circuit": {
                 "capacitance_pF": float(f"{self.capacitance * 1e12:.6g}"),
@@ -397,7 +417,7 @@ class Plan:
             },
             "field": {"height_mm": 3.0},
             "fab": {"profile": self.fab},
-            "assumed": self._assumed(),
+            "assumed": _BOARD_ASSUMED | (_ELASTOMER_ASSUMED if self.elastomer else {}),
         }
 
     def _title(self) -> str:
@@ -476,30 +496,6 @@ class Plan:
                 "drill_mm": _mm(terminal),
             },
         }
-
-    def _elastomer(self) -> dict[str, Any]:
-        """Make the tables of the elastomer and its indenter."""
-        return {
-            "elastomer": [
-                {"name": "base", "thickness_mm": 3.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 60.0},
-                {"name": "magnetic", "thickness_mm": 1.0, "relative_permeability": 2.5, "youngs_modulus_kPa": 180.0},
-            ],
-            "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
-            "indentation": {"depths_mm": [0.3, 0.6]},
-        }
-
-    def _assumed(self) -> dict[str, str]:
-        """Make the reasons of the assumed values."""
-        board = "usual of a board of 1.6 mm; ask the board house for its own"
-        reasons = {"stackup.dielectric_thickness_mm": board, "stackup.dielectric_epsilon_r": "usual of FR-4"}
-        if self.elastomer:
-            reasons |= {
-                "elastomer.0.youngs_modulus_kPa": "typical of a soft silicone rubber",
-                "elastomer.1.youngs_modulus_kPa": "three times the pure rubber, as 30 % of powder makes it (Guth-Gold)",
-                "elastomer.1.relative_permeability": "typical of 30 % of iron powder",
-                "circuit.elastomer_permittivity": "about 3 for silicone rubber; iron powder raises it",
-            }
-        return reasons
 
 
 def _mm(length: float) -> float:
