@@ -70,7 +70,7 @@ _LOADED = """
 import importlib.util
 from coilarray.cli import main
 from coilarray.electromagnetics.kernels import bars, paths, sections, segments
-from coilarray.report import png, write
+from coilarray.report import page, write
 if importlib.util.find_spec("pyvista"):
     from pyvista import plotting
 """

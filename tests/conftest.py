@@ -121,7 +121,7 @@ def _closed_figures():
 @pytest.fixture
 def small_pictures(monkeypatch):
     """Draw the pictures of pages in few pixels, which takes less time."""
-    monkeypatch.setattr("coilarray.report.figures._DPI", 40)
+    monkeypatch.setattr("coilarray.report.page._DPI", 40)
 
 
 @pytest.fixture

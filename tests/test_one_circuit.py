@@ -15,8 +15,7 @@ from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.hardware.emulator.board import LIFTED
 from coilarray.hardware.emulator.sensor_world import SensorWorld
 from coilarray.hardware.scan.settings import board_network
-from coilarray.report.circuit_tables import state_table
-from coilarray.report.tables import coil_table
+from coilarray.report.tables import coil_table, state_table
 from coilarray.viz.studio.numbers import circuit_of
 from coilarray.viz.studio.switches import state_of
 

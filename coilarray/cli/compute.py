@@ -189,8 +189,7 @@ def impedance(
         sweep_range,
     )
     from coilarray.circuit.network import checked_network
-    from coilarray.report import circuit_tables
-    from coilarray.report.tables import coil_table, matrix_tables, pair_table
+    from coilarray.report import tables
 
     with shared.progress_bar("inductance matrix") as progress:
         # two coils in one place are refused here, before any circuit
@@ -206,14 +205,14 @@ def impedance(
     with shared.progress_bar(f"impedance at {frequencies.size} frequencies") as progress:
         curves = sweep_design(opened, frequencies, progress=progress)
     sweep = curves.sel(frequency=even)
-    of_sweep = circuit_tables.sweep_table(sweep)
+    of_sweep = tables.sweep_table(sweep)
     if suffix in (".nc", ".csv"):
         shared.write_numbers(out, sweep, of_sweep.csv)
     elif out is not None:
         _write_network(opened, scan, out)
     shared.draw(plot, lambda: viz.frequency_figure(curves, scan))
-    states, windings = circuit_tables.state_table(scan), circuit_tables.winding_table(scan)
-    drives, limits = circuit_tables.drive_table(scan), circuit_tables.limit_table(scan)
+    states, windings = tables.state_table(scan), tables.winding_table(scan)
+    drives, limits = tables.drive_table(scan), tables.limit_table(scan)
     close = close_channels(scan.state.values.tolist(), scan.frequency.values)
     data: dict[str, object] = {**shared.design_record(opened), "names": list(opened.array.names)}
     if as_json:
@@ -221,12 +220,12 @@ def impedance(
         data |= {
             "inductance_H": inductance.tolist(),
             "coupling": coupling.coupling.values.tolist(),
-            "coils": coil_table(opened, coupling).records(),
-            "pairs": pair_table(coupling).records(),
+            "coils": tables.coil_table(opened, coupling).records(),
+            "pairs": tables.pair_table(coupling).records(),
             **errors,
             "states": states.records(),
             "windings": windings.records(),
-            "state_currents": circuit_tables.state_current_table(scan).records(),
+            "state_currents": tables.state_current_table(scan).records(),
             "capacitance_F": scan.capacitance.values.tolist() if "capacitance" in scan else None,
             "left_out": scan.attrs["left_out"],
             "ldc1614_drive": drives.records(),
@@ -235,11 +234,11 @@ def impedance(
             "sweep": of_sweep.records(),
         }
     lines = [*shared.plate_error_lines(errors), *_limit_lines(limits, scan, opened)]
-    lines += [circuit_tables.close_line(close)] if close else []
+    lines += [tables.close_line(close)] if close else []
     lines += shared.left_out_lines(scan.attrs["left_out"])
-    matrices = matrix_tables(list(opened.array.names), inductance)
-    tables = [*matrices, states, windings, *([drives] if drives.rows else [])]
-    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=(out, plot))
+    matrices = tables.matrix_tables(list(opened.array.names), inductance)
+    shown = [*matrices, states, windings, *([drives] if drives.rows else [])]
+    shared.print_result(data, as_json=as_json, tables=shown, lines=lines, files=(out, plot))
 
 
 def _limit_lines(limits: Table, scan: xr.Dataset, design: Design) -> list[str]:
@@ -274,7 +273,7 @@ def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
 def _print_noise(design: Design, reference: list[str], *, as_json: bool) -> None:
     """Print the noise budget of a design."""
     from coilarray.circuit.noise_budget import noise_budget
-    from coilarray.report.circuit_tables import budget_lines, noise_table, sigma_table
+    from coilarray.report.tables import budget_lines, noise_table, sigma_table
 
     budget = noise_budget(design)
     if reference:
@@ -366,7 +365,7 @@ def response(
                 f"--reach must be all, auto or {LEAST_ERROR:g} to {LARGEST_ERROR:g}, an error of δ; got {reach!r}."
             )
     from coilarray.circuit.converter_limits import reading_lines
-    from coilarray.report.figures import map_outlines
+    from coilarray.report.page import map_outlines
     from coilarray.report.response_tables import path_drive_table, response_table
     from coilarray.response.dataset import coils_outside, on_board
     from coilarray.response.map import response_map
@@ -512,7 +511,7 @@ def target(
     places = [shared.lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm))]
     from coilarray.circuit.converter_limits import reading_lines
     from coilarray.compute.display_units import PER_MILLION
-    from coilarray.report.figures import map_outlines
+    from coilarray.report.page import map_outlines
     from coilarray.report.response_tables import (
         base_table,
         path_drive_table,

@@ -361,7 +361,7 @@ def calibrate(
     shared.check_workers(workers, cluster)
     from coilarray.compute.files import make_folder
     from coilarray.compute.store import open_store
-    from coilarray.report import calibration as report
+    from coilarray.report import measurement as report
     from coilarray.studies.calibrate import calibrate as fit_to
 
     if calibration is not None and not shared.is_recording(data):
@@ -426,7 +426,7 @@ def _write_calibration(found: Calibration, out: Path, data: str) -> list[Path]:
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.design.write import file_text
-    from coilarray.report.calibration import calibration_tables, write_calibration_page
+    from coilarray.report.measurement import calibration_tables, write_calibration_page
 
     written = [out / name for name in _WRITTEN]
     write_calibration_page(found.dataset, written[0], data)

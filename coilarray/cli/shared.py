@@ -503,7 +503,7 @@ def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
 def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:
     """Read a campaign's response, and coil outlines in m."""
     from coilarray.hardware.record.recording import open_recording
-    from coilarray.report.figures import map_outlines
+    from coilarray.report.page import map_outlines
 
     with open_recording(path) as recording:
         response = campaign_response(recording, calibration, partial=True)

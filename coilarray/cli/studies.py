@@ -246,7 +246,7 @@ def optimize(
         _write_template(template, derived, design)
         return
     from coilarray.compute.store import open_store
-    from coilarray.report.optimization import write_optimization_report
+    from coilarray.report.studies import write_optimization_report
     from coilarray.studies.optimize.derive import keeping_rules
     from coilarray.studies.optimize.run import (
         optimize_design,
@@ -324,7 +324,7 @@ def _print_quantities(*, as_json: bool) -> None:
 def _lines(result: Optimization) -> list[str | Table]:
     """Describe the search, and compare given and best designs."""
     from coilarray.geometry import check_rules
-    from coilarray.report.optimization import (
+    from coilarray.report.studies import (
         at_ends,
         chosen_designs,
         none_better,
@@ -424,7 +424,7 @@ def tolerance(
 
     from coilarray.compute.files import write_text
     from coilarray.compute.store import open_store
-    from coilarray.report.tables import given_table, sample_table, spread_table, yield_table
+    from coilarray.report.studies import given_table, sample_table, spread_table, yield_table
     from coilarray.studies.tolerance import analyse, check_analysis, load_tolerances, typical_text
 
     if template is not None:
@@ -464,7 +464,7 @@ def tolerance(
 
 def _numbers(result: xr.Dataset) -> dict[str, Any]:
     """Everything except the drawn boards, for JSON."""
-    from coilarray.report.tables import error_table, share_table, spread_table, yield_table
+    from coilarray.report.studies import error_table, share_table, spread_table, yield_table
 
     tables = (error_table(result), spread_table(result), share_table(result), yield_table(result))
     return {**result.attrs, **{one.name: one.records() for one in tables}}

@@ -130,7 +130,7 @@ def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
     threading.Thread(target=viz.rendering_problem, daemon=True).start()  # asks a process that takes a second
     from matplotlib.backends import backend_agg  # noqa: F401 - loaded before the first task comes
 
-    from coilarray.report import figures  # noqa: F401
+    from coilarray.report import page  # noqa: F401
 
     while True:
         try:

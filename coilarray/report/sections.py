@@ -31,7 +31,7 @@ from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import Margin, check_rules
 from coilarray.geometry.array import array_words
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, difference_from_published, published_model
-from coilarray.report import circuit_tables, figures, position, response_tables, tables
+from coilarray.report import page, position, response_tables, tables
 from coilarray.report.drawing import Drawing
 from coilarray.report.summary import position_bounds
 from coilarray.response.dataset import coils_outside, on_board, origin_of
@@ -82,19 +82,19 @@ class Results:
 
     def plot(self, plot: str, name: str, caption: str, *arguments: object, **options: Any) -> Future[list[Picture]]:
         """Draw a picture by the name of a `coilarray.viz` function."""
-        return self.draw(partial(figures.plotted, **options), plot, name, caption, *arguments)
+        return self.draw(partial(page.plotted, **options), plot, name, caption, *arguments)
 
     def maps(self, name: str, where: str, response: xr.Dataset) -> tuple[Future[list[Picture]], ...]:
         """Draw δ as maps, none for a single row."""
         if min(response.sizes["x"], response.sizes["y"]) == 1:
             return ()
         caption = f"δ of each state over the {where}, with the outlines of the coils."
-        return (self.plot("response_figure", name, caption, response, figures.map_outlines(self.design, response)),)
+        return (self.plot("response_figure", name, caption, response, page.map_outlines(self.design, response)),)
 
     @property
     def outlines(self) -> list[FloatArray]:
         """Corners of every coil's outline in m on the board."""
-        return list(figures.board_outlines(self.design).values())
+        return list(page.board_outlines(self.design).values())
 
     @cached_property
     def margins(self) -> Sequence[Margin]:
@@ -193,7 +193,7 @@ def _indentation(r: Results) -> Section | None:
         f"A rigid {setup.indenter.name} is pressed into the sheets, base: {setup.base}. {elastic}, contact without "
         "friction or adhesion. Displacements u_z are of the upper faces of the sheets on the axis. The ring is the "
         f"highest rise of the free surface.{wide if setup.sample_bounds else ''}",
-        r.draw(figures.indentation_pictures, r.design, setup.indenter, found, r.active),
+        r.draw(page.indentation_pictures, r.design, setup.indenter, found, r.active),
         response_tables.indentation_table(found),
         Details("Inputs; assumed ones are marked", (
             Group("text keys", (replace(listed, name="", rows=entering).without_empty_columns(),)),
@@ -270,16 +270,16 @@ def _field(r: Results) -> Section:
 
 def _circuit_section(r: Results) -> Section:
     scan, sweep = r.circuit.result()
-    windings, limits = circuit_tables.winding_table(scan), circuit_tables.limit_table(scan)
+    windings, limits = tables.winding_table(scan), tables.limit_table(scan)
     shown = windings.brief()
-    drives, currents = circuit_tables.drive_table(scan), circuit_tables.state_current_table(scan)
+    drives, currents = tables.drive_table(scan), tables.state_current_table(scan)
     blocks: list[Block] = [
         f"Each state of the scan plan where the converter oscillates, with {r.strays}: the circuit of the table of "
         "coils. L_eff is 1/(ω²C), which the converter takes for the inductance. R_eff and Q are of the coils without "
         f"the tank capacitor{r.beside_q}. The limits of the converter refer to Q of the whole resonator.",
-        circuit_tables.state_table(scan),
+        tables.state_table(scan),
     ]
-    if line := circuit_tables.close_line(r.close_states):
+    if line := tables.close_line(r.close_states):
         blocks.append(line)
     blocks += [shown, *_elastomer_words(shown)]
     pictured = (
@@ -298,7 +298,7 @@ def _circuit_section(r: Results) -> Section:
         blocks += [f"LDC1614: {kept}", drives, details]
     if r.several:
         blocks.append(Details("Currents in each state", (currents,)))
-    blocks.append(Details("Impedance over frequency", (circuit_tables.sweep_table(sweep),)))
+    blocks.append(Details("Impedance over frequency", (tables.sweep_table(sweep),)))
     return Section("Circuit", tuple(blocks), (windings, currents, limits, drives))
 
 
@@ -387,7 +387,7 @@ def _response(r: Results) -> Section | None:
         Group("large", r.maps(
             "response_maps", f"position of the indenter, {float(shown.depth[-1]) * 1e3:g} mm deep", shown,
         )),
-        Group("two", (r.draw(figures.response_line_pictures, shown),)),
+        Group("two", (r.draw(page.response_line_pictures, shown),)),
         response_tables.response_table(shown),
     ))  # fmt: skip
 
@@ -433,7 +433,7 @@ def _ellipse_blocks(r: Results) -> list[Block]:
         f"ellipses of two coils meet at the position.{axis} With {SEMIAXIS_ADDITION * 1e3:g}\u00a0mm added to A as in "
         f"the paper, the model of {', '.join(found.model.names)} gives a position at {len(found.found)} of the grid's "
         f"{len(found.readings)} places; the largest error of x there is {found.largest_error() * 1e3:.2f}\u00a0mm.",
-        Group("two", (r.draw(figures.ellipse_pictures, r.design, found, published),)),
+        Group("two", (r.draw(page.ellipse_pictures, r.design, found, published),)),
         r.plot("plot_x_error", "x_error", error, found.error, outlines=r.outlines),
         replace(fits, name="ellipses"),
         Details("Polynomials of δ", (position.polynomial_table(found.model, compare=compare),)),

@@ -1,18 +1,24 @@
-"""Tables of coils, pairs, design, rules, fields and tolerances."""
+"""Tables of coils, design, rules, fields, circuit, converter and noise."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
+from coilarray.circuit.converter_limits import RESISTANCE, check_channel, drive_for, with_reasons
+from coilarray.circuit.coupling import CLOSE_CHANNELS
+from coilarray.circuit.noise_budget import NoiseBudget
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import PERCENT, DisplayUnit, display_unit
+from coilarray.compute.display_units import KILOHM, PER_MILLION, PERCENT, DisplayUnit, display_unit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
+from coilarray.hardware import settle_count
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -142,120 +148,225 @@ def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
     return tables
 
 
-_MOST_SHOWN = 3  # contributors of an output in the table of spreads
-
-_PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
-    DisplayUnit(symbol, factor, 3, significant=True)
-    for symbol, factor in (("%", 100.0), ("µm", 1e6), ("mm", 1e3), ("mrad", 1e3))
-)
-# units of a tolerance file by its tables
-_FILE_UNITS = {
-    "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
-    "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
-    "capacitance": _PERCENT, "plate_distance": _MILLIMETRES, "plate_thickness": _PERCENT, "conductivity": _PERCENT,
-    "target_tilt": _MILLIRADIANS,
-}  # fmt: skip
+_ALIKE = 1e-6  # relative distance of frequencies that is only rounding
 
 
-def _significant(digits: int) -> DisplayUnit:
-    return DisplayUnit(digits=digits, significant=True)
-
-
-def spread_table(result: xr.Dataset) -> Table:
-    """Return nominal values, both spreads and largest contributors by output.
-
-    Values are in the units of the outputs' names.
-    """
-    import xarray as xr
-
-    sampled = ("sample_mean", "sample_deviation", "ratio", "ratio_error")
-    columns: dict[str, object] = {name: np.nan for name in sampled if name not in result}
-    for k, (name, text) in enumerate((("low", "2.5 %"), ("high", "97.5 %"))):
-        value = result.percentiles.isel(percentile=k, drop=True) if "percentiles" in result else xr.DataArray(np.nan)
-        columns[name] = value.assign_attrs(long_name=text)
-    largest = [_largest(result.isel(output=k)) for k in range(result.sizes["output"])]
-    columns["largest"] = ("output", largest, {"long_name": "largest shares of the linear variance"})
-    names = ("output", "nominal", "linear_deviation", *sampled, "low", "high", "largest")
-    shown = {name: _significant(3) for name in ("linear_deviation", "sample_deviation")}
-    shown |= {name: _significant(6) for name in ("nominal", "sample_mean", "low", "high")}
-    shown |= {name: DisplayUnit(digits=3) for name in ("ratio", "ratio_error")}
-    return dataset_table("spread", "Spread", result.assign(columns), names, shown)
-
-
-def share_table(result: xr.Dataset) -> Table:
-    """Return the contributors of every output, the largest first."""
-    columns = (
-        Column("output"),
-        Column("contributor"),
-        Column("effect", "effect of 1 σ", "1", _significant(3)),
-        Column("share", "share of the variance", "1", PERCENT),
+def winding_table(scan: xr.Dataset) -> Table:
+    """Return resistance and capacitance of every winding."""
+    frequency = (
+        (),
+        scan.attrs["ac_resistance_frequency_Hz"],
+        {"units": "Hz", "long_name": "frequency of the AC resistance"},
     )
-    rows: list[tuple[Value, ...]] = []
-    for k, name in enumerate(result.output.values.tolist()):
-        at = result.isel(output=k)
-        for m in _ranking(at):
-            rows.append((name, str(at.contributor.values[m]), float(at.effect[m]), float(at.share[m])))
-    return Table("shares", "Contributors", columns, tuple(rows))
-
-
-def error_table(result: xr.Dataset) -> Table:
-    """Return the contributors with distribution and, if assumed, the reason."""
-    names = ("contributor", "distribution", "deviation", "unit", "assumed")
-    return dataset_table("errors", "Errors", result, names, {"deviation": _significant(3)})
-
-
-def given_table(result: xr.Dataset) -> Table:
-    """Return the tables of a tolerance file with standard deviations."""
-    columns = (
-        Column("table", "error"), Column("distribution"), Column("board_deviation", "σ of the board", "1"),
-        Column("layer_deviation", "σ of a layer", "1"), Column("unit"), Column("assumed"),
+    names = (
+        "coil", "ac_resistance_frequency", "ac_resistance", "resistance_model", "winding_capacitance",
+        "self_resonance", "bare_winding_capacitance", "elastomer_delta", "dent_delta_bound",
     )  # fmt: skip
-    rows: list[tuple[Value, ...]] = []
-    tables, parts = result.table.values, result.part.values
-    names = list(dict.fromkeys(tables.tolist()))
-    for name in names:
-        there = np.flatnonzero(tables == name)
-        of_part: list[Value] = []
-        for part in ("board", "layer"):
-            found = [k for k in there if parts[k] == part]
-            of_part.append(float(result.deviation[found[0]]) if found else "")
-        first = result.isel(contributor=there[0])
-        rows.append((name, str(first.distribution.values), *of_part, str(first.unit.values), str(first.assumed.values)))
-    return Table("given", "Errors", columns, tuple(rows), tuple(_FILE_UNITS[name] for name in names))
+    shown = dict.fromkeys(("elastomer_delta", "dent_delta_bound"), PER_MILLION)
+    scan = scan.assign(ac_resistance_frequency=frequency)
+    return dataset_table("windings", "Windings", scan, [name for name in names if name in scan], shown)
 
 
-def yield_table(result: xr.Dataset) -> Table:
-    """Return the share of good boards by limit and overall.
-
-    In the linear model every board can be made. Among the drawn boards, a board that cannot be made
-    is bad.
-    """
-    if "limit" not in result.dims:
-        return Table("yield", "Yield", (), ())
-    names = ("linear_yield", "sample_yield", "sample_yield_low", "sample_yield_high")
-    known = result.assign({name: np.nan for name in names if name not in result})
-    return dataset_table("yield", "Yield", known, ("limit", *names), dict.fromkeys(names, PERCENT))
+def state_table(scan: xr.Dataset) -> Table:
+    """Return all states of the scan, where the converter oscillates."""
+    names = (
+        "state", "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
+        "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
+    )  # fmt: skip
+    scan, read = with_reasons(scan)
+    return dataset_table("states", "States", scan, (*names, *read), {"parallel_resistance": KILOHM})
 
 
-def sample_table(result: xr.Dataset) -> Table:
-    """Return errors, outputs and failure of the drawn boards."""
-    units = zip(result.contributor.values.tolist(), result.unit.values.tolist(), strict=True)
-    columns = (
-        *(Column(name if unit == "1" else f"{name} ({unit})") for name, unit in units),
-        *map(Column, result.output.values.tolist()),
-        Column("failure"),
+def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
+    """Describe states with close frequencies, from `close_channels`."""
+    if not pairs:
+        return ""
+    one, other, distance = pairs[0]
+    closest = "even alike" if distance < _ALIKE else f"the closest with {100 * distance:.2g} %"
+    which = f"{len(pairs)} pairs of states are closer" if len(pairs) > 1 else "one pair of states is closer"
+    return (
+        "The converter measures one state after another, so that states may have equal frequencies. Only if several "
+        f"converters measured at the same time would they need {100 * CLOSE_CHANNELS:g} % between them; {which}, "
+        f"{one} and {other} {closest}."
     )
-    boards = zip(result.error.values.tolist(), result.value.values.tolist(), result.failure.values, strict=True)
-    rows = tuple((*errors, *map(cell, values), str(failure)) for errors, values, failure in boards)
-    return Table("samples", "Boards", columns, rows)
 
 
-def _largest(at: xr.Dataset) -> str:
-    """Name the largest contributors of an output with their shares."""
-    shown = [(str(at.contributor.values[m]), float(at.share[m])) for m in _ranking(at)[:_MOST_SHOWN]]
-    return "; ".join(f"{name} {share * 100:.0f} %" for name, share in shown if share >= 0.005)
+def state_current_table(scan: xr.Dataset) -> Table:
+    """Return one row for each state and coil."""
+    names = ("state", "coil", "current_real", "current_imag")
+    return dataset_table("state_currents", "Currents in each state", scan, names)
 
 
-def _ranking(at: xr.Dataset) -> list[int]:
-    """Order the contributors of one output from the largest."""
-    return [int(m) for m in np.argsort(-at.share.values, kind="stable")]
+def limit_table(scan: xr.Dataset) -> Table:
+    """Return the limits of an LDC1614 for every state."""
+    four = DisplayUnit(digits=4)
+    columns = (
+        *map(Column, ("state", "limit")),
+        *(Column(name, label, "1", four) for name, label in (("value", "value"), ("low", "from"), ("high", "to"))),
+        Column("kept"),
+    )
+    rows = tuple(
+        (state, limit.name, limit.value, limit.low, cell(limit.high), limit.kept)
+        for state, *resonator in _resonators(scan)
+        for limit in check_channel(*resonator)
+    )
+    return Table("ldc1614", "LDC1614", columns, rows, mark="no")
+
+
+def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
+    """State, frequency, R_p, Q and self-resonance of all resonators."""
+    if "readable" not in scan:
+        return []
+    names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
+    values = [scan[name].values.tolist() for name in names]
+    return list(zip(scan.state.values.tolist(), *values, strict=True))
+
+
+def drive_table(scan: xr.Dataset) -> Table:
+    """Return the LDC1614's drive and least settling count by state."""
+    columns = (
+        Column("state"),
+        Column("idrive_code", "IDRIVE"),
+        Column("drive_current", unit="A"),
+        Column("amplitude", "peak amplitude", "V"),
+        Column("settle_count", "SETTLECOUNT, at least", "1"),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for state, f, R_p, Q, _ in _resonators(scan):
+        drive = drive_for(R_p) if RESISTANCE[0] <= R_p <= RESISTANCE[1] else None
+        setting = ("none fits", "", "") if drive is None else (str(drive.code), drive.current, drive.amplitude)
+        rows.append((state, *setting, settle_count(f, Q)))
+    return Table("ldc1614_drive", "Drive of the LDC1614", columns, tuple(rows))
+
+
+def sweep_table(sweep: xr.Dataset) -> Table:
+    """Return one row for each frequency and state."""
+    names = ("frequency", "state", "impedance_real", "impedance_imag", "apparent_inductance", "quality_factor")
+    return dataset_table("sweep", "Impedance over frequency", sweep, names)
+
+
+_NOISE = DisplayUnit("10⁻⁶", 1e6, 3, significant=True)
+_DRIFT = DisplayUnit("10⁻⁶/K", 1e6, 3, significant=True)
+
+
+def noise_table(budget: NoiseBudget) -> Table:
+    """Return the causes of noise with worst states, and totals."""
+    columns = (
+        Column("cause"),
+        Column("scan_noise", "noise of a scan", "1", _NOISE),
+        Column("drift", "drift", "1/K", _DRIFT),
+        Column("change", "since L_0", "1", _NOISE),
+        Column("coils", "coils"),
+        Column("size", "size"),
+        Column("source", "source"),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            cause.name, *(_largest_value(values) for values in (cause.noise, cause.drift, np.abs(cause.change))),
+            "common" if cause.common else "each", cause.size, cause.source,
+        )
+        for cause in budget.causes
+    ]  # fmt: skip
+    changes = np.sqrt(np.sum([cause.change**2 for cause in budget.causes], axis=0))
+    rows.append(("all in quadrature", *map(_largest_value, (budget.scan_noise, budget.drift, changes)), "", "", ""))
+    return Table("causes", "Noise and drift of L, relative", columns, tuple(rows))
+
+
+def sigma_table(budget: NoiseBudget) -> Table:
+    """Return noise, drift and σ of δ by state."""
+    columns = (
+        Column("state"),
+        Column("noise", "noise of δ", "1", _NOISE),
+        Column("drift", "drift of δ", "1/K", _DRIFT),
+        Column("sigma", "σ of δ", "1", _NOISE),
+        *([Column("readable")] if budget.unread else []),
+    )
+    values = [budget.noise.tolist(), budget.drift.tolist(), budget.sigma.tolist()]
+    if budget.unread:
+        values.append([name not in budget.unread for name in budget.states])
+    return Table("sigma", "δ of a reading", columns, tuple(zip(budget.states, *values, strict=True)))
+
+
+def budget_lines(budget: NoiseBudget) -> list[str]:
+    """Describe the settings of a budget and its unverified parts."""
+    readout, assumed = budget.readout, [cause.name for cause in budget.causes if cause.size == "assumed"]
+    lines = [
+        f"RCOUNT {readout.rcount}, {readout.conversion_time * 1e3:.3g} ms at {readout.reference * 1e-6:.4g} MHz; plain "
+        f"counting would resolve {readout.counting_limit:.2g} of f, the resolution above is finer",
+        f"σ of δ: {readout.averaged_scans} of a reading and {readout.baseline_scans} scans of L_0, and what changes "
+        f"from L_0 to the reading by {readout.temperature_change:g} K and {readout.supply_change * 1e3:g} mV",
+    ]
+    if budget.reference:
+        lines.append(f"less the mean δ of {', '.join(budget.reference)}, which must not be pressed")
+    if budget.unread:
+        lines.append(f"no LDC1614 can read {', '.join(budget.unread)}, whose noise is of no use: coilarray impedance")
+    if assumed:
+        lines.append(f"assumed, not verified on a board: {', '.join(assumed)}; change them in [readout]")
+    return lines
+
+
+def stability_table(found: xr.Dataset) -> Table:
+    """Return measured noise and drift by state, beside the budget."""
+    columns = (
+        Column("state"),
+        Column("scan_noise", "noise of a scan", "1", _NOISE),
+        Column("expected", "budget", "1", _NOISE),
+        Column("least", "least deviation", "1", _NOISE),
+        Column("least_tau", "averaged over", "s", DisplayUnit("s", 1.0, 3, significant=True)),
+        Column("drift", "drift", "1/s", DisplayUnit("10⁻⁶/h", 3.6e9, 3, significant=True)),
+        Column("drift_error", "± drift", "1/s", DisplayUnit("10⁻⁶/h", 3.6e9, 2, significant=True)),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for name in found.state.values.tolist():
+        one = found.sel(state=name)
+        least = int(np.nanargmin(one.deviation.values))
+        shown = (one.scan_noise, one.expected, one.deviation[least], one.tau[least])
+        numbers = [float(value) for value in (*shown, one.drift, one.drift_error)]
+        rows.append((name, *("" if math.isnan(value) else value for value in numbers)))
+    return Table("stability", "Noise and drift of δ at rest", columns, tuple(rows))
+
+
+def allan_table(found: xr.Dataset) -> Table:
+    """Return Allan deviations by state and averaging time."""
+    columns = (
+        Column("state"),
+        Column("tau", "averaged over", "s", DisplayUnit("s", 1.0, 4, significant=True)),
+        Column("deviation", "", "1", _NOISE),
+    )
+    rows = [
+        (name, float(tau), float(found.deviation.sel(state=name, tau=tau)))
+        for name in found.state.values.tolist()
+        for tau in found.tau.values
+        if np.isfinite(found.deviation.sel(state=name, tau=tau))
+    ]
+    return Table("allan", "Allan deviation of δ", columns, tuple(rows))
+
+
+def averages_table(found: xr.Dataset) -> Table:
+    """Return Allan deviations over all states by averaging time."""
+    columns = (
+        Column("tau", "averaged over", "s", DisplayUnit("s", 1.0, 4, significant=True)),
+        *(Column(name, f"{name} coil", "1", _NOISE) for name in ("least", "median", "largest")),
+        Column("expected", "budget, white", "1", _NOISE),
+    )
+    expected, first = float(found.expected.median()), float(found.tau[0])
+    rows = []
+    for tau in found.tau.values.tolist():
+        values = found.deviation.sel(tau=tau).values
+        white = expected * math.sqrt(first / tau)
+        shown = (np.nanmin(values), np.nanmedian(values), np.nanmax(values), white)
+        rows.append((tau, *("" if math.isnan(value) else float(value) for value in shown)))
+    return Table("averages", "Allan deviation of δ", columns, tuple(rows))
+
+
+def stability_lines(found: xr.Dataset) -> list[str]:
+    """Describe the measuring time and compare noise and budget."""
+    lines = [f"{found.attrs['scans']} scans, one every {found.attrs['period']:.4g} s"]
+    ratio = (found.scan_noise / found.expected).values
+    if np.isfinite(ratio).any():
+        lines.append(f"noise of a scan over that of the budget: {np.nanmin(ratio):.2f} to {np.nanmax(ratio):.2f}")
+    return lines
+
+
+def _largest_value(values: FloatArray) -> float:
+    return float(values[np.abs(values).argmax()])

@@ -20,9 +20,8 @@ from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, LocalizeError, OutputError
 from coilarray.geometry.array import array_words
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
-from coilarray.report import circuit_tables, figures, position
+from coilarray.report import page, position, tables
 from coilarray.report.drawing import drawing_beside
-from coilarray.report.page import html_page, now, provenance_section
 from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, both_planes, lead, model_words
 from coilarray.report.summary import summary_table, verdicts
 from coilarray.response.dataset import coils_outside
@@ -119,8 +118,8 @@ def write_report(
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:
         results = Results(file, distortion, drawing, beside)
-        board = results.draw(figures.board_picture, design)
-        scene, problem = drawing.submit(figures.board_page, design), drawing.submit(viz.rendering_problem)
+        board = results.draw(page.board_picture, design)
+        scene, problem = drawing.submit(page.board_page, design), drawing.submit(viz.rendering_problem)
         for done, (title, make) in enumerate(SECTIONS.items(), start=1):
             try:
                 section = make(results)
@@ -142,17 +141,17 @@ def write_report(
         all_tables = {summary.name: summary}
         for section in sections:
             all_tables |= section.tables()
-        made_with = {**provenance(design), "date": now()}
+        made_with = {**provenance(design), "date": page.now()}
         data = _data(results, broken, made_with) | {table.name: table.records() for table in all_tables.values()}
         texts = {f"{table.name}.csv": table.csv() for table in all_tables.values()}
         texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
         contents = {name: netcdf_of(found) for name, found in _datasets(results).items() if found is not None}
         drawing.finish()
     # everything that can fail on the numbers comes before the first file
-    page = html_page(
+    html = page.html_page(
         design.title or design.name,
         [*lead(results), *map(Warn, broken), Group("summary", (summary.brief(),))],
-        [*sections, provenance_section(made_with, model_words(design, results))],
+        [*sections, page.provenance_section(made_with, model_words(design, results))],
         title=f"{design.title or design.name} – {'coupling ' if results.several else ''}report",
         top=[board],
         scene=scene.result(),
@@ -164,7 +163,7 @@ def write_report(
         write_text(data_folder / name, text)
     for name, content in contents.items():
         write_bytes(data_folder / f"{name}.nc", content)
-    write_text(target, page)
+    write_text(target, html)
     if progress is not None:
         progress(len(SECTIONS) + 1, len(SECTIONS) + 1)
     return Report(
@@ -190,7 +189,7 @@ def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str,
         "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
         "left_out": coupling.attrs["left_out"],
         "close_channels": [{"states": [a, b], "relative_distance": distance} for a, b, distance in r.close_states],
-        "close_channels_line": circuit_tables.close_line(r.close_states),
+        "close_channels_line": tables.close_line(r.close_states),
         "indentation_problem": indentation,
         "coils_outside_map": [] if r.shown_or_none is None else coils_outside(r.shown_or_none),
         "position_problem": r.problems.get("Position", ""),

@@ -35,9 +35,9 @@ from coilarray.geometry import Plate
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.localize.inverse import locate
-from coilarray.report.circuit_tables import drive_table, limit_table, sigma_table
 from coilarray.report.response_tables import path_drive_table, range_table, target_table
 from coilarray.report.summary import unread_words, verdicts
+from coilarray.report.tables import drive_table, limit_table, sigma_table
 from coilarray.response.target import ranges_of, target_map
 from coilarray.studies.create import broken_limits
 from coilarray.studies.optimize.derive import derive_goal, keeping_rules

@@ -16,7 +16,7 @@ from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware.record.recorded_response import recorded_response
 from coilarray.hardware.record.recording import open_recording
 from coilarray.paper.ellipse_model import published_map
-from coilarray.report.comparison import scale_table
+from coilarray.report.measurement import scale_table
 from coilarray.studies.comparison import compare_responses
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures", "no_noisy_copies")]

@@ -9,7 +9,7 @@ from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
 from coilarray.geometry import check_rules
-from coilarray.report.optimization import write_optimization_report
+from coilarray.report.studies import write_optimization_report
 from coilarray.studies.optimize import run as optimize_run
 from coilarray.studies.quantities import QUANTITIES, evaluate
 
@@ -45,9 +45,9 @@ polish = 6
 
 @pytest.fixture(autouse=True)
 def _cheap_goal(own_folder, own_store, small_pictures, monkeypatch):
-    monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits take long
+    monkeypatch.setattr("coilarray.report.studies._CHEAP", ("geometry",))  # circuits take long
     # the page takes longer than the search; one test here writes it
-    monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", lambda _, out: out / "report.html")
+    monkeypatch.setattr("coilarray.report.studies.write_optimization_report", lambda _, out: out / "report.html")
     Path("goal.toml").write_text(GOAL, encoding="utf-8")
     Path("wrong.toml").write_text(GOAL.replace("pitch_mm", "pich_mm"), encoding="utf-8")
 
@@ -75,7 +75,7 @@ def none_found(capsys, *arguments, goal):
 
 
 def test_the_whole_of_it(capsys, monkeypatch):
-    monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", write_optimization_report)
+    monkeypatch.setattr("coilarray.report.studies.write_optimization_report", write_optimization_report)
     out = found(capsys, "--out", "found")
     assert [line.removeprefix("wrote ") for line in out.splitlines() if line.startswith("wrote ")] == [
         str(Path("found", name)) for name in ("trials.csv", "result.json", "best.toml", "report.html")
@@ -95,7 +95,7 @@ def test_the_whole_of_it(capsys, monkeypatch):
     assert float(rows["board_area_mm2"][3]) == pytest.approx(best["board_area_mm2"], rel=1e-4)  # of five digits
     assert rows["covered_mm2"][:3] == ["mm²", "≥", "500"]
     # the same command again changes nothing and says so
-    monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", lambda _, out: out / "report.html")
+    monkeypatch.setattr("coilarray.report.studies.write_optimization_report", lambda _, out: out / "report.html")
     code, again, err = run(capsys, "starter", "goal.toml", "--out", "found", "--workers", "1")
     assert (code, again) == (0, out)
     assert err == f"coilarray: going on with {len(trials) - 1} points of an earlier run in found\n"

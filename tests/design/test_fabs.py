@@ -320,7 +320,7 @@ def test_the_table_shows_millimetres_and_numbers_and_files_keep_si():
 @pytest.mark.slow
 def test_a_report_names_the_profile_and_its_sources(tmp_path, monkeypatch):
     monkeypatch.setenv("COILARRAY_THREADS", "1")  # pictures would be drawn in this process
-    monkeypatch.setattr("coilarray.report.figures.png_of", lambda drawn: b"a picture")
+    monkeypatch.setattr("coilarray.report.page.png_of", lambda drawn: b"a picture")
     monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
     stated = load_profile("multi-cb-35um")
     design = parse_design_file("""

@@ -56,9 +56,9 @@ def written_report(design, folder, *, drawn=False, **options):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process
         patch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
-        patch.setattr("coilarray.report.figures._DPI", 40)
+        patch.setattr("coilarray.report.page._DPI", 40)
         if not drawn:
-            patch.setattr("coilarray.report.figures.png_of", lambda drawn: b"a picture")
+            patch.setattr("coilarray.report.page.png_of", lambda drawn: b"a picture")
         patch.setattr("coilarray.report.sections._SWEEP_POINTS", 8)
         return write_report(design, folder, **options)
 

@@ -9,7 +9,7 @@ from support.plot_results import calibration
 
 from coilarray.errors import OutputError
 from coilarray.paper.ellipse_model import published_model, undetermined_levels
-from coilarray.report.calibration import (
+from coilarray.report.measurement import (
     calibration_notes,
     calibration_tables,
     correlation_table,

@@ -11,7 +11,7 @@ from support.localize_boards import ROW, bells, response
 
 import coilarray.studies.comparison
 from coilarray.errors import OutputError
-from coilarray.report.comparison import (
+from coilarray.report.measurement import (
     comparison_notes,
     comparison_tables,
     curve_table,

@@ -14,7 +14,7 @@ from support.optimize_points import StandIn
 from support.patience import PATIENCE
 
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.report.optimization import none_better
+from coilarray.report.studies import none_better
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
 from coilarray.studies.optimize.goal import better_than
 from coilarray.studies.optimize.run import FILE, read_studies, study_name

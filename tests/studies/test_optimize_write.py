@@ -9,7 +9,7 @@ import pytest
 from support.optimize_points import StandIn
 
 from coilarray.design.model import build_design_file, load_design_file, parse_design_file
-from coilarray.report.optimization import write_optimization_report
+from coilarray.report.studies import write_optimization_report
 from coilarray.studies.optimize import optimize_with, parse_goal, write_optimization
 from coilarray.studies.optimize.run import result_data, trial_text
 from coilarray.studies.quantities import evaluate
@@ -134,7 +134,7 @@ def test_what_was_chosen_is_not_assumed(single):
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_pictures")
 def test_page(single, double, tmp_path, monkeypatch):
-    monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits of six designs take long
+    monkeypatch.setattr("coilarray.report.studies._CHEAP", ("geometry",))  # circuits of six designs take long
     pages = [write_optimization_report(result, tmp_path).read_text(encoding="utf-8") for result in (single, double)]
     for page in pages:
         assert "http" not in re.sub(r"<[^>]*>", "", page)

@@ -19,7 +19,7 @@ from support.plot_results import legend
 from coilarray import viz
 from coilarray.errors import GeometryError
 from coilarray.geometry.copper import copper_features, drills
-from coilarray.report.figures import png_of
+from coilarray.report.page import png_of
 from coilarray.viz.palette import COILS
 from coilarray.viz.plots import style
 

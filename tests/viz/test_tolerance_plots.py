@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from support.tolerance_boards import loops
 
-from coilarray.report import tables
+from coilarray.report import studies as tables
 from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
 from coilarray.viz.plots.studies import tolerance_figure
 

@@ -188,7 +188,7 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.stability import stability
     from coilarray.hardware.scan.settings import board_budget
-    from coilarray.report.circuit_tables import (
+    from coilarray.report.tables import (
         allan_table,
         averages_table,
         budget_lines,
@@ -406,7 +406,7 @@ def compare(
     if calibration is not None and not shared.is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is not one.")
     from coilarray.compute.files import make_folder
-    from coilarray.report.comparison import comparison_notes, comparison_tables
+    from coilarray.report.measurement import comparison_notes, comparison_tables
     from coilarray.response.dataset import in_ellipse_window
     from coilarray.studies.comparison import compare_responses
 
@@ -473,7 +473,7 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     """
     from coilarray.errors import ElastomerError
     from coilarray.hardware.scan.settings import board_network
-    from coilarray.report.figures import map_outlines
+    from coilarray.report.page import map_outlines
     from coilarray.response.map import Imperfections, respond, response_map
     from coilarray.response.setup import indentation_of
 
@@ -516,7 +516,7 @@ def _write_comparison(
     """Write the page, or a folder with numbers and tables."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
-    from coilarray.report.comparison import comparison_tables, write_comparison_page
+    from coilarray.report.measurement import comparison_tables, write_comparison_page
 
     if _is_page(out):
         write_comparison_page(result, out, names, outlines)

@@ -10,7 +10,7 @@ import numpy as np
 
 import coilarray as ca
 from coilarray.localize.identifiability import identifiability
-from coilarray.report.figures import map_outlines
+from coilarray.report.page import map_outlines
 from coilarray.viz import identifiability_figure
 
 design = ca.load_design("gast2020")

@@ -1,4 +1,4 @@
-"""Page of an optimisation: before and after, convergence, Pareto front."""
+"""Page of an optimisation, and tables of tolerances."""
 
 from __future__ import annotations
 
@@ -10,28 +10,31 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from coilarray.circuit.coupling import provenance
-from coilarray.compute.display_units import true_minus, value_text
+from coilarray.compute.display_units import PERCENT, DisplayUnit, true_minus, value_text
 from coilarray.compute.files import make_folder, write_text
-from coilarray.compute.table import Column, Details, Group, Picture, Section, Table, Warn
+from coilarray.compute.table import Column, Details, Group, Picture, Section, Table, Value, Warn, cell, dataset_table
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
-from coilarray.report.figures import draw
-from coilarray.report.page import html_page, now, provenance_section
+from coilarray.report.page import draw, html_page, now, provenance_section
 from coilarray.studies.optimize.goal import Axis, Objective, Trial
 from coilarray.studies.optimize.run import Optimization, design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.viz import boards_figure, plot_convergence, plot_front
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+
 _CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page always shows
 _MOST_REASONS = 5
 _MOST_BEST = 20
-_DIGITS = re.compile(r"\d+")
+_NUMBERS = re.compile(r"\d+")
 _MOST_FRONTS = 3  # pictures of pairs of objectives
 
 
@@ -252,8 +255,8 @@ def trial_table(result: Optimization) -> Table:
 def reason_table(result: Optimization) -> Table:
     """Return the reasons for invalid points, the most frequent first."""
     reasons = [trial.reason for trial in result.trials if trial.reason]
-    kinds = Counter(_DIGITS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
-    example = {_DIGITS.sub("#", reason): reason for reason in reversed(reasons)}
+    kinds = Counter(_NUMBERS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
+    example = {_NUMBERS.sub("#", reason): reason for reason in reversed(reasons)}
     columns = (Column("reason", "for example"), Column("points", unit="1"))
     rows = tuple((example[kind], count) for kind, count in kinds.most_common(_MOST_REASONS))
     return Table("reasons", "Points that give no design", columns, rows)
@@ -340,3 +343,122 @@ def _allowed(axis: Axis) -> str:
 
 def _shown(value: Any) -> str:
     return true_minus(f"{value:.5g}") if isinstance(value, float) else value_text(value)
+
+
+_MOST_SHOWN = 3  # contributors of an output in the table of spreads
+
+_PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
+    DisplayUnit(symbol, factor, 3, significant=True)
+    for symbol, factor in (("%", 100.0), ("µm", 1e6), ("mm", 1e3), ("mrad", 1e3))
+)
+# units of a tolerance file by its tables
+_FILE_UNITS = {
+    "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
+    "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
+    "capacitance": _PERCENT, "plate_distance": _MILLIMETRES, "plate_thickness": _PERCENT, "conductivity": _PERCENT,
+    "target_tilt": _MILLIRADIANS,
+}  # fmt: skip
+
+
+def _significant(digits: int) -> DisplayUnit:
+    return DisplayUnit(digits=digits, significant=True)
+
+
+def spread_table(result: xr.Dataset) -> Table:
+    """Return nominal values, both spreads and largest contributors by output.
+
+    Values are in the units of the outputs' names.
+    """
+    import xarray as xr
+
+    sampled = ("sample_mean", "sample_deviation", "ratio", "ratio_error")
+    columns: dict[str, object] = {name: np.nan for name in sampled if name not in result}
+    for k, (name, text) in enumerate((("low", "2.5 %"), ("high", "97.5 %"))):
+        value = result.percentiles.isel(percentile=k, drop=True) if "percentiles" in result else xr.DataArray(np.nan)
+        columns[name] = value.assign_attrs(long_name=text)
+    largest = [_largest(result.isel(output=k)) for k in range(result.sizes["output"])]
+    columns["largest"] = ("output", largest, {"long_name": "largest shares of the linear variance"})
+    names = ("output", "nominal", "linear_deviation", *sampled, "low", "high", "largest")
+    shown = {name: _significant(3) for name in ("linear_deviation", "sample_deviation")}
+    shown |= {name: _significant(6) for name in ("nominal", "sample_mean", "low", "high")}
+    shown |= {name: DisplayUnit(digits=3) for name in ("ratio", "ratio_error")}
+    return dataset_table("spread", "Spread", result.assign(columns), names, shown)
+
+
+def share_table(result: xr.Dataset) -> Table:
+    """Return the contributors of every output, the largest first."""
+    columns = (
+        Column("output"),
+        Column("contributor"),
+        Column("effect", "effect of 1 σ", "1", _significant(3)),
+        Column("share", "share of the variance", "1", PERCENT),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for k, name in enumerate(result.output.values.tolist()):
+        at = result.isel(output=k)
+        for m in _ranking(at):
+            rows.append((name, str(at.contributor.values[m]), float(at.effect[m]), float(at.share[m])))
+    return Table("shares", "Contributors", columns, tuple(rows))
+
+
+def error_table(result: xr.Dataset) -> Table:
+    """Return the contributors with distribution and, if assumed, the reason."""
+    names = ("contributor", "distribution", "deviation", "unit", "assumed")
+    return dataset_table("errors", "Errors", result, names, {"deviation": _significant(3)})
+
+
+def given_table(result: xr.Dataset) -> Table:
+    """Return the tables of a tolerance file with standard deviations."""
+    columns = (
+        Column("table", "error"), Column("distribution"), Column("board_deviation", "σ of the board", "1"),
+        Column("layer_deviation", "σ of a layer", "1"), Column("unit"), Column("assumed"),
+    )  # fmt: skip
+    rows: list[tuple[Value, ...]] = []
+    tables, parts = result.table.values, result.part.values
+    names = list(dict.fromkeys(tables.tolist()))
+    for name in names:
+        there = np.flatnonzero(tables == name)
+        of_part: list[Value] = []
+        for part in ("board", "layer"):
+            found = [k for k in there if parts[k] == part]
+            of_part.append(float(result.deviation[found[0]]) if found else "")
+        first = result.isel(contributor=there[0])
+        rows.append((name, str(first.distribution.values), *of_part, str(first.unit.values), str(first.assumed.values)))
+    return Table("given", "Errors", columns, tuple(rows), tuple(_FILE_UNITS[name] for name in names))
+
+
+def yield_table(result: xr.Dataset) -> Table:
+    """Return the share of good boards by limit and overall.
+
+    In the linear model every board can be made. Among the drawn boards, a board that cannot be made
+    is bad.
+    """
+    if "limit" not in result.dims:
+        return Table("yield", "Yield", (), ())
+    names = ("linear_yield", "sample_yield", "sample_yield_low", "sample_yield_high")
+    known = result.assign({name: np.nan for name in names if name not in result})
+    return dataset_table("yield", "Yield", known, ("limit", *names), dict.fromkeys(names, PERCENT))
+
+
+def sample_table(result: xr.Dataset) -> Table:
+    """Return errors, outputs and failure of the drawn boards."""
+    units = zip(result.contributor.values.tolist(), result.unit.values.tolist(), strict=True)
+    columns = (
+        *(Column(name if unit == "1" else f"{name} ({unit})") for name, unit in units),
+        *map(Column, result.output.values.tolist()),
+        Column("failure"),
+    )
+    boards = zip(result.error.values.tolist(), result.value.values.tolist(), result.failure.values, strict=True)
+    rows = tuple((*errors, *map(cell, values), str(failure)) for errors, values, failure in boards)
+    return Table("samples", "Boards", columns, rows)
+
+
+def _largest(at: xr.Dataset) -> str:
+    """Name the largest contributors of an output with their shares."""
+    shown = [(str(at.contributor.values[m]), float(at.share[m])) for m in _ranking(at)[:_MOST_SHOWN]]
+    return "; ".join(f"{name} {share * 100:.0f} %" for name, share in shown if share >= 0.005)
+
+
+def _ranking(at: xr.Dataset) -> list[int]:
+    """Order the contributors of one output from the largest."""
+    return [int(m) for m in np.argsort(-at.share.values, kind="stable")]
