@@ -34,10 +34,10 @@ _FLATTEST = 2e-10  # m: an arc of less height is straight, below the resolution 
 
 
 def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERROR) -> FloatArray:
-    """Points in m on an arc, ends included, shape (n >= 2, 2).
+    """Points (n >= 2, 2) in m on an arc, ends included.
 
-    `middle` lies anywhere on the arc. Three points on a line give the line. Equal ends give the
-    whole circle, with `middle` opposite. The pieces are at most `error` (m) from the arc.
+    `middle` lies anywhere on the arc. Three points on a line give the line. Equal ends give the whole
+    circle, with `middle` opposite. The pieces are at most `error` (m) from the arc.
 
     The inner points lie slightly outside the arc, so that pieces and arc enclose the same area with
     the centre: with n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc
@@ -61,18 +61,18 @@ def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERR
 
 
 def _inner_ratio(pieces: int, angle: float) -> float:
-    """Radius of the inner points over the arc's, the positive root in `arc_points`."""
+    """Radius of the inner points of `arc_points` over the arc's."""
     inside, area = pieces - 2, pieces * angle / math.sin(angle)
     return (math.sqrt(1 + inside * area) - 1) / inside
 
 
 def _chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
-    """Angle in rad of a chord with sagitta `error` (m), above 0 also for the largest radius."""
+    """Angle in rad of a chord with sagitta `error`, above 0."""
     return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
 
 
 def _arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
-    """Points of `arc_points` in m, in `count` equal pieces, at least 3."""
+    """Points of `arc_points` in m, in `count` ≥ 3 equal pieces."""
     centre = arc_centre(start, middle, end)
     if centre is None:
         return np.array([start, end])
@@ -86,7 +86,7 @@ def _arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArr
 
 
 def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
-    """Radius in m and counter-clockwise angle in rad of an arc, inf and 0 for a line."""
+    """Radius in m and anticlockwise angle in rad, inf and 0 for a line."""
     centre = arc_centre(start, middle, end)
     if centre is None:
         return math.inf, 0.0
@@ -146,8 +146,7 @@ def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
 def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: float = 0.0) -> tuple[FloatArray, IntArray]:
     """Replace arcs of a line (n, 2) in m by larger pieces.
 
-    `step` is the largest angle of a piece in rad. Arcs with a radius up to `small` (m) have as few
-    pieces as possible.
+    `step` is the largest angle of a piece in rad. Arcs of radii up to `small` (m) have three pieces.
     """
     points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
     for arc in arcs:

@@ -94,7 +94,7 @@ class Placement:
         return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
-        """Transform points (n, 2) of the coil in m to the board."""
+        """Transform points (n, 2) in m of the coil to the board."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
 
@@ -103,19 +103,13 @@ class Placement:
         return replace(self, x=0.0, y=0.0, rotation=0.0)
 
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
-        """Yield each line on the board, its widths and layer.
-
-        A line has the shape (n, 2), its widths the shape (n − 1,), both in m.
-        """
+        """Yield lines (n, 2) on the board, widths (n − 1,) in m, and layers."""
         for line, widths, layer in zip(self.coil.lines, self.coil.widths, self.layers, strict=True):
             yield self.to_board(line), widths, layer
 
 
 LatticeKind = Literal["single", "linear", "square", "hexagonal", "triangle", "rings"]
-"""Kind of lattice: one coil, a row, aligned rows, rows shifted by half a pitch, a triangle of such rows, or rings.
-
-The rows of a triangle are each shorter by one coil. The rings are hexagons about one coil.
-"""
+"""Kind of lattice, as in `Lattice`."""
 
 
 @dataclass(frozen=True)
@@ -291,34 +285,13 @@ class Array(SeveralCoils):
         board_margin: float = 2e-3,
         through_holes: bool = True,
     ) -> Array:
-        """Place equal coils in a row along x.
+        """Place `count` equal coils, coil1, coil2, …, in a row along x.
 
-        Coils that overlap have copper layers of their own: every second, third, … coil uses the
-        same layers.
-
-        Parameters
-        ----------
-        coil : Spiral, RoundedSpiral or Coil
-            Shape of the coils.
-        count : int
-            Number of coils.
-        pitch : float, optional
-            Distance of neighbours in m. One coil has none.
-        stackup : Stackup, optional
-            The board's layers. By default those of the coil, or `Stackup.usual` with as many as are
-            needed.
-        board_margin, through_holes
-            As in `Array`.
-
-        Returns
-        -------
-        Array
-            The array, with coils named coil1, coil2, …
-
-        Raises
-        ------
-        GeometryError
-            As `lattice_array`, or if the board has too few layers for coils that overlap.
+        The `pitch` is the distance of neighbours in m, None for one coil. Coils that overlap have
+        copper layers of their own: every second, third, … coil uses the same layers. The default
+        `stackup` is the stack-up of the coil, or `Stackup.usual` with as many layers as are needed.
+        `board_margin` and `through_holes` are as in `Array`. Raises GeometryError as
+        `lattice_array`, or if the board has too few layers for coils that overlap.
 
         Examples
         --------
@@ -373,10 +346,7 @@ class Array(SeveralCoils):
 
     @property
     def neighbours(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of nearest coils, by their numbers.
-
-        Their distance is the smallest distance of any two coils, to within a hundredth.
-        """
+        """Pairs of coils at the least distance, to within a hundredth."""
         one, other = np.triu_indices(len(self.placements), 1)
         near = np.hypot(*(self.centres[one] - self.centres[other]).T) <= _NEAREST * self.least_distance
         return tuple(zip(one[near].tolist(), other[near].tolist(), strict=True))
@@ -409,11 +379,7 @@ class Array(SeveralCoils):
 
     @property
     def middle_coil(self) -> str:
-        """Name of the coil nearest to the middle.
-
-        The middle is the centre of the rectangle about all coil centres. Of several nearest coils
-        it is the first.
-        """
+        """Name of the (first) coil nearest to the middle of all centres."""
         x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
         distance = np.hypot(*(self.centres - (x, y)).T)
         return self.names[int(np.flatnonzero(distance <= distance.min() + _SAME_PLACE)[0])]
@@ -426,21 +392,14 @@ class Array(SeveralCoils):
 def current_path(placement: Placement, stackup: Stackup, chord: float = CHORD) -> Conductor:
     """Return the current path of one coil, vias included."""
     coil = placement.coil
+    via = (coil.via.bar_width, coil.via.bar_width, coil.via.barrel_area)
     vertices: list[FloatArray] = []
-    widths: list[float] = []
-    thicknesses: list[float] = []
-    areas: list[float] = []
-    for k, ((line, width), layer) in enumerate(zip(coil.current_lines(chord), placement.layers, strict=True)):
+    sections: list[tuple[float, float, float]] = []  # widths, thicknesses and areas
+    for (line, widths), layer in zip(coil.current_lines(chord), placement.layers, strict=True):
         vertices.append(np.column_stack((placement.to_board(line), np.full(len(line), stackup.centre(layer)))))
         thickness = stackup.copper_thickness[stackup.index(layer)]
-        widths += width.tolist()
-        thicknesses += [thickness] * len(width)
-        areas += (width * thickness).tolist()
-        if k + 1 < len(coil.lines):  # the via to the next line
-            widths.append(coil.via.bar_width)
-            thicknesses.append(coil.via.bar_width)
-            areas.append(coil.via.barrel_area)
-    return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
+        sections += [(width, thickness, width * thickness) for width in widths.tolist()] + [via]
+    return Conductor(np.vstack(vertices), *np.array(sections[:-1]).T, placement.name)
 
 
 def lattice_array(
@@ -462,7 +421,7 @@ def lattice_array(
     Returns
     -------
     Array
-        The array, with coils named coil1, coil2, … row by row.
+        Coils named coil1, coil2, … row by row, unless the lattice has names.
 
     Examples
     --------
@@ -485,11 +444,11 @@ def lattice(
     rings: int = 0,
     direction: float = 0.0,
 ) -> tuple[FloatArray, IntArray]:
-    """Points of a regular lattice about the origin.
+    """Points (n, 2) in m of a regular lattice about the origin, and their steps.
 
-    Returns lattice points in m, centred on the origin, row by row or ring by ring, shape (n, 2).
-    Raises GeometryError if the pitch is not positive and finite, a count is below 1, or the kind
-    does not have rows, columns or rings.
+    They are in the order of rows or rings, with `pitch`, `columns`, `rows`, `rings` and `direction`
+    of a `kind` as in `Lattice`. Raises GeometryError if the pitch is not positive and finite, a
+    count is below 1, or the kind does not have rows, columns or rings.
     """
     if pitch is None and (columns > 1 or rows > 1 or rings > 0):
         raise GeometryError("a lattice of more than one coil must have a pitch; got none.")
@@ -534,8 +493,7 @@ def lattice(
 def array_words(array: Array) -> str:
     """Describe number, shape, size and spacing of the coils.
 
-    Ways to a connector are left out. Circles, and windings that step in at every corner, have the
-    size of their copper added.
+    Circles, and windings that step in at every corner, have the size of their copper added.
 
     >>> from coilarray import load_design
     >>> array_words(load_design("proximity").array)

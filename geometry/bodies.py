@@ -29,13 +29,7 @@ class Material:
     conductivity : float
         Conductivity in S/m, at least 0. inf is a perfect conductor.
     relative_permeability : float
-        Relative permeability, at least 1.
-
-    Raises
-    ------
-    GeometryError
-        If a value is not allowed, or the material has neither conductivity nor permeability and
-        would be air.
+        Relative permeability, at least 1. A material has this or a conductivity, else it is air.
 
     Examples
     --------
@@ -65,10 +59,7 @@ class Material:
         return self.name.replace("_", " ")
 
     def skin_depth(self, frequency: float) -> float:
-        """Skin depth in m at a `frequency` in Hz.
-
-        At this depth, 1/√(π f µ σ), a field has fallen by e. It is inf without conductivity.
-        """
+        """Skin depth 1/√(π f µ σ) in m at a `frequency` in Hz."""
         product = math.pi * frequency * MU_0 * self.relative_permeability * self.conductivity
         return math.inf if product == 0 else 1 / math.sqrt(product)
 
@@ -109,14 +100,9 @@ class Plate:
     z : float
         Height of its lower face in m. The upper face of the board is at 0.
     thickness : float
-        Thickness in m.
+        Thickness in m, positive.
     material : Material
         Material of the plate.
-
-    Raises
-    ------
-    GeometryError
-        If the height is not finite, or the thickness is not positive.
     """
 
     name: str
@@ -144,6 +130,7 @@ class Disc:
     """Circular outline, given by its radius in m."""
 
     radius: float
+    holes: ClassVar[tuple[tuple[Point, ...], ...]] = ()
 
     def __post_init__(self) -> None:
         require_positive("radius of a disc", self.radius)
@@ -153,15 +140,10 @@ class Disc:
         """Corners in m of a polygon of equal area, anticlockwise."""
         return _circle(self.radius)
 
-    holes: ClassVar[tuple[tuple[Point, ...], ...]] = ()
-
 
 @dataclass(frozen=True)
 class Rectangle:
-    """Rectangular outline, given by width and height in m.
-
-    The width lies along x and the height along y.
-    """
+    """Rectangular outline of `width` along x and `height` along y, in m."""
 
     width: float
     height: float
@@ -181,10 +163,7 @@ class Rectangle:
 
 @dataclass(frozen=True)
 class Ring:
-    """Outline between two circles about one centre.
-
-    `radius` is the larger radius and `inner_radius` the smaller radius, both in m.
-    """
+    """Outline between circles of `radius` and `inner_radius` in m."""
 
     radius: float
     inner_radius: float
@@ -218,13 +197,7 @@ class Polygon:
         Corners (x, y) in m about the centre of the plate, in either sense. The first corner is not
         repeated.
     holes : tuple of such tuples
-        Corners of each hole.
-
-    Raises
-    ------
-    GeometryError
-        If there are fewer than three corners, the outline crosses itself, or holes touch or are not
-        inside.
+        Corners of each hole. Holes are inside, and no line crosses or touches itself or another.
     """
 
     exterior: tuple[Point, ...]
@@ -275,11 +248,6 @@ class FinitePlate:
         Angle in rad by which the plate rises towards `tilt_direction`, less than a right angle.
     tilt_direction : float
         Angle in rad from the x axis.
-
-    Raises
-    ------
-    GeometryError
-        If a value is not allowed.
     """
 
     name: str
@@ -301,10 +269,7 @@ class FinitePlate:
 
     @property
     def axes(self) -> FloatArray:
-        """Unit vectors of the plate's x, y and normal.
-
-        Dimensionless, in the frame of the board, as the rows of an array of shape (3, 3).
-        """
+        """Unit vectors of the plate's x, y and normal on the board, dimensionless, shape (3, 3)."""
         cos, sin = math.cos(self.tilt_direction), math.sin(self.tilt_direction)
         rise, run = math.sin(self.tilt), math.cos(self.tilt)
         along, across = np.array([cos * run, sin * run, rise]), np.array([-sin, cos, 0.0])
@@ -330,10 +295,7 @@ class FinitePlate:
 
 @dataclass(frozen=True)
 class Ball:
-    """Solid sphere of one material, without a position.
-
-    `radius` in m must be positive and finite. Otherwise GeometryError is raised.
-    """
+    """Solid sphere of one material, with `radius` in m, without a position."""
 
     radius: float
     material: Material
@@ -371,12 +333,6 @@ class Target:
     over_array : tuple of tuple of float
         The x and y set by `coilarray.Design`. They are replaced for another array.
 
-    Raises
-    ------
-    GeometryError
-        If there is no distance, distances do not rise from above zero, x has no y, or an infinite
-        plate has places.
-
     Examples
     --------
     >>> from coilarray.geometry import MATERIALS, Plate
@@ -408,10 +364,7 @@ class Target:
 
     @property
     def kind(self) -> str:
-        """Kind of body, as in design files, such as ``"disc"``.
-
-        It is ``"plate"``, the name of an outline, or ``"sphere"``.
-        """
+        """Kind of body: ``"plate"``, the name of an outline, or ``"sphere"``."""
         if isinstance(self.body, Plate):
             return "plate"
         return type(self.body.outline).__name__.lower() if isinstance(self.body, FinitePlate) else "sphere"
@@ -425,15 +378,11 @@ class Target:
         return 2 * self.body.radius
 
     def height(self, face: float, distance: float) -> float:
-        """Height in m of the body's centre.
+        """Height in m of the body's centre, of an infinite plate's lower face.
 
-        For an infinite plate it is the height of the lower face. `distance` is measured from `face`
-        to the body's nearest point, both in m.
+        `distance` is measured from `face` to the body's nearest point, both in m.
         """
         if isinstance(self.body, Plate):
-            below = 0.0
-        elif isinstance(self.body, FinitePlate):
-            below = self.body.centre[2] - self.body.heights[0]
-        else:
-            below = self.body.radius
+            return face + distance
+        below = self.body.radius if isinstance(self.body, Ball) else self.body.centre[2] - self.body.heights[0]
         return face + distance + below

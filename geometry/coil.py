@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlatedHole:
-    """Drilled and plated hole with round pads.
-
-    It has a pad on every layer it reaches.
+    """Drilled and plated hole, with round pads on every layer it reaches.
 
     Parameters
     ----------
@@ -66,8 +64,7 @@ class PlatedHole:
     def bar_width(self) -> float:
         """Side in m of the barrel's equivalent square bar.
 
-        A thin tube of radius r has GMD r. A square of side a has GMD 0.447049 a (Grover 1946, ch.
-        3).
+        A thin tube of radius r has GMD r, a square of side a 0.447049 a (Grover 1946, ch. 3).
         """
         return (self.drill / 2) / 0.4470491559
 
@@ -111,9 +108,7 @@ LEADS = Leads(2e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3))
 
 @dataclass(frozen=True, eq=False)
 class Coil(SingleCoil):
-    """Centre lines of a coil, in current direction.
-
-    The lines are in the coil's own frame.
+    """Centre lines of a coil, in current direction and its own frame.
 
     Raises GeometryError if a line has fewer than two points, a value is not finite, a point is
     repeated, ends do not meet, or there is not one width per segment.
@@ -208,11 +203,11 @@ class Coil(SingleCoil):
         return self.arcs[line] if self.arcs else ()
 
     def current_lines(self, chord: float = CHORD) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield lines (n, 2) and widths (n − 1,) in m for the field computation.
+        """Yield lines (n, 2) and widths (n − 1,) in m for the field.
 
-        The pieces of all arcs have the same angle, so the pieces of neighbouring turns are
-        parallel. On the largest arc they deviate by `chord` times half the size of the outline.
-        Bends within a trace have three pieces.
+        The pieces of all arcs have the same angle, so the pieces of neighbouring turns are parallel. On the
+        largest arc they deviate by `chord` times half the size of the outline. Bends within a trace have
+        three pieces.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
         from_middle = self.outline - self.outline.mean(axis=0)  # bounds change as a coil is turned
@@ -252,12 +247,10 @@ def path_coil(
 ) -> Coil:
     """Make a coil of any shape from its centre lines.
 
-    Each line lies on one copper layer.
-
     Parameters
     ----------
     lines : sequence of array_like, each of shape (n, 2)
-        x and y in m. Each line begins at the end of the line before.
+        x and y in m, each on one copper layer. Each line begins at the end of the line before.
     trace_width : float or sequence of array_like, each of shape (n − 1,)
         Width in m: a single number, or the width of every segment of each line.
     gap : float
@@ -272,12 +265,8 @@ def path_coil(
     Returns
     -------
     Coil
-        The coil. Its outline is the convex hull of the lines, widened by half a trace.
-
-    Raises
-    ------
-    GeometryError
-        For the reasons given in `Coil`, or if a line crosses itself.
+        Its outline is the convex hull of the lines, widened by half a trace. Raises GeometryError
+        as `Coil`, or if a line crosses itself.
 
     Examples
     --------
@@ -300,10 +289,7 @@ def path_coil(
 
 
 def hull_outline(coil: Coil) -> FloatArray:
-    """Convex hull of a coil, widened by half a trace.
-
-    It is given by x and y in m, without repeating the first point.
-    """
+    """Convex hull (n, 2) in m of a coil's lines, widened by half a trace."""
     hull = shapely.MultiPoint(np.vstack(coil.lines)).convex_hull.buffer(coil.trace_width / 2)
     return np.asarray(shapely.get_coordinates(hull)[:-1])
 

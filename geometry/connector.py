@@ -116,10 +116,7 @@ def _routed(
 
 
 class NoWayError(GeometryError):
-    """No way leads from a coil to its pad.
-
-    The `coil` should be routed first. `routed` is the number of coils routed before it.
-    """
+    """No way from a `coil` to its pad after `routed` others."""
 
     def __init__(self, coil: int, message: str) -> None:
         super().__init__(message)
@@ -160,7 +157,7 @@ def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
 
 
 def _pads(array: Array, connector: Connector, order: Sequence[int]) -> FloatArray:
-    """Positions (coils, 2, 2) in m of the pads of all ends."""
+    """Positions (coils, 2, 2) in m of all pads."""
     largest = max(place.coil.terminal.pad for place in array.placements if place.coil.terminal)
     if connector.pitch <= largest:
         raise GeometryError(
@@ -244,7 +241,7 @@ class _Grid:
                 self._take(hole.layers, disc(hole.x, hole.y, hole.pad), None)
 
     def with_pads(self, pads: FloatArray) -> _Grid:
-        """Return the grid with other pads (coils, 2, 2) in m."""
+        """Return the grid with other pads (coils, 2, 2)."""
         grid = self._copy()
         grid.pads = pads
         for k, place in enumerate(grid.array.placements):
@@ -261,10 +258,7 @@ class _Grid:
         return grid
 
     def ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
-        """Route the coils in order, then straighten all ways.
-
-        A coil has the ways of both ends in m, from the coil to its pad.
-        """
+        """Route the coils in order, then straighten both ways of each."""
         grid = self._copy()
         found: dict[int, list[FloatArray]] = {}
         for coil in order:
@@ -283,10 +277,7 @@ class _Grid:
         return found
 
     def _foreign(self, coil: int, end: int) -> list[_Taken]:
-        """Copper that a lead must not meet on its layer.
-
-        The lead may meet its own pad, and its own trace near its end.
-        """
+        """Copper on a lead's layer, less its pad and its trace's end."""
         place = self.array.placements[coil]
         line = (coil, len(place.coil.lines) - 1 if end else 0)
         x, y = place.to_board(place.coil.terminal_points)[end].tolist()
@@ -347,10 +338,9 @@ class _Grid:
         return direction
 
     def _with_fewer_corners(self, way: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> FloatArray:
-        """Replace corners of a way (n, 2) by fewer corners.
+        """Replace corners of a way (n, 2) by fewer that are free.
 
-        A straight and a slanting piece replace several corners if they are free of copper. The way
-        begins in the direction `ahead` or to its side.
+        The way begins in the direction `ahead` or to its side.
         """
         short, k = [way[0]], 0
         while k < len(way) - 1:
@@ -412,10 +402,7 @@ def _straightened(way: FloatArray) -> FloatArray:
 
 
 def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc, ...]]:
-    """Round the corners of a line.
-
-    The radius in m is reduced if it needs more than nearly half of a piece.
-    """
+    """Round a line's corners by a radius, or nearly half a piece."""
     step = np.diff(corners, axis=0)
     length = np.hypot(*step.T)
     along = step / length[:, None]

@@ -114,11 +114,7 @@ def drills_of(array: Array, placement: Placement) -> list[Drill]:
 
 
 def copper_by_layer(array: Array) -> dict[str, dict[str, BaseGeometry]]:
-    """Unite the copper of every net on every layer.
-
-    Layers are given from top to bottom, nets in the order of the coils. Nets without copper on a
-    layer are left out.
-    """
+    """Unite the copper of every net on every layer that has any."""
     copper: dict[str, dict[str, BaseGeometry]] = {layer: {} for layer in array.stackup.names}
     united: dict[tuple[int, tuple[str, ...]], dict[str, BaseGeometry]] = {}  # equal coils once
     for placement in array.placements:
@@ -144,19 +140,13 @@ def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
 
 
 def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Cut a line (n, 2) where its widths (n − 1,) change.
-
-    Every piece begins at the end of the piece before.
-    """
+    """Cut a line (n, 2) where its widths (n − 1,) change."""
     starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
     return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
 
 
 def segment_rectangles(ends: FloatArray, widths: FloatArray) -> FloatArray:
-    """Rectangles (n, 4, 2) of given widths about segments (n, 2, 2).
-
-    They do not extend beyond the ends of the segments. The corners are anticlockwise.
-    """
+    """Rectangles (n, 4, 2), anticlockwise, about segments (n, 2, 2)."""
     start, stop = ends[:, 0], ends[:, 1]
     along = stop - start
     along *= (widths / 2 / np.hypot(*along.T))[:, None]
@@ -188,11 +178,10 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
 
 
 def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
-    """Outline of a trace of one width without overlaps.
+    """Outline of a trace of one width, None if it overlaps.
 
-    None if corners or runs of the trace meet. The outline is built from the offset corners of
-    `line` (n, 2) in m. The general buffer of GEOS simplifies its input by up to 1 % of the
-    distance, which shows in the area of a finely divided circle.
+    It is built from the offset corners of `line` (n, 2) in m. The general buffer of GEOS simplifies its
+    input by up to 1 % of the distance, which shows in the area of a finely divided circle.
     """
     offset = _corners(line, width)[1]
     if offset is None:
@@ -202,11 +191,10 @@ def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
 
 
 def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArray], FloatArray | None]:
-    """Find normals, mitres and side offsets of a line.
+    """Find normals (n − 1, 2), mitres (n − 2, 2) and side offsets (n, 2) in m.
 
-    Their shapes are (n − 1, 2), (n − 2, 2) and (n, 2), the offsets in m. A mitre beyond the limit
-    is zero. The offsets are None if there is such a mitre, or if a segment is shorter than its
-    corners.
+    A mitre beyond the limit is zero. The offsets are None if there is one, or if a segment is shorter
+    than its corners.
     """
     half = width / 2
     step = np.diff(line, axis=0)
@@ -243,10 +231,7 @@ def _pieced_outline(line: FloatArray, width: float) -> shapely.Polygon:
 
 @dataclass(frozen=True)
 class Prism:
-    """Outline in m with the heights of its two faces.
-
-    Circles are made by `coilarray.geometry.copper.disc`.
-    """
+    """Outline in m with the heights of its two faces."""
 
     shape: BaseGeometry
     bottom: float
@@ -288,10 +273,7 @@ def sheet_solids(array: Array, sheets: Sequence[Sheet]) -> dict[str, trimesh.Tri
 
 
 def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> trimesh.Trimesh:
-    """Build the solid of a metal plate in m.
-
-    An infinite plate gets the rectangle x_min, y_min, x_max, y_max in m.
-    """
+    """Build a metal plate, an infinite one `within` a rectangle, in m."""
     if isinstance(plate, Plate):
         return _extruded(Prism(shapely.box(*within), *plate.heights))
     outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)
@@ -302,10 +284,7 @@ def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, f
 
 @lru_cache(maxsize=1)  # a report shows one board in two scenes
 def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
-    """Copper, barrels and laminate of `solids`.
-
-    The result is cached for the next caller and must not be changed.
-    """
+    """Copper, barrels and laminate of `solids`, cached: do not change."""
     import trimesh  # takes longer to import than the rest of the geometry together
 
     holes = _holes(array)

@@ -110,7 +110,7 @@ class FabRules:
                     raise GeometryError(f"{field.name} must be finite and not negative; got {number}{unit}.")
 
     def most_copper(self, layer: int, layers: int) -> float | None:
-        """Thickest copper in m of layer number `layer` of `layers`, None without a limit."""
+        """Thickest copper in m of `layer` of `layers`, None without a limit."""
         return self.max_inner_copper if 0 < layer < layers - 1 else self.max_outer_copper
 
 
@@ -262,18 +262,12 @@ _MEASURED: Recent[tuple[Margin, ...]] = Recent(4)
 
 
 def require_rules(array: Array, rules: FabRules) -> None:
-    """Raise RuleViolationError if a rule is broken.
-
-    The message names the worst violation and the number of further violations.
-    """
+    """Raise RuleViolationError with the worst of broken rules."""
     require_kept(check_rules(array, rules))
 
 
 def require_kept(margins: Iterable[Margin]) -> None:
-    """Raise RuleViolationError if a measured margin is broken.
-
-    The margins come from `check_rules`, and the error is the same as in `require_rules`.
-    """
+    """Raise RuleViolationError if a margin of `check_rules` is broken."""
     broken = [margin for margin in margins if not margin.kept]
     if not broken:
         return
@@ -328,7 +322,7 @@ def _margin(
 
 
 def _of_board(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
-    """Margins of layer count, copper, board size, and the depths of holes."""
+    """Margins of the bare board and of the depths of holes."""
     stackup, count = array.stackup, len(array.stackup.names)
     if rules.max_layers is not None:
         yield _margin("layer count", "", "board", count, rules.max_layers, unit="")
@@ -396,10 +390,7 @@ def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[
 
 
 def _clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
-    """Distances in m between the nets of a layer.
-
-    Distances up to ten limits are measured. An overlap has the value −d.
-    """
+    """Distances in m of nets up to ten limits, −d if they overlap."""
     nets = list(copper)
     if len(nets) < 2:
         return
@@ -446,7 +437,7 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 def _trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], within: float
 ) -> _Gap | None:
-    """Smallest gap up to `within` (m) of two traces with half-widths."""
+    """Smallest gap up to `within` (m) of two half-wide traces."""
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + within)
     if not len(i):
@@ -458,7 +449,7 @@ def _trace_to_trace(
 
 
 def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> _Gap | None:
-    """Smallest gap up to `within` (m) of a trace to itself."""
+    """Smallest gap up to `within` (m) within a trace."""
     near = min(float(4 * half.max()), within)
     while (gap := _gap_to_itself(line, half, limit, near)) is None and near < within:
         near = min(4 * near, within)  # a wide search costs the square of the number of segments
@@ -466,7 +457,7 @@ def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, within: f
 
 
 def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: float) -> _Gap | None:
-    """Gap up to `within` (m) of a trace, in one search."""
+    """Gap up to `within` (m) within a trace, in one search."""
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
     r = 2 * half.max() + within
@@ -673,10 +664,7 @@ def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
 
 
 def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield a closed trace without either end.
-
-    End and beginning are joined to each other.
-    """
+    """Yield a closed trace without either end, which are joined."""
     for line, widths in ((trace.line, trace.widths), (trace.line[::-1], trace.widths[::-1])):
         step = np.diff(line, axis=0)
         way = np.cumsum(np.hypot(*step.T))
@@ -688,10 +676,7 @@ def _opened(trace: _Trace) -> Iterator[tuple[FloatArray, FloatArray]]:
 
 
 def _between(traces: Sequence[_Trace]) -> Iterator[_Place]:
-    """Yield the places where traces of two paths meet.
-
-    Pairs with the same relative position are measured once.
-    """
+    """Yield places where two paths meet, equal pairs once."""
     margin = MITRE_LIMIT / 2 * np.array([trace.widths.max() for trace in traces])
     low = np.array([trace.line.min(axis=0) for trace in traces]).reshape(-1, 2) - margin[:, None]
     high = np.array([trace.line.max(axis=0) for trace in traces]).reshape(-1, 2) + margin[:, None]

@@ -49,23 +49,9 @@ _TOUCH = 1e-9  # of a gap: rounding
 def across_flats(across_corners: float, sides: int) -> float:
     """Size in m across the flats of a regular polygon.
 
-    For an odd number of sides, the sizes across flats and corners are twice the apothem and twice
-    the circumradius.
+    `across_corners` is its size in m across corners. For an odd number of `sides`, these are twice
+    the apothem and twice the circumradius.
 
-    Parameters
-    ----------
-    across_corners : float
-        Size in m across corners.
-    sides : int
-        Number of sides, at least 3.
-
-    Returns
-    -------
-    float
-        Size in m across flats.
-
-    Examples
-    --------
     >>> round(across_flats(23e-3, 6) * 1e3, 4)
     19.9186
     """
@@ -106,11 +92,10 @@ class Winding(Construction, SingleCoil):
     def coil(self) -> Coil:
         """Wind the layers in series, with vias and leads.
 
-        Vias are moved off the winding's end along the corner's ray, just far enough for their pads
-        to keep the gap to the windings and leads of every layer. They can then be drilled through
-        the whole board. Several vias at one corner spread to both sides of the ray. Raises
-        GeometryError if there is no layer, no room for a via inside the winding, or a return lead
-        without leads or with an even number of layers.
+        Vias lie on the corner's ray, where their pads keep the gap to the windings and leads of
+        every layer, so that they can be drilled through the whole board. Several vias at one corner
+        spread to both sides of the ray. Raises GeometryError if there is no layer, no room for a
+        via inside the winding, or a return lead without leads or with an even number of layers.
 
         >>> coil = Spiral(6, 20e-3, 10, 0.15e-3, 0.15e-3).coil()
         >>> len(coil.lines), coil.via_points.shape
@@ -156,16 +141,17 @@ class Winding(Construction, SingleCoil):
     def outline(self) -> FloatArray:
         """Corners (n, 2) in m of the nominal outer copper edge."""
 
-    @abstractmethod
     def rim(self, step: int) -> FloatArray:
-        """Point in m of the outermost turn after a step."""
+        """Start (2,) in m of the outermost side `step`: its middle or beginning."""
+        sides = self._sides_at(step)
+        points = self._corners if len(sides) == 2 else self._foot
+        return np.asarray(points(sides, np.full(len(sides), self.width / 2))[0])
 
     def junction(self, layer: int) -> FloatArray:
         """Point (2,) in m between a `layer` and the next.
 
-        If the ends do not meet, they lie about the ray through this point. With sharp parallel
-        corners it is the corner where a further turn would begin, on the outside a corner of the
-        outermost polygon.
+        If the ends do not meet, they lie about the ray through it. With sharp parallel corners it is the
+        corner where a further turn would begin.
         """
         if not self._starts_at_corner:
             return np.asarray(self.centre_line(layer)[-1])
@@ -174,12 +160,9 @@ class Winding(Construction, SingleCoil):
         return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, inset))[0])
 
     def outwards(self, step: int) -> FloatArray:
-        """Return the unit vector of the leads after a `step`.
-
-        Vias inside the winding lie in the opposite direction.
-        """
-        rim = self.rim(step)
-        return np.asarray(rim / float(np.hypot(*rim)))
+        """Direction (2,) of the leads after a `step`, opposite to vias inside."""
+        between = self._normals(self._sides_at(step))[0].sum(axis=0)
+        return np.asarray(between / float(np.hypot(*between)))
 
     @property
     @abstractmethod
@@ -190,6 +173,10 @@ class Winding(Construction, SingleCoil):
     @abstractmethod
     def _starts_at_corner(self) -> bool:
         """Whether the turns are parallel and have sharp corners."""
+
+    def _sides_at(self, step: int) -> IntArray:
+        """Numbers of the sides that meet where side `step` starts, one in its middle."""
+        return np.array([step - 1, step] if self._starts_at_corner else [step])
 
     @abstractmethod
     def _normals(self, sides: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -217,6 +204,11 @@ class Winding(Construction, SingleCoil):
         y = (p[1:] * a[:, 0] - p[:-1] * b[:, 0]) / cross
         return np.column_stack((x, y))
 
+    def _foot(self, sides: IntArray, inset: FloatArray) -> FloatArray:
+        """Points in m of moved sides nearest to the centre."""
+        normal, distance = self._normals(sides)
+        return np.asarray((distance - inset)[:, None] * normal)
+
     def _line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
         """Centre line (n, 2) in m of one layer, and its arcs."""
         if not self._starts_at_corner:
@@ -229,8 +221,7 @@ class Winding(Construction, SingleCoil):
     def _parallel_corners(self, sides: IntArray, inset: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Corners in m between parallel sides, and their radii.
 
-        If the step inwards is longer than the last side of a turn, as with many sides, the next
-        turn begins on the side before. Sides that are too short are left out.
+        Sides that are too short for the step inwards are left out, so the next turn begins before them.
         """
         while True:
             corners, radii = self._corners(sides, inset), self._radii(inset)
@@ -364,11 +355,6 @@ class Spiral(Winding):
         """Corners (sides, 2) in m of the nominal outer copper edge."""
         return self._on_rays(np.arange(self.sides), np.full(self.sides, self.diameter / 2))
 
-    def rim(self, step: int) -> FloatArray:
-        """Corner (2,) number `step` of the outermost turn in m."""
-        apothem = self.diameter / 2 - self.width / 2
-        return np.asarray(self._on_rays(np.array([step]), np.array([apothem]))[0])
-
     @property
     def _apothem(self) -> float:
         return self.diameter / 2
@@ -376,6 +362,9 @@ class Spiral(Winding):
     @property
     def _starts_at_corner(self) -> bool:
         return self.is_parallel
+
+    def _sides_at(self, step: int) -> IntArray:
+        return np.array([step - 1, step])
 
     def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
         k = np.arange(self.steps + 1)
@@ -397,13 +386,12 @@ class Spiral(Winding):
 
 @dataclass(frozen=True, repr=False)
 class RoundedSpiral(Winding):
-    """Planar spiral coil with round or sharp corners.
+    """Spiral coil with round or sharp corners, wound as a `Spiral`.
 
-    It may be a rectangle, a racetrack, a circle or a rounded polygon. Even layers are wound
-    inwards, odd layers outwards.
+    It may be a rectangle, a racetrack, a circle or a rounded polygon.
 
-    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, if
-    the two sizes differ without four sides, if the radius does not fit, or if the turns do not fit.
+    Raises GeometryError as `Spiral`, if the two sizes differ without four sides, or if the radius
+    does not fit.
 
     Parameters
     ----------
@@ -463,7 +451,7 @@ class RoundedSpiral(Winding):
                 f"corner_radius must be 0 to {smaller * 1e3:g} mm, half of the smaller size; "
                 f"got {self.corner_radius * 1e3:g} mm."
             )
-        self._require_turns(max(self.width / 2, self._least_radius), "direction")
+        self._require_turns(max(self.width / 2, min(self.corner_radius, self.width)), "direction")
 
     @property
     def is_circle(self) -> bool:
@@ -487,25 +475,6 @@ class RoundedSpiral(Winding):
         line = np.vstack((self._foot(sides[:1], np.zeros(1)), middle, self._foot(sides[:1], np.zeros(1))))
         return rounded_line(line, [self.corner_radius] * self.sides)[0][:-1]
 
-    def rim(self, step: int) -> FloatArray:
-        """Start (2,) in m of side `step` of the outermost turn.
-
-        It is the middle of the side, or its beginning if turns start there.
-        """
-        if self._starts_at_corner:
-            return np.asarray(self._corners(np.array([step - 1, step]), np.full(2, self.width / 2))[0])
-        return np.asarray(self._foot(np.array([step]), np.array([self.width / 2]))[0])
-
-    def outwards(self, step: int) -> FloatArray:
-        """Outward unit vector (2,) at the start of side `step`, dimensionless.
-
-        It is the normal of the side if turns start in its middle,
-        otherwise between the normals of both sides at its beginning.
-        """
-        sides = np.array([step - 1, step] if self._starts_at_corner else [step])
-        between = self._normals(sides)[0].sum(axis=0)
-        return np.asarray(between / float(np.hypot(*between)))
-
     @property
     def _apothem(self) -> float:
         return min(self.extent, self.breadth) / 2
@@ -514,12 +483,9 @@ class RoundedSpiral(Winding):
     def _starts_at_corner(self) -> bool:
         return self.is_parallel and not self.corner_radius
 
-    @property
-    def _least_radius(self) -> float:
-        return min(self.corner_radius, self.width)
-
     def _radii(self, inset: FloatArray) -> FloatArray:
-        return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), self._least_radius)
+        least = min(self.corner_radius, self.width)
+        return np.maximum(self.corner_radius - np.maximum(inset[:-1], inset[1:]), least)
 
     def _stepped_line(self, layer: int) -> tuple[FloatArray, tuple[Arc, ...]]:
         k = np.arange(self.steps + 1)
@@ -542,11 +508,6 @@ class RoundedSpiral(Winding):
         distance = np.where((self.sides == 4) & (sides % 2 == 1), self.breadth, self.extent) / 2
         return np.column_stack((np.cos(angle), np.sin(angle))), distance
 
-    def _foot(self, sides: IntArray, inset: FloatArray) -> FloatArray:
-        """Points in m of moved sides nearest to the centre."""
-        normal, distance = self._normals(sides)
-        return np.asarray((distance - inset)[:, None] * normal)
-
 
 class _NoRoomBesideLeadsError(GeometryError):
     """A pad does not fit beside the leads."""
@@ -554,7 +515,7 @@ class _NoRoomBesideLeadsError(GeometryError):
 
 @lru_cache(maxsize=64)  # searches and sweeps change the array around one coil a thousand times
 def _wound(spiral: Winding) -> Coil:
-    """Wind a spiral, naming the least lead spacing (to 0.1 mm) that a pad needs."""
+    """Wind a spiral, or name the lead spacing it needs."""
     try:
         return _wind(spiral)
     except _NoRoomBesideLeadsError as error:
@@ -629,10 +590,7 @@ def _wind(spiral: Winding) -> Coil:
 
 
 def _lead(end: FloatArray, outwards: FloatArray, leads: Leads, side: float) -> FloatArray:
-    """Knee and terminal (2, 2) of one lead.
-
-    `side` is +1 to the left seen outwards, −1 to the right.
-    """
+    """Knee and terminal (2, 2) to the left (`side` 1) or right (−1)."""
     tangent = np.array([-outwards[1], outwards[0]])
     half = leads.spacing / 2
     knee = end + half * (outwards + side * tangent)
@@ -648,11 +606,10 @@ def _hole_points(
     first_lead: FloatArray,
     last_lead: FloatArray,
 ) -> list[FloatArray]:
-    """Positions in m of holes at the ends of layers.
+    """Positions in m of holes at the ends of the first layers.
 
-    They belong to the first `len(pads)` layers. A hole may be drilled through the whole board, so
-    its pad must clear the windings, leads and holes of every layer. Holes at the same corner are
-    spread like a fan.
+    A hole may be drilled through the whole board, so its pad must clear the windings, leads and holes
+    of every layer. Holes at the same corner are spread like a fan.
     """
     lines = [*windings]
     fixed: list[tuple[FloatArray, float]] = []  # holes already placed: point and pad
@@ -692,10 +649,9 @@ def _fan(
 ) -> FloatArray:
     """Nearest points (m, 2) in m where all pads have clearance.
 
-    They lie on rays from `end` about `direction`, towards the centre if `inside`. The `pads` (m,)
-    keep the gap to all copper and to one another. `begins` are the beginnings of the stubs to each
-    pad, `lines` the centre lines to be cleared, and `fixed` the other holes with their pad
-    diameters, all in m.
+    They lie on rays from `end` about `direction`, towards the centre if `inside`. The `pads` (m,) keep
+    the gap to all copper and to one another. `begins` are the beginnings of the stubs to each pad,
+    `lines` the centre lines to be cleared, `fixed` the other holes with their pads, all in m.
     """
     m = len(pads)
     gap = (1 - _TOUCH) * spiral.gap  # a pad that just fits does so in every orientation of the coil

@@ -24,10 +24,8 @@ class Stackup:
     """Copper layers and the dielectrics between them.
 
     Heights are measured from the top face of the top copper layer, where the elastomer lies. There
-    z = 0, and every layer has z < 0.
-
-    Raises GeometryError if a tuple has a wrong length, a name is repeated, or a thickness or
-    permittivity is not allowed.
+    z = 0, and every layer has z < 0. Raises GeometryError if a tuple has a wrong length, a name is
+    repeated, or a thickness or permittivity is not allowed.
 
     Parameters
     ----------
@@ -98,27 +96,11 @@ class Stackup:
         copper: float = COPPER_THICKNESS,
         epsilon_r: float = EPSILON_R,
     ) -> Stackup:
-        """Make a stack-up of equal layers.
+        """Make a stack-up of equal layers with `names`, top to bottom.
 
-        Parameters
-        ----------
-        names : sequence of str
-            Names of the copper layers, top to bottom.
-        thickness : float
-            Thickness of the whole board in m, copper included. The dielectrics share the remaining
-            thickness equally.
-        copper : float
-            Thickness of every copper layer in m.
-        epsilon_r : float
-            Relative permittivity of the dielectrics. FR-4 has 4.5.
+        `thickness` in m is of the whole board, `copper` of every copper layer. The dielectrics
+        share the rest equally, with the relative permittivity `epsilon_r`.
 
-        Returns
-        -------
-        Stackup
-            The stack-up.
-
-        Examples
-        --------
         >>> board = Stackup.uniform(("top", "bottom"))
         >>> [round(thickness * 1e3, 6) for thickness in board.dielectric_thickness]
         [1.53]
@@ -129,26 +111,12 @@ class Stackup:
 
     @classmethod
     def usual(cls, layers: int, sets: int = 1) -> Stackup:
-        """Make the usual stack-up for sets of coils that overlap.
+        """Make the usual stack-up L1, L2, … for sets of coils that overlap.
 
-        Layers of one set are 0.2 mm apart, so coils of all sets are alike. The dielectrics between
-        the sets share what remains of a board of 1.6 mm, and are at least 0.2 mm thick. Copper has
-        35 µm, the dielectric is FR-4.
+        There are `sets` of `layers` copper layers of one coil. Layers of one set are 0.2 mm apart,
+        so coils of all sets are alike. The dielectrics between the sets share the rest of a board
+        of 1.6 mm, and are at least 0.2 mm thick. Copper has 35 µm, the dielectric is FR-4.
 
-        Parameters
-        ----------
-        layers : int
-            Copper layers of one coil.
-        sets : int
-            Sets of layers, one below the other.
-
-        Returns
-        -------
-        Stackup
-            The stack-up, with layers L1, L2, … from the top.
-
-        Examples
-        --------
         >>> [round(thickness * 1e3, 6) for thickness in Stackup.usual(2, sets=2).dielectric_thickness]
         [0.2, 1.06, 0.2]
         """
@@ -165,16 +133,10 @@ class Stackup:
         return sum(self.copper_thickness) + sum(self.dielectric_thickness)
 
     def index(self, name: str) -> int:
-        """Position of the copper layer `name`, 0 on top.
-
-        Raises GeometryError if the stack-up has no such layer.
-        """
-        try:
-            return self.names.index(name)
-        except ValueError:
-            raise GeometryError(
-                f"there is no copper layer {name!r}; the stack-up has {', '.join(self.names)}."
-            ) from None
+        """Position of the copper layer `name`, 0 on top."""
+        if name not in self.names:
+            raise GeometryError(f"there is no copper layer {name!r}; the stack-up has {', '.join(self.names)}.")
+        return self.names.index(name)
 
     def span(self, name: str) -> tuple[float, float]:
         """Heights (z_bottom, z_top) in m of the copper layer `name`."""

@@ -83,20 +83,22 @@ def slip(key: str, value: float) -> str:
     return f"{value:g} {unit}".rstrip() + f" is unusual: {meant:.4g} {unit}".rstrip() + "?"
 
 
-def unusual_values(table: Mapping[str, Any], prefix: str = "") -> list[str]:
+def unusual_values(table: Mapping[str, Any]) -> list[str]:
     """Return a line for each unusual value of a design."""
-    found: list[str] = []
-    for key, value in table.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            found += unusual_values(value, f"{name}.")
-            continue
-        tables = isinstance(value, (list, tuple)) and bool(value) and isinstance(value[0], Mapping)
-        for number, one in enumerate(value if tables else ()):
-            found += unusual_values(one, f"{name}.{number}.")
-        words = dict.fromkeys(slip(name, one) for one in _numbers(() if tables else value))
-        found += [f"{name} of {one}" for one in words if one]
-    return found
+    found = ((name, slip(name, number)) for name, number in _numbers(table, ""))
+    return list(dict.fromkeys(f"{name} of {words}" for name, words in found if words))
+
+
+def _numbers(value: object, name: str) -> Iterator[tuple[str, float]]:
+    """Yield all numbers of a table with their names, rows of tables counted from 0."""
+    if isinstance(value, Mapping):
+        for key, one in value.items():
+            yield from _numbers(one, f"{name}.{key}" if name else key)
+    elif isinstance(value, (list, tuple)):
+        for k, one in enumerate(value):
+            yield from _numbers(one, f"{name}.{k}" if isinstance(one, Mapping) else name)
+    elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        yield name, float(value)
 
 
 def warn_unusual(values: Iterable[tuple[str, float]]) -> None:
@@ -125,11 +127,3 @@ def require_coil_size(size: float) -> None:
         raise GeometryError(
             f"a coil must be at most {LARGEST_COIL:g} m wide; got {size:g} m. Lengths are in m: {size * 1e-3:g} m?"
         )
-
-
-def _numbers(value: object) -> Iterator[float]:
-    if isinstance(value, (list, tuple)):
-        for one in value:
-            yield from _numbers(one)
-    elif isinstance(value, (int, float)) and not isinstance(value, bool):
-        yield float(value)

@@ -112,28 +112,18 @@ class Turns:
         return [cut for pole in self.poles for cut in self.about(pole, rays) if len(cut.piece)]
 
     def enough_cuts(self, least: int, most: int, crossings: float) -> list[Cut]:
-        """Cut the turns by `least` to `most` rays per pole.
-
-        All rays together cross about `crossings` turns. See `cuts`.
-        """
+        """Cut by `least` to `most` rays per pole, for about `crossings`."""
         wound = max(abs(pole.turns) for pole in self.poles)
         return self.cuts(min(max(math.ceil(crossings / wound), least), most))
 
     def own_turns(self, pole: Pole) -> float:
-        """Count the turns about one pole.
-
-        They run from the first place that winds about the pole to the last, and end at one of
-        `_RAYS` rays.
-        """
+        """Count the turns from the first to the last about a pole."""
         sense = math.copysign(1.0, pole.turns)
         along = np.concatenate([cut.along[cut.sign == sense] for cut in self.about(pole, _RAYS)])
         return turns_about(self.path.between(along.min(), along.max()), (pole.x, pole.y)) if len(along) else pole.turns
 
     def about(self, pole: Pole, rays: int) -> list[Cut]:
-        """Cut the turns by rays from one pole.
-
-        In contrast to `cuts`, cuts without turns are included.
-        """
+        """Cut by rays from one pole, with cuts without turns."""
         inset = _WITHIN * (self.end - self.begin)
         places = self.path.at(np.array([self.begin + inset, self.end - inset])) - (pole.x, pole.y)
         away = np.hypot(*places.T)
@@ -173,8 +163,8 @@ class Turns:
 def find_turns(path: FlatPath) -> Turns | None:
     """Find the winding part of a path, without its leads.
 
-    From either end, a path is a lead up to the first place beside which another part of it runs in
-    the same direction about a pitch away, or above it on another layer.
+    From either end, a path is a lead up to the first place beside or above which another part of it
+    runs in the same direction about a pitch away.
     """
     steps = path.steps
     length = np.hypot(*steps.T)
@@ -200,9 +190,9 @@ def _crossings(
 ) -> tuple[npt.NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
     """Crossings of lines with the pieces of a path.
 
-    All arrays have the shape (lines, pieces): whether a piece is crossed, the place on the line in
-    m from its point, the place on the piece from 0 to 1, and the cosine between the piece and the
-    normal of the line, positive if the piece goes to the left of the line.
+    All arrays have the shape (lines, pieces): whether a piece is crossed, the place on the line in m
+    from its point, the place on the piece from 0 to 1, and the cosine between the piece and the normal
+    of the line, positive if the piece goes to the left.
     """
     x, y = path.points.T
     dx, dy = directions[:, :1], directions[:, 1:]
@@ -217,11 +207,10 @@ def _crossings(
 
 
 def _beside(path: FlatPath, places: FloatArray, piece: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Distances (m,) in m from places to parallel parts.
+    """Distances (m,) in m from places (m, 2) to parallel parts.
 
-    The parts run in the direction of the path, first on the same line, second on other lines.
-    `places` (m, 2) in m lie on the pieces of number `piece` (m,). A distance is infinite if there
-    is no such part.
+    The parts run in the direction of the path, first on the same line, second on other lines. The
+    places lie on the pieces of number `piece` (m,). A distance without such a part is infinite.
     """
     length = np.hypot(*path.steps.T)
     tangent = path.steps[piece] / length[piece][:, None]
@@ -287,10 +276,7 @@ def _poles(points: FloatArray) -> tuple[Pole, ...]:
 
 
 def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
-    """Count how often a path (n, 2) runs around a place.
-
-    Turns are positive anticlockwise.
-    """
+    """Count the turns of a path (n, 2) about a place, anticlockwise."""
     about = points - np.array(place)
     a, b = about[:-1], about[1:]
     return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum() / (2 * math.pi))

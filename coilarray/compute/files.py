@@ -78,10 +78,7 @@ def remove_left(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether a process exists.
-
-    Always True on Windows, where the check would end it.
-    """
+    """Whether a process exists, True on Windows, where a look ends it."""
     if os.name != "posix":
         return True
     try:
@@ -182,8 +179,7 @@ def make_folder(path: Path) -> None:
 def canonical(*parts: Any) -> bytes:
     """Canonical bytes of values, for checksums and keys.
 
-    Equal values have equal bytes on every machine. The order of a table's entries does not matter.
-    1 and 1.0 are different.
+    They are equal on every machine and for every order of a table's entries. 1 is not 1.0.
     """
     return _ENCODER.encode(parts).encode()
 
@@ -194,7 +190,7 @@ def checksum(*parts: Any) -> str:
 
 
 def _lines_with_checksums(texts: Iterable[str]) -> list[str]:
-    """Lines of a CSV with their checksums, and the last line."""
+    """Lines of a CSV with checksums, and the last line."""
     digest = hashlib.blake2b(digest_size=_VALUE_BYTES)
     lines: list[str] = []
     for text in texts:
@@ -223,10 +219,7 @@ def has_checksums(table: str) -> bool:
 
 
 def checked_rows(table: str, name: object) -> list[list[str]]:
-    """Return the cells of a `with_checksums` CSV, checked.
-
-    DamagedError is also raised if the last line is missing, as a killed program leaves it.
-    """
+    """Return the cells of a `with_checksums` CSV, or DamagedError."""
     *lines, rest = table.split("\n")
     last = lines.pop() if lines and not rest and lines[-1].startswith(_LAST_LINE) else None
     if last is None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from coilarray.errors import MemoryLimitError
@@ -13,7 +15,6 @@ LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
 SHARE = 0.75
 """Share of the free memory that one array and its computation may use."""
 _GB = 1e9
-_OBJECTS_A_COLLECTION = 100_000
 _SMALL = 50e6  # bytes. Less is never refused, so that small arrays cost no look at the system
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
@@ -21,10 +22,9 @@ _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 def collect_seldom() -> None:
     """Search cycles of dead objects a hundred times less often.
 
-    Imports, kernels and pictures make very many lasting objects. Searching them repeatedly takes a
-    tenth of a command's time, and a fifth of the compilation.
+    The search takes a tenth of a command's time, and a fifth of the compilation.
     """
-    gc.set_threshold(_OBJECTS_A_COLLECTION, 20, 20)
+    gc.set_threshold(100_000, 20, 20)
 
 
 def require_memory(size: float, what: str, advice: str = "") -> None:
@@ -56,26 +56,19 @@ def allowed_memory() -> float:
 def available_memory() -> float:
     """Memory in bytes without swapping, infinite if unknown.
 
-    It is the least of the free memory of the machine, of every control group of this process, as
-    set by containers and batch systems, and of its own limit (``ulimit -v``).
+    It is the least of the free memory of the machine, of every control group of this process, as set by
+    containers and batch systems, and of its own limit (``ulimit -v``).
     """
-    return min(_free_on_machine(), _left_in_groups(), own_limit())
-
-
-def _free_on_machine() -> float:
-    """Free memory of the machine in bytes, inf if unknown."""
-    free = _fields(_PROC / "meminfo").get("MemAvailable")
-    if free is not None:
-        return free * 1024
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):  # Windows
-        return float("inf")
+    free = _fields(_PROC / "meminfo").get("MemAvailable", math.inf) * 1024
+    if math.isinf(free):
+        with suppress(AttributeError, OSError, ValueError):  # Windows
+            free = float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    return min(free, _left_in_groups(), own_limit())
 
 
 def _left_in_groups() -> float:
     """Memory in bytes left in control groups, caches as free."""
-    left = float("inf")
+    left = math.inf
     for line in _text(_PROC / "self" / "cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
         if not controllers:
@@ -100,10 +93,10 @@ def own_limit() -> float:
     try:
         import resource
     except ImportError:  # Windows
-        return float("inf")
+        return math.inf
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     used = _fields(_PROC / "self" / "status").get("VmSize", 0) * 1024
-    return float("inf") if limit == resource.RLIM_INFINITY else float(max(limit - used, 0))
+    return math.inf if limit == resource.RLIM_INFINITY else float(max(limit - used, 0))
 
 
 def _fields(path: Path) -> dict[str, int]:

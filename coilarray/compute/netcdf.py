@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.errors import CoilarrayError
 
 _SHOWN = 100  # characters of names in a message
+_LEAST_STEP = 1e-9  # m. Closer positions have another unit or do not belong to a map
 
 
 class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
@@ -123,7 +125,12 @@ class Schema:
                 shown = ", ".join(map(str, values.tolist()))[:_SHOWN]
                 raise self.error(f"{name}s of {who} must have different names; got {shown}.")
             if entry.rising:
-                self._check_rising(values, entry, f"{name} of {who}")
+                if entry.low == 0 and 0 < values[0] < _LEAST_STEP:  # 0 itself may be put before it
+                    least = f"0 or at {_LEAST_STEP:g} or more"
+                    raise self.error(f"{name} of {who} must begin with {least}; got {values[0]:g}.")
+                for before, value in pairwise(values.tolist()):
+                    if value - before < _LEAST_STEP:
+                        raise self.error(f"{name} of {who} must rise; got {value:g} after {before:g}.")
         for group in self.together:
             missing = [name for name in group if name not in dataset.variables]
             if 0 < len(missing) < len(group):
@@ -163,18 +170,6 @@ class Schema:
             limits += "" if math.isinf(entry.high) else f" and at most {entry.high:g}"
             raise self.error(f"{what} must be finite{limits}; got {got:g}.")
         return numbers
-
-    def _check_rising(self, values: Any, entry: Entry, what: str) -> None:
-        """Raise an error if values do not rise."""
-        if entry.low == 0 and 0 < values[0] < _LEAST_STEP:  # 0 itself may be put before it
-            raise self.error(f"{what} must begin with 0 or at {_LEAST_STEP:g} or more; got {values[0]:g}.")
-        steps = np.diff(values)
-        if (steps < _LEAST_STEP).any():
-            first = int(np.argmax(steps < _LEAST_STEP))
-            raise self.error(f"{what} must rise; got {values[first + 1]:g} after {values[first]:g}.")
-
-
-_LEAST_STEP = 1e-9  # m. Closer positions have another unit or do not belong to a map
 
 
 def variables(

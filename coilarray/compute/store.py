@@ -39,8 +39,8 @@ _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 def code_version() -> str:
     """Version of coilarray with a hash of its code.
 
-    The hash includes numpy, scipy and numba. Only with the same version do two machines compute the
-    same numbers, apart from last digits by the processor.
+    Only with the same version, also of numpy, scipy and numba, do two machines compute the same
+    numbers, apart from last digits by the processor.
     """
     digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
     sources: dict[str, Path] = {}
@@ -139,10 +139,9 @@ def content_key(*parts: Any) -> str:
 
 @contextmanager
 def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
-    """Open a SQLite file that no other process can use.
+    """Open a SQLite file in autocommit mode, locked to this process.
 
-    It is in autocommit mode. The lock ends with this process on every system. OutputError has
-    `message` if another process has locked the file.
+    The lock ends with the process on every system. OutputError has `message` if the file is locked.
     """
     with writing(path, sqlite3.Error, ValueError):
         there = path.exists()

@@ -12,7 +12,7 @@ import itertools
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from html import escape
@@ -38,11 +38,14 @@ _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
 
 
 def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str = "") -> str:
-    """Return a table as HTML, with class ``mark`` for its rows."""
+    """Return a table as HTML, rows with `mark` in its class."""
+
+    def line(tag: str, texts: Sequence[str], kind: str = "") -> str:
+        return f"<tr{kind}>{''.join(f'<{tag}>{escape(text)}</{tag}>' for text in texts)}</tr>"
+
     many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
-    head = f"\n<thead><tr>{_cells('th', headers)}</tr></thead>" if headers else ""
-    body = [(' class="mark"' if mark and mark in row else "", _cells("td", row)) for row in rows]
-    lines = "".join(f"<tr{kind}>{cells}</tr>\n" for kind, cells in body)
+    head = f"\n<thead>{line('th', headers)}</thead>" if headers else ""
+    lines = "".join(line("td", row, ' class="mark"' if mark and mark in row else "") + "\n" for row in rows)
     return f"<table{many}>{head}\n<tbody>\n{lines}</tbody></table>"
 
 
@@ -54,10 +57,6 @@ def html_card(title: str, *parts: str) -> str:
 def png_url(png: bytes) -> str:
     """Return a PNG file as a data URL."""
     return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
-
-
-def _cells(tag: str, texts: Sequence[str]) -> str:
-    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
 
 
 @dataclass(frozen=True)
@@ -163,7 +162,10 @@ class Table:
         for number, (block, widths) in enumerate(_blocks(columns, width or 10**6)):
             lines += [""] * bool(number)
             for n, texts in enumerate(zip(*(columns[k] for k in block), strict=True)):
-                wrapped = [_wrapped(text, w) for text, w in zip(texts, widths, strict=True)]
+                wrapped = [
+                    textwrap.wrap(text, max(w, 1), break_long_words=False, break_on_hyphens=False) or [""]
+                    for text, w in zip(texts, widths, strict=True)
+                ]
                 if n == 0:  # the last lines of headings stand beside each other
                     wrapped = [[""] * (max(map(len, wrapped)) - len(parts)) + parts for parts in wrapped]
                 marked = n > 0 and bool(self.mark) and self.mark in rows[n - 1]
@@ -184,19 +186,19 @@ class Table:
     def brief(self) -> Table:
         """Return the table without redundant columns.
 
-        They are empty or zero in every row, or repeat an earlier column of the same unit. A
-        position keeps x and y unless they are zero.
+        They are empty or zero in every row, or repeat an earlier column of the same unit, but not x or y.
         """
         values = list(zip(*self.rows, strict=True))
         units = [column.unit for column in self.columns]
 
-        def says_something(k: int) -> bool:
-            if all(value == "" or (value == 0 and not isinstance(value, bool)) for value in values[k]):
-                return False
-            repeats = any(units[j] == units[k] and _equal(values[k], values[j]) for j in range(k))
-            return self.columns[k].name in _POSITION or not repeats
-
-        return self._with_columns(list(filter(says_something, range(len(values)))))
+        kept = []
+        for k, own in enumerate(values):
+            same = [values[j] for j in range(k) if units[j] == units[k]]
+            nothing = all(value == "" or (value == 0 and not isinstance(value, bool)) for value in own)
+            repeats = self.columns[k].name not in _POSITION and any(_equal(own, other) for other in same)
+            if not (nothing or repeats):
+                kept.append(k)
+        return self._with_columns(kept)
 
     def _with_columns(self, kept: Sequence[int]) -> Table:
         rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
@@ -213,9 +215,8 @@ def dataset_table(
 ) -> Table:
     """Make a table of variables of a dataset in SI.
 
-    There is a row for each combination of their coordinates. The dimension that is named first
-    changes slowest. Numbers that are not finite are left empty. `shown` has units for people if the
-    customary units do not fit, such as %.
+    There is a row for each combination of their coordinates, the first dimension slowest. `shown`
+    has units for people if the customary units do not fit, such as %.
 
     >>> import xarray as xr
     >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
@@ -232,12 +233,12 @@ def dataset_table(
     import xarray as xr
 
     arrays = [dataset[variable] for variable in variables]
-    columns = tuple(
-        Column(variable, str(array.attrs.get("long_name", "")), _unit(array), (shown or {}).get(variable))
-        for variable, array in zip(variables, arrays, strict=True)
-    )
+    columns = []
+    for variable, array in zip(variables, arrays, strict=True):
+        unit = str(array.attrs.get("units", "1")) if array.dtype.kind in "fiu" else ""
+        columns.append(Column(variable, str(array.attrs.get("long_name", "")), unit, (shown or {}).get(variable)))
     values = (array.values.ravel().tolist() for array in xr.broadcast(*arrays))
-    return Table(name, title, columns, tuple(tuple(map(cell, row)) for row in zip(*values, strict=True)))
+    return Table(name, title, tuple(columns), tuple(tuple(map(cell, row)) for row in zip(*values, strict=True)))
 
 
 def cell(value: object) -> Value:
@@ -313,12 +314,33 @@ class Section:
 
     def tables(self) -> dict[str, Table]:
         """Return all tables with a name, tables for files last."""
-        return {table.name: table for table in (*_tables(self.blocks), *self.files) if table.name}
+        blocks, found = list(self.blocks), list[Table]()
+        while blocks:
+            block = blocks.pop(0)
+            found += [block] if isinstance(block, Table) else []
+            blocks[:0] = block.blocks if isinstance(block, (Group, Details)) else ()
+        return {table.name: table for table in (*found, *self.files) if table.name}
 
 
 def html_blocks(blocks: Sequence[Block]) -> str:
     """Return blocks as HTML."""
-    return "\n".join(map(_html_of, blocks))
+    parts = []
+    for block in blocks:
+        if isinstance(block, str):
+            parts.append(f"<p>{html_text(block)}</p>")
+        elif isinstance(block, Warn):
+            parts.append(f'<p class="warn">{html_text(block.text)}</p>')
+        elif isinstance(block, Future):
+            parts.append(html_blocks(block.result()))
+        elif isinstance(block, Group):
+            parts.append(f'<div class="{block.kind}">{html_blocks(block.blocks)}</div>')
+        elif isinstance(block, Details):
+            opened = f"<details{f' id={block.id!r}' if block.id else ''}{' open' if block.open else ''}>"
+            inside = f"{html_text(block.summary)}</summary>\n{html_blocks(block.blocks)}\n"
+            parts.append(f"{opened}<summary>{inside}</details>")
+        else:
+            parts.append(block.html())
+    return "\n".join(parts)
 
 
 def html_text(text: str) -> str:
@@ -340,34 +362,6 @@ def fill(text: str, width: int | None) -> str:
     return "\n".join(textwrap.fill(line, max(width, 20), **wrap) for line in text.split("\n"))  # type: ignore[arg-type]
 
 
-def _html_of(block: Block) -> str:
-    if isinstance(block, str):
-        return f"<p>{html_text(block)}</p>"
-    if isinstance(block, Warn):
-        return f'<p class="warn">{html_text(block.text)}</p>'
-    if isinstance(block, Future):
-        return html_blocks(block.result())
-    if isinstance(block, Group):
-        return f'<div class="{block.kind}">{html_blocks(block.blocks)}</div>'
-    if isinstance(block, Details):
-        opened = f"<details{f' id={block.id!r}' if block.id else ''}{' open' if block.open else ''}>"
-        return f"{opened}<summary>{html_text(block.summary)}</summary>\n{html_blocks(block.blocks)}\n</details>"
-    return block.html()
-
-
-def _tables(blocks: Sequence[Block]) -> Iterator[Table]:
-    for block in blocks:
-        if isinstance(block, Table):
-            yield block
-        elif isinstance(block, (Group, Details)):
-            yield from _tables(block.blocks)
-
-
-def _unit(variable: xr.DataArray) -> str:
-    """SI unit of a variable, empty for text."""
-    return str(variable.attrs.get("units", "1")) if variable.dtype.kind in "fiu" else ""
-
-
 def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
     """Test whether two columns of numbers agree to rounding."""
     return all(
@@ -377,10 +371,7 @@ def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
 
 
 def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int], list[int]]]:
-    """Return blocks of columns that fit, with their widths.
-
-    The first column is in every block, the second one too if the rows are not known by the first.
-    """
+    """Return blocks of columns that fit, with their widths."""
     full = [max(map(len, texts)) for texts in columns]
     words = [[len(word) for text in texts for word in text.split()] for texts in columns]
     least = [max([min(most, _NARROWEST), *lengths]) for most, lengths in zip(full, words, strict=True)]
@@ -401,10 +392,6 @@ def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int
             spare -= more
         found.append((block, widths))
     return found
-
-
-def _wrapped(text: str, width: int) -> list[str]:
-    return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def _is_number(text: str) -> bool:

@@ -81,8 +81,8 @@ def run_blocks(
 def threads(count: int) -> Iterator[ThreadPoolExecutor]:
     """Open `count` threads for a ``with`` block.
 
-    After an exception work that has not begun is dropped, and begun work is waited for, except
-    after an interrupt.
+    After an exception work that has not begun is dropped, and begun work is waited for, except after an
+    interrupt.
     """
     pool = ThreadPoolExecutor(max_workers=count)
     try:
@@ -121,10 +121,7 @@ class Recent(Generic[Value]):
         self._results: OrderedDict[Hashable, Future[Value]] = OrderedDict()
 
     def get(self, key: Hashable, compute: Callable[[], Value]) -> Value:
-        """Return the result for a key, computed by one thread.
-
-        An exception is raised to all waiting threads and not kept.
-        """
+        """Return the result for a key, computed by one thread."""
         with self._lock:
             future = self._results.get(key)
             mine = future is None

@@ -124,31 +124,36 @@ def outcomes(executor: Executor, function: Callable[[Any], Any], items: Iterable
     """
     todo = enumerate(items)
     pending: dict[Future[Any], int] = {}
-    watch = _Watch(executor)
+    here, client = isinstance(executor, _ThisProcess), getattr(executor, "_client", None)
+    count = getattr(executor, "_max_workers", None)
+    # here an item is read when all items before it are done
+    most = 1 if here else _MANY_IN_FLIGHT if count is None else _IN_FLIGHT * count
+    alone_since: float | None = None
     try:
         while True:
-            while len(pending) < watch.most and (following := next(todo, None)) is not None:
+            while len(pending) < most and (following := next(todo, None)) is not None:
                 number, item = following
-                pending[_submitted(executor, function, item)] = number
+                try:
+                    task = (
+                        executor.submit(_outcome, function, item)
+                        if here
+                        else executor.submit(_perform, pickle.dumps((function, item)), code_version(), _this_process())
+                    )
+                except BrokenExecutor:
+                    raise _lost() from None
+                pending[task] = number
             if not pending:
                 return
             done, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
-            if not done:
-                watch.look()
+            if client is not None and not done:
+                alone_since = None if _workers_of(client) else alone_since or time.monotonic()
+                if alone_since is not None and time.monotonic() - alone_since > _ALONE:
+                    raise ClusterError(f"all workers of the cluster are lost, and none came back within {_ALONE:g} s.")
             for future in sorted(done, key=pending.__getitem__):
                 yield pending.pop(future), _result(future)
     finally:
         for future in pending:
             future.cancel()
-
-
-def _submitted(executor: Executor, function: Callable[[Any], Any], item: Any) -> Future[Any]:
-    if isinstance(executor, _ThisProcess):
-        return executor.submit(_outcome, function, item)
-    try:
-        return executor.submit(_perform, pickle.dumps((function, item)), code_version(), _this_process())
-    except BrokenExecutor:
-        raise _lost() from None
 
 
 def _this_process() -> str:
@@ -201,31 +206,14 @@ def _lost() -> ClusterError:
     )
 
 
-class _Watch:
-    """Tasks in flight on an executor, and a cluster's workers."""
-
-    def __init__(self, executor: Executor) -> None:
-        count = getattr(executor, "_max_workers", None)
-        self.most = _MANY_IN_FLIGHT if count is None else _IN_FLIGHT * count
-        if isinstance(executor, _ThisProcess):
-            self.most = 1  # an item is read when all items before it are done
-        self._client = getattr(executor, "_client", None)
-        self._alone_since: float | None = None
-
-    def look(self) -> None:
-        """Raise ClusterError if Dask's scheduler or workers are lost."""
-        if self._client is None:
-            return
-        try:
-            if self._client.status != "running":
-                raise OSError(self._client.status)
-            count = len(self._client.nthreads())
-        except Exception as error:  # comm errors, timeouts and cancellations have no common base
-            raise ClusterError(f"the Dask scheduler is lost ({type(error).__name__}).") from None
-        now = time.monotonic()
-        self._alone_since = None if count else self._alone_since or now
-        if self._alone_since is not None and now - self._alone_since > _ALONE:
-            raise ClusterError(f"all workers of the cluster are lost, and none came back within {_ALONE:g} s.")
+def _workers_of(client: Any) -> int:
+    """Count the workers of Dask's scheduler, or raise ClusterError."""
+    try:
+        if client.status != "running":
+            raise OSError(client.status)
+        return len(client.nthreads())
+    except Exception as error:  # comm errors, timeouts and cancellations have no common base
+        raise ClusterError(f"the Dask scheduler is lost ({type(error).__name__}).") from None
 
 
 class _ThisProcess(Executor):
@@ -279,9 +267,8 @@ def _begin() -> None:
 def starting() -> Iterator[None]:
     """Start processes safely within a ``with`` block.
 
-    They never get Ctrl-C, during which Python's tracker silently clears semaphores, and never
-    import a file of the working folder, in which Python searches the modules of multiprocessing
-    first.
+    They never get Ctrl-C, during which Python's tracker silently clears semaphores, and never import a
+    file of the working folder, in which Python looks for multiprocessing first.
     """
     ignored = [os.environ["PYTHONWARNINGS"]] if os.environ.get("PYTHONWARNINGS") else []
     wanted = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": ",".join([*ignored, "ignore:resource_tracker"])}

@@ -121,21 +121,19 @@ class ForwardModel(ResponseSpline):
     unread: BoolArray | None = None
 
     def unread_at(self, points: FloatArray) -> BoolArray | None:
-        """Test which states (…, states) the converter cannot read.
+        """Test which states (…, states) are unreadable at points (…, 3).
 
-        The points (…, 3) are in m. A state also counts if it is unreadable at a neighbour of the
-        point in the table. None if every state is read.
+        It suffices that a neighbour in the table is unreadable. None if every state is read.
         """
         if self.unread is None:
             return None
         found = np.zeros((*points.shape[:-1], len(self.states)), dtype=np.bool_)
-        corners = [
-            {side: np.clip(axis.searchsorted(points[..., k], side) - (side == "right"), 0, len(axis) - 1)
-             for side in ("left", "right")}
-            for k, axis in enumerate((self.x, self.y, self.depth))
-        ]  # fmt: skip
-        for sides in product(("left", "right"), repeat=3):
-            found |= self.unread[tuple(of[side] for of, side in zip(corners, sides, strict=True))]
+        corners = []
+        for k, axis in enumerate((self.x, self.y, self.depth)):
+            above, below = axis.searchsorted(points[..., k]), axis.searchsorted(points[..., k], "right") - 1
+            corners.append((np.clip(above, 0, len(axis) - 1), np.clip(below, 0, len(axis) - 1)))
+        for corner in product(*corners):
+            found |= self.unread[corner]
         return found
 
     def select(self, states: Sequence[str]) -> ForwardModel:
@@ -179,24 +177,15 @@ class ForwardModel(ResponseSpline):
         return self._with(kept, coefficients, common, unread)
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Compute the ratio δ (…, states) at `points` in m.
-
-        The points have the shape (…, 3).
-        """
+        """Compute the ratio δ at `points` in m, shapes (…, states) and (…, 3)."""
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Compute the slopes of `delta` at `points` in 1/m.
-
-        The shape is (…, states, unknowns).
-        """
+        """Compute the slopes of δ in 1/m, shape (…, states, unknowns), at `points`."""
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute `delta` and `jacobian` without checks, for solvers.
-
-        The `points`, of shape (…, 3) in m, must be in the table.
-        """
+        """Compute the ratio δ and its slopes in 1/m, shapes as above, at `points` in the table."""
         slopes = [self.values_at(points, axis) for axis in range(self.unknowns)]
         return self.values_at(points), np.stack(slopes, axis=-1)
 
@@ -226,7 +215,7 @@ def chosen_states(known: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...
 
 
 def require_states(states: Sequence[str], unknowns: int, holder: str = "model") -> None:
-    """Raise LocalizeError if the `holder` of the states has fewer than unknowns."""
+    """Raise LocalizeError if states are fewer than unknowns."""
     if len(states) < unknowns:
         raise LocalizeError(f"{unknowns} unknowns need at least as many states; the {holder} has {', '.join(states)}.")
 
@@ -236,8 +225,8 @@ def whitening_of(
 ) -> Whitening:
     """Return the whitening of differences from the model.
 
-    A given noise is independent from state to state. The error of the table is added for δ (…,
-    states). States that the converter cannot read at points (…, 3) in m do not count.
+    A given noise is independent from state to state. The error of the table counts with δ (…, states),
+    states that are unreadable at points (…, 3) in m do not.
     """
     deviations = checked_noise(model.states, model.noise if noise is None else noise)
     if delta is not None and any(model.errors):
@@ -303,12 +292,19 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     >>> np.round(model.delta([1e-3, 2e-3, 0.75e-3]), 12)
     array([0.00075])
     """
-    zero_plane = zero_plane and not is_of_target(response)
+    of_target = is_of_target(response)
     response = checked_response(response)
-    delta, (x, y, depth) = _table(over_depth(response))
-    names = tuple(str(name) for name in response["state"].values)
-    table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
-    parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
+    whole = over_depth(response)
+    x, y, depth = (whole[name].values for name in PARAMETERS)
+    for name, axis in (("x", x), ("y", y)):
+        if 1 < len(axis) < LEAST_POSITIONS:
+            raise LocalizeError(
+                f"a response must have one or at least {LEAST_POSITIONS} positions along {name}; got {len(axis)}."
+            )
+    if not any(len(axis) > 1 for axis in (x, y, depth)):
+        raise LocalizeError("a response must have more than one position or depth.")
+    delta = whole["delta"].transpose("x", "y", "depth", "state").values
+    table = response_spline(x, y, depth, delta, zero_plane=zero_plane and not of_target)
     errors: tuple[float, ...] = ()
     if "delta_error" in response:
         over = tuple(dim for dim in response["delta"].dims if dim != "state")
@@ -317,28 +313,18 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     common: tuple[FloatArray, ...] = ()
     if "common_noise" in response:
         common = tuple(response["common_noise"].transpose("drift_cause", "state").values.astype(np.float64))
-    read = readable_of(over_depth(response)).transpose("x", "y", "depth", "state").values
+    read = readable_of(whole).transpose("x", "y", "depth", "state").values
     if len(table.depth) > len(depth):  # the zero plane
         read = np.concatenate((read[:, :, :1], read), axis=2)
     return ForwardModel(
-        states=names, parameters=parameters, noise=float(response.attrs.get("noise", NOISE)), common=common,
-        errors=errors, unread=None if read.all() else ~read,
-        x=table.x, y=table.y, depth=table.depth, spline=table.spline,
-    )  # fmt: skip
-
-
-def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
-    """Return checked δ (x, y, depth, state) and its axes."""
-    delta = response["delta"].transpose("x", "y", "depth", "state").values
-    x, y, depth = (response[name].values for name in PARAMETERS)
-    for name, axis in (("x", x), ("y", y)):
-        if 1 < len(axis) < LEAST_POSITIONS:
-            raise LocalizeError(
-                f"a response must have one or at least {LEAST_POSITIONS} positions along {name}; got {len(axis)}."
-            )
-    if not any(len(axis) > 1 for axis in (x, y, depth)):
-        raise LocalizeError("a response must have more than one position or depth.")
-    return delta, (x, y, depth)
+        **vars(table),
+        states=tuple(map(str, response["state"].values)),
+        parameters=("x", "y", "distance") if of_target else PARAMETERS,
+        noise=float(response.attrs.get("noise", NOISE)),
+        common=common,
+        errors=errors,
+        unread=None if read.all() else ~read,
+    )
 
 
 def table_grid(
@@ -368,8 +354,7 @@ def table_grid(
 def table_for(design: Design, *, network: Network | None = None, progress: Progress | None = None) -> xr.Dataset:
     """Compute the response at the positions of `table_grid`.
 
-    It takes 10 s for the six coils of gast2020. For a design with a target and no indentation it is
-    the target's map at the positions and distances of the design.
+    It is the target's map at its own places for a design with a target and no indentation.
     """
     if design.indentation is None and design.target is not None:
         return target_map(design, network=network, progress=progress)

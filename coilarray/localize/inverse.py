@@ -109,11 +109,7 @@ class Mode:
 
     @property
     def known_deviations(self) -> tuple[float | None, ...]:
-        """Standard deviations of x, y and depth in m.
-
-        A deviation of `UNKNOWN_DEVIATION` or more is None, as for a coordinate that the table
-        fixes.
-        """
+        """Deviations in m of x, y, depth, None from `UNKNOWN_DEVIATION` on."""
         found = dict(zip(self.unknowns, self.deviations.tolist(), strict=True))
         values = (found.get(k, np.inf) for k in range(max(found) + 1))
         return tuple(value if value < UNKNOWN_DEVIATION else None for value in values)
@@ -247,11 +243,7 @@ def locate_all(
     confidence: float = CONFIDENCE,
     alarm: float = ALARM,
 ) -> list[Location]:
-    """Find the indentations of many readings, as `locate` does.
-
-    If `locate` would raise because of a reading, its verdict is ``"refused"`` with the cause as the
-    reason.
-    """
+    """Locate many readings, as "refused" if `locate` would raise."""
     results: list[Location | None] = []
     good = []
     for reading in readings:
@@ -350,10 +342,9 @@ def _solve_block(
 def _modes(
     model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float
 ) -> Iterator[tuple[tuple[Mode, ...], float]]:
-    """Find the minima of χ² of every reading, best first.
+    """Find the minima of χ² in the likelihood region, best first.
 
-    They are in the likelihood region. The number beside the modes is the fall of χ² beyond the
-    border of the table, if the model were linear there.
+    Beside them is the fall of χ² beyond the border of the table, if the model were linear there.
     """
     quantile = float(chdtri(model.unknowns, 1 - confidence))
     of_readings = whitening_of(model, noise, readings)
@@ -517,8 +508,8 @@ def _all_starts(
 ) -> tuple[IntArray, FloatArray]:
     """Find positions to refine, the best local minima of cells.
 
-    A cell counts if it is better than its neighbours in x and y. Returns points (m, 3) in m, not
-    yet inside the bounds, and the rising index (m,) of their reading, which has at least one start.
+    A cell counts if it is better than its neighbours in x and y. Returns points (m, 3) in m, also
+    outside, and the rising index (m,) of their reading, which has at least one start.
     """
     alike = weights.deviations.ndim == 1  # else every reading has its own weights and its own scan
     scaled, size = weights.residuals(readings), _SCANNED if alike else 1
@@ -554,10 +545,9 @@ def _starts(scan: _Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
 def refine(
     model: ForwardModel, readings: FloatArray, points: FloatArray, weights: Whitening
 ) -> tuple[FloatArray, FloatArray]:
-    """Minimise χ² from every start.
+    """Minimise χ² from starts (m, 3) in m and their readings (m, states).
 
-    Each start has a row of points (m, 3) in m and of readings (m, states). Starts outside the table
-    begin on its border. Returns the points and their χ².
+    Starts outside the table begin on its border. Returns the points and their χ².
     """
     free = model.free
     low, high = model.lower[free], model.upper[free]
