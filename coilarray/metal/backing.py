@@ -39,43 +39,28 @@ def backings_of(
     sheets: Sequence[Sheet],
     *,
     fineness: float = 1.0,
-    outlined: OutlinedPlates | None = None,
-) -> list[Backing]:
-    """Return the reflections by plates below the coils, by frequency.
+) -> tuple[list[Backing], OutlinedPlates | None]:
+    """Return the reflections by plates below the coils, by frequency, and its solved finite plates.
 
-    The list is empty without plates. Finite plates may be `outlined` already, as `outlined_below`
-    solves them. Otherwise `fineness` is as in `coilarray.metal.finite_plates.moving_plate`.
+    Without plates the list is empty. Magnetic finite plates are not among the solved ones. The
+    `fineness` is as in `coilarray.metal.finite_plates.moving_plate`.
     """
     require_below(plates, "an indentation or a sphere")
-    face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
-    if any(isinstance(plate, FinitePlate) for plate in plates):
-        currents = (
-            eddy_currents(source, plates, frequencies, sheets, fineness=fineness, alone=True)
-            if outlined is None
-            else outlined.eddy_currents()
-        )
-        endless = [plate for plate in plates if isinstance(plate, Plate)]
-        return [
-            Backing(face, layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
-            for f, one in zip(frequencies, currents, strict=True)
-        ]
-    return [Backing(face, layers, f) for f in frequencies] if layers else []
-
-
-def outlined_below(
-    source: Source,
-    plates: Sequence[Plate | FinitePlate],
-    frequencies: Sequence[float],
-    sheets: Sequence[Sheet],
-    *,
-    fineness: float = 1.0,
-) -> OutlinedPlates | None:
-    """Solve the allowed finite plates below the coils, or return None."""
-    require_below(plates, "an indentation or a sphere")
-    outlines = [plate for plate in plates if isinstance(plate, FinitePlate)]
-    if not outlines or any(plate.material.relative_permeability != 1 for plate in outlines):
-        return None
-    return solve_outlined(source, plates, frequencies, sheets, fineness=fineness)
+    endless = [plate for plate in plates if isinstance(plate, Plate)]
+    stack, outlines = stack_below(endless), [plate for plate in plates if isinstance(plate, FinitePlate)]
+    if not outlines:
+        return [Backing(stack.face, stack.layers, f) for f in frequencies] if stack.layers else [], None
+    if any(plate.material.relative_permeability != 1 for plate in outlines):
+        outlined = None
+        currents = eddy_currents(source, plates, frequencies, sheets, fineness=fineness, alone=True)
+    else:
+        outlined = solve_outlined(source, plates, frequencies, sheets, fineness=fineness)
+        currents = outlined.eddy_currents()
+    backings = [
+        Backing(stack.face, stack.layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
+        for f, one in zip(frequencies, currents, strict=True)
+    ]
+    return backings, outlined
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,6 @@ from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.flat_stack import (
     Backing,
     Layer,
-    Segments,
     coil_segments,
     flat_profile,
     harmonics_about,
@@ -60,7 +59,7 @@ from coilarray.electromagnetics.flat_stack import (
 from coilarray.electromagnetics.neumann import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import Ball, FinitePlate, Material, Plate, Sheet, Target
-from coilarray.metal.backing import backings_of, outlined_below, require_below
+from coilarray.metal.backing import backings_of, require_below
 from coilarray.metal.finite_plates import OutlinedPlates, PlateError, moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductances
 from coilarray.metal.frequencies import checked_frequencies
@@ -72,6 +71,7 @@ _DOWN = 8  # steps of the continued fraction, in roots of the radius over the sk
 _REFLECTED = 160  # nodes of the integral over the reflected waves
 _AT_ONCE = 4_000_000  # harmonics of the coils, which bounds the memory to 64 MB
 _LOOP = 0.05  # of the radius: width of a loop that replaces the dipole of a ball
+_NODES = 48  # of the integral over the sphere, from pole to pole
 _SAME = 1e-9  # m, below which two places are the same
 
 
@@ -115,8 +115,12 @@ def ball_inductance(
     at = np.asarray(centres, dtype=np.float64)
     if at.ndim != 2 or at.shape[1] != 3 or not np.isfinite(at).all():
         raise MetalError(f"centres of a ball must be finite and of shape (n, 3); got shape {at.shape}.")
-    _require_above(at, ball, sheets)
-
+    top, bottom = math.fsum(sheet.thickness for sheet in sheets), float(at[:, 2].min(initial=math.inf)) - ball.radius
+    if bottom < top - _SAME:
+        raise MetalError(
+            f"a ball must lie above the sheets, at z >= {top * 1e3:.4g} mm; it reaches down to "
+            f"z = {bottom * 1e3:.4g} mm."
+        )
     lowest = min(float(coil.start[:, 2].min()) for coil in coil_segments(source))
     for plate in plates:
         if plate.heights[1] > lowest:
@@ -125,8 +129,7 @@ def ball_inductance(
                 f"{plate.heights[1] * 1e3:.4g} mm, the lowest copper at {lowest * 1e3:.4g} mm."
             )
     frequency = checked_frequencies(frequencies)
-    outlined = outlined_below(source, plates, frequency.tolist(), sheets, fineness=fineness)
-    backings = backings_of(source, plates, frequency.tolist(), sheets, fineness=fineness, outlined=outlined)
+    backings, outlined = backings_of(source, plates, frequency.tolist(), sheets, fineness=fineness)
     if not backings:
         return ball_over(source, ball, at, frequency, sheets, None, progress=progress)
     returned = None if outlined is None else returned_dipoles(outlined, ball, at, sheets)
@@ -153,10 +156,29 @@ def ball_over(
 
     `returned` is the field of `returned_dipoles`. The backing's currents are without the ball.
     """
+    thicknesses = [sheet.thickness for sheet in sheets]
+    permeabilities = [sheet.relative_permeability for sheet in sheets]
+    top = math.fsum(thicknesses)
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
         """Multipoles of the ball over the sheets."""
-        return _over_flat(height, sheets, backing, alpha, wavenumbers, ball)
+        orders = alpha.shape[1]
+        above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
+        k, rule = wave_rule(_highest(ball, orders), _REFLECTED)
+        back: FloatArray | ComplexArray = reflection(k, thicknesses[::-1], permeabilities[::-1])
+        if backing is not None and backing.layers:
+            downwards = [Layer(*sheet) for sheet in zip(thicknesses[::-1], permeabilities[::-1], strict=True)]
+            downwards += [Layer(-backing.face), *backing.layers]
+            back = -layer_waves(downwards, k, 2 * np.pi * backing.frequency).reflection
+        sent_back = back * rule * ball.radius
+        fields, answers = [], []
+        for m in range(orders + 1):
+            order = np.arange(max(m, 1), orders + 1)
+            field = _multipoles(wavenumbers * ball.radius, wavenumbers * (height - top), order, m) * above
+            fields.append(with_images(field, backing, wavenumbers, thicknesses, permeabilities))
+            sent = _multipoles(k * ball.radius, k * (height - top), order, m)
+            answers.append(multipole_response(alpha[:, order[0] - 1 :], (sent * sent_back) @ sent.T))
+        return Multipoles(fields, answers)
 
     return multipole_inductance(source, ball, at, frequencies, answer, backing, returned, progress=progress)
 
@@ -182,14 +204,24 @@ def multipole_inductance(
     frequency = checked_frequencies(frequencies)
     coils = coil_segments(source)
     middles, radius = segment_centres(coils if backing is None else backing.sources(coils))
-    copper = _highest_copper(coils, at, ball)
+    copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
+    if copper > 0:
+        raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")
+    lowest = float(at[:, 2].min(initial=math.inf))
+    if lowest - ball.radius <= copper:
+        raise MetalError(
+            f"a ball must lie above the copper, at z > {copper * 1e3:.4g} mm; it reaches down to "
+            f"z = {(lowest - ball.radius) * 1e3:.4g} mm."
+        )
     shape = (len(at), len(frequency), len(coils), len(coils))
     require_memory(16.0 * math.prod(shape), f"a ball at {len(at)} places with {len(coils)} coils", "compute in pieces")
     change = np.zeros(shape, dtype=np.complex128)
     if not len(at):
         return change
-    orders = _orders(ball, float(at[:, 2].min()) - copper)
-    wavenumbers, weights = _wavenumbers(ball, at, middles, radius, copper, orders)
+    orders = _orders(ball, lowest - copper)
+    highest = min(_DECAYS / (lowest - ball.radius - copper), _highest(ball, orders))
+    extent = float(np.hypot(*(at[:, None, :2] - middles).T).max()) + radius + ball.radius
+    wavenumbers, weights = wave_rule(highest, wave_count(highest, extent))
     heights, height_of = np.unique(np.round(at[:, 2] / _SAME), return_inverse=True)
     places, place_of = np.unique(np.round(at[:, :2] / _SAME), axis=0, return_inverse=True)
     height_of, place_of = height_of.ravel(), place_of.ravel()
@@ -231,15 +263,18 @@ class Multipoles:
     fields: Sequence[FloatArray | ComplexArray]
     answers: Sequence[ComplexArray]
 
+    def _field(self, incident: ComplexArray, m: int) -> FloatArray | ComplexArray:
+        """Field of one harmonic at the ball, (orders, positions, coils, real and imaginary part)."""
+        wavenumbers, positions, coils, _ = incident.shape
+        waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
+        return np.asarray((self.fields[m] @ waves).reshape(-1, positions, coils, 2))
+
     def product(self, incident: ComplexArray) -> ComplexArray:
         """Fields times answers times fields, (positions, f, coils, coils)."""
-        wavenumbers, positions, coils, _ = incident.shape
 
         def of(m: int) -> ComplexArray:
             """Product of the harmonics ±m."""
-            waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
-            field = (self.fields[m] @ waves).reshape(-1, positions, coils, 2)
-            field = field.transpose(1, 3, 2, 0)[:, None]  # positions, 1, real and imaginary part, coils, multipoles
+            field = self._field(incident, m).transpose(1, 3, 2, 0)[:, None]  # positions, 1, parts, coils, orders
             product = (field @ self.answers[m][:, None] @ field.swapaxes(-1, -2)).sum(axis=2)
             return np.asarray(product if m == 0 else 2 * product)  # m and −m
 
@@ -248,13 +283,9 @@ class Multipoles:
 
     def dipoles(self, incident: ComplexArray) -> ComplexArray:
         """Dipole moments along x, y and z over a², (positions, f, 3, coils) in A."""
-        wavenumbers, positions, coils, _ = incident.shape
-        parts = []
-        for m in (0, 1):
-            waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
-            field = (self.fields[m] @ waves).reshape(-1, positions, coils, 2)
-            parts.append(4 * np.pi * np.einsum("fl,lpcr->rpfc", self.answers[m][:, 0], field))
-        (z, _), (x, y) = parts  # of m and −m: 2 Re of (x + iy)/√2
+        (z, _), (x, y) = (  # of m and −m: 2 Re of (x + iy)/√2
+            4 * np.pi * np.einsum("fl,lpcr->rpfc", self.answers[m][:, 0], self._field(incident, m)) for m in (0, 1)
+        )
         return np.stack((math.sqrt(2) * x, -math.sqrt(2) * y, z), axis=2)
 
 
@@ -269,40 +300,9 @@ def returned_dipoles(outlined: OutlinedPlates, ball: Ball, at: FloatArray, sheet
     heights, height_of = np.unique(np.round(z / _SAME), return_inverse=True)
     for number, height in enumerate((heights * _SAME).tolist()):
         rows = np.flatnonzero(height_of.ravel() == number)
-        places, place_of = np.unique(np.round(at[rows, :2] / _SAME), axis=0, return_inverse=True)
-        where = np.column_stack((places * _SAME, np.full(len(places), height)))
-        found[rows] = outlined.returned(where, size)[place_of.ravel()]
+        where = np.column_stack((np.round(at[rows, :2] / _SAME) * _SAME, np.full(len(rows), height)))
+        found[rows] = outlined.returned(where, size)
     return found
-
-
-def _over_flat(
-    height: float,
-    sheets: Sequence[Sheet],
-    backing: Backing | None,
-    alpha: ComplexArray,
-    wavenumbers: FloatArray,
-    ball: Ball,
-) -> Multipoles:
-    """Multipoles of a ball over flat sheets, centre in m."""
-    thicknesses = [sheet.thickness for sheet in sheets]
-    permeabilities = [sheet.relative_permeability for sheet in sheets]
-    top, orders = math.fsum(thicknesses), alpha.shape[1]
-    above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
-    k, rule = wave_rule(_highest(ball, orders), _REFLECTED)
-    back: FloatArray | ComplexArray = reflection(k, thicknesses[::-1], permeabilities[::-1])
-    if backing is not None and backing.layers:
-        downwards = [Layer(*sheet) for sheet in zip(thicknesses[::-1], permeabilities[::-1], strict=True)]
-        downwards += [Layer(-backing.face), *backing.layers]
-        back = -layer_waves(downwards, k, 2 * np.pi * backing.frequency).reflection
-    sent_back = back * rule * ball.radius
-    fields, answers = [], []
-    for m in range(orders + 1):
-        order = np.arange(max(m, 1), orders + 1)
-        field = _multipoles(wavenumbers * ball.radius, wavenumbers * (height - top), order, m) * above
-        fields.append(with_images(field, backing, wavenumbers, thicknesses, permeabilities))
-        sent = _multipoles(k * ball.radius, k * (height - top), order, m)
-        answers.append(multipole_response(alpha[:, order[0] - 1 :], (sent * sent_back) @ sent.T))
-    return Multipoles(fields, answers)
 
 
 def with_images(
@@ -371,64 +371,25 @@ def _highest(ball: Ball, orders: int) -> float:
     return (orders + 8 * math.sqrt(orders) + 20) / ball.radius
 
 
-def _wavenumbers(
-    ball: Ball, at: FloatArray, middles: FloatArray, radius: float, copper: float, orders: int
-) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights over the ball's waves, in 1/m."""
-    clearance = float(at[:, 2].min()) - ball.radius - copper
-    highest = min(_DECAYS / clearance, _highest(ball, orders))
-    extent = float(np.hypot(*(at[:, None, :2] - middles).T).max()) + radius + ball.radius
-    return wave_rule(highest, wave_count(highest, extent))
-
-
-def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> float:
-    """Height in m of the highest copper, below the ball."""
-    copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
-    if copper > 0:
-        raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")
-    lowest = float(at[:, 2].min(initial=math.inf)) - ball.radius
-    if lowest <= copper:
-        raise MetalError(
-            f"a ball must lie above the copper, at z > {copper * 1e3:.4g} mm; it reaches down to "
-            f"z = {lowest * 1e3:.4g} mm."
-        )
-    return copper
-
-
-def _require_above(at: FloatArray, ball: Ball, sheets: Sequence[Sheet]) -> None:
-    """Refuse a ball that reaches into the sheets."""
-    top = math.fsum(sheet.thickness for sheet in sheets)
-    lowest = float(at[:, 2].min(initial=math.inf)) - ball.radius
-    if lowest < top - _SAME:
-        raise MetalError(
-            f"a ball must lie above the sheets, at z >= {top * 1e3:.4g} mm; it reaches down to "
-            f"z = {lowest * 1e3:.4g} mm."
-        )
-
-
-_NODES = 48  # of the integral over the sphere, from pole to pole
-
-
-@dataclass(frozen=True, eq=False)
-class SphereInDent:
-    """Harmonics on a sphere for m from 0, l from max(m, 1) to the orders.
-
-    `fields` (orders, k) are of the dented potential for the incident e^{−kz} J_m(kr), `returned`
-    (orders, orders) in 1/m the harmonics that sheets add for a layer of unit strength.
-    """
-
-    fields: tuple[FloatArray, ...]
-    returned: tuple[FloatArray, ...]
-
-
 def sphere_in_dent(
     dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
-) -> SphereInDent:
-    """Solve the dented sheets for a sphere, in m, k in 1/m."""
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Harmonics on a sphere in dented sheets, in m, for m from 0, k in 1/m.
+
+    l runs from max(m, 1) to the orders. The first array (orders, k) of each m is of the dented
+    potential for the incident e^{−kz} J_m(kr), the second (orders, orders) in 1/m the harmonics
+    that sheets add for a layer of unit strength.
+    """
     space = DentedSpace(dent, mesh)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     r, z = radius * np.sqrt(1 - nodes**2), height + radius * nodes
-    unmoved = _unmoved(dent, r, z)
+    # heights of the points in flat sheets
+    anchors, faces = dent.anchors()
+    still = np.zeros((len(r), 1))
+    low = [still] if len(anchors) == len(faces) + 2 else []
+    heights = anchors + np.concatenate([*low, dent.faces(r)[:, list(faces)], still], axis=1)
+    inside = [np.interp(height, row, anchors) for height, row in zip(z, heights, strict=True)]
+    unmoved = np.where((z > anchors[0]) & (z < anchors[-1]), inside, z)
     at = space.basis.probes(np.array([r, unmoved]))
     profile = space.background(z, wavenumbers) + space.reaction(unmoved, wavenumbers)
     air = space.air()
@@ -442,19 +403,7 @@ def sphere_in_dent(
         seen = harmonics @ (radial_pattern("axial", m, r, wavenumbers) * profile)
         return seen - solved[:count, count:], solved[:count, :count] - space.energies(m, layers, air)
 
-    every = run_blocks(solve, range(orders + 1))
-    return SphereInDent(tuple(fields for fields, _ in every), tuple(returned for _, returned in every))
-
-
-def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
-    """Heights in m in flat sheets of points in dented sheets."""
-    anchors, faces = dent.anchors()
-    moved = dent.faces(r)[:, list(faces)]
-    still = np.zeros((len(r), 1))
-    low = [still] if len(anchors) == len(faces) + 2 else []
-    heights = anchors + np.concatenate([*low, moved, still], axis=1)
-    inside = [np.interp(height, row, anchors) for height, row in zip(z, heights, strict=True)]
-    return np.where((z > anchors[0]) & (z < anchors[-1]), inside, z)
+    return run_blocks(solve, range(orders + 1))
 
 
 def _normalised(orders: int, m: int, x: FloatArray) -> FloatArray:
@@ -527,9 +476,9 @@ def indenter_inductance(
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
         """Multipoles of the ball in the nearest dent."""
         dent, orders = dents[pressed[np.abs(heights[pressed] - height).argmin()]], alpha.shape[1]
-        seen = sphere_in_dent(dent, ball.radius, height, wavenumbers, orders, mesh or LayerMesh())
+        harmonics = sphere_in_dent(dent, ball.radius, height, wavenumbers, orders, mesh or LayerMesh())
         fields, answers = [], []
-        for field, returned in zip(seen.fields, seen.returned, strict=True):
+        for field, returned in harmonics:
             order = np.arange(orders - len(field) + 1, orders + 1)
             scale = np.sqrt(order + 0.5)
             scaled = scale[:, None] * field

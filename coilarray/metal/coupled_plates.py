@@ -22,14 +22,14 @@ smooth enough, far from the copper, it is interpolated on a grid by splines of t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import NdBSpline, make_interp_spline
-from scipy.linalg import lu_factor
+from scipy.linalg import block_diag, lu_factor
 
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
@@ -40,7 +40,7 @@ from coilarray.errors import MetalError
 from coilarray.geometry import Conductor, Plate, Sheet
 from coilarray.geometry.bodies import TOUCHING, FinitePlate
 from coilarray.metal.flat_plates import layers_apart
-from coilarray.metal.half_body import EddyBody, SurfaceImpedance, inductance, pair_integrals
+from coilarray.metal.half_body import MIRROR, EddyBody, SurfaceImpedance, inductance, pair_integrals
 
 _DIGITS = 14.0  # −ln of the amplitude of the shortest waves that are included
 _LONGEST = 0.1  # radians across all bodies, longer waves carry 1e-4 of a coupling
@@ -206,49 +206,19 @@ _SAME_HEIGHT = 1e-9  # of the height
 _POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
 
 
-@dataclass(frozen=True, eq=False)
-class FieldOfImages:
-    """Field B of 1 A in each path's images, summed with `weights` (sums, images).
+def _field_of_images(
+    paths: Sequence[Conductor], places: FloatArray, offsets: FloatArray, images: Sequence[Image], weights: FloatArray
+) -> Callable[[FloatArray], FloatArray]:
+    """Field B in T of 1 A in each path's images, a function of points (n, 3) in m.
 
-    At heights of many places it comes from `splines`, by height in units of `unit` in m.
+    Its shape is (n, sums, paths, 3), the sums with `weights` (sums, images). The points are at
+    `offsets` (k, 3) in m from `places` (n, 3). Heights of many points have splines.
     """
-
-    paths: Sequence[Conductor]
-    images: Sequence[Image]
-    weights: FloatArray
-    unit: float
-    splines: Mapping[int, NdBSpline]
-
-    def at(self, points: FloatArray) -> FloatArray:
-        """Return B in T at points (n, 3) in m, (n, sums, paths, 3)."""
-        levels = _levels(points[:, 2], self.unit)
-        total = np.zeros((len(points), len(self.weights), len(self.paths), 3))
-        direct = np.ones(len(points), dtype=bool)
-        for level, spline in self.splines.items():
-            here = np.flatnonzero(levels == level)
-            if not len(here):
-                continue
-            direct[here] = False
-            pieces = [points[here[start:stop], :2] for start, stop in ranges(len(here), _AT_ONCE)]
-            total[here] = np.concatenate(run_blocks(spline, pieces)).reshape(len(here), *total.shape[1:])
-        if direct.any():
-            total[direct] = _summed(self.paths, points[direct], self.images, self.weights)
-        return total
-
-
-def field_of_images(
-    paths: Sequence[Conductor],
-    places: FloatArray,
-    offsets: FloatArray,
-    images: Sequence[Image] = (ITSELF,),
-    weights: FloatArray = ONE_IMAGE,
-) -> FieldOfImages:
-    """Prepare the field at `offsets` (k, 3) in m from `places` (n, 3)."""
     corners = np.concatenate([path.vertices for path in paths])
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
     heights = (places[:, None, 2] + offsets[:, 2]).ravel()
     unit = _SAME_HEIGHT * float(np.abs(heights).max())
-    levels, first, counts = np.unique(_levels(heights, unit), return_index=True, return_counts=True)
+    levels, first, counts = np.unique(np.round(heights / unit), return_index=True, return_counts=True)
     low = places[:, :2].min(axis=0) + offsets[:, :2].min(axis=0)
     high = places[:, :2].max(axis=0) + offsets[:, :2].max(axis=0)
     splines = {}
@@ -266,12 +236,22 @@ def field_of_images(
         values = _summed(paths, grid, images, weights).reshape(len(x), len(y), -1)
         along = make_interp_spline(x, values, k=5)
         both = make_interp_spline(y, along.c.swapaxes(0, 1), k=5)
-        splines[int(levels[k])] = NdBSpline((along.t, both.t), np.ascontiguousarray(both.c.swapaxes(0, 1)), 5)
-    return FieldOfImages(paths, images, weights, unit, splines)
+        splines[levels[k]] = NdBSpline((along.t, both.t), np.ascontiguousarray(both.c.swapaxes(0, 1)), 5)
 
+    def field(points: FloatArray) -> FloatArray:
+        level_of = np.round(points[:, 2] / unit)
+        total = np.zeros((len(points), len(weights), len(paths), 3))
+        direct = ~np.isin(level_of, list(splines))
+        for level, spline in splines.items():
+            here = np.flatnonzero(level_of == level)
+            if len(here):
+                pieces = [points[here[start:stop], :2] for start, stop in ranges(len(here), _AT_ONCE)]
+                total[here] = np.concatenate(run_blocks(spline, pieces)).reshape(len(here), *total.shape[1:])
+        if direct.any():
+            total[direct] = _summed(paths, points[direct], images, weights)
+        return total
 
-def _levels(heights: FloatArray, unit: float) -> IntArray:
-    return np.round(heights / unit).astype(np.int64)
+    return field
 
 
 def _summed(paths: Sequence[Conductor], points: FloatArray, images: Sequence[Image], weights: FloatArray) -> FloatArray:
@@ -300,18 +280,18 @@ class PosedPlate:
     @cached_property
     def corners(self) -> FloatArray:
         """Corners in m of all triangles at the first place."""
-        return np.ascontiguousarray(self.body.all_corners @ self.plate.axes + self.where[0])
+        upper = self.body.mesh.corners
+        return np.ascontiguousarray(np.concatenate((upper, upper * MIRROR)) @ self.plate.axes + self.where[0])
 
     @cached_property
     def currents(self) -> list[sp.csr_array]:
-        """K along the board's axes, see `EddyBody.all_currents`."""
-        return self.body.all_currents(self.plate.axes)
-
-    @property
-    def extent(self) -> tuple[float, float]:
-        """Least and greatest height in m."""
-        z = self.corners[..., 2]
-        return float(z.min()), float(z.max())
+        """K along the board's axes for unit unknowns, even ones first, each (2k, u)."""
+        even, odd = self.body.parities
+        parts = []
+        for K, mirror in zip(self.body.currents, MIRROR, strict=True):
+            one, two = K @ even.unknowns, K @ odd.unknowns
+            parts.append(sp.block_array([[one, two], [mirror * one, -mirror * two]], format="csr"))
+        return [sum(self.plate.axes[own, axis] * parts[own] for own in range(3)) for axis in range(3)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,11 +331,14 @@ class PlatesInAir:
             factors, pivots = lu_factor(matrix, overwrite_a=True, check_finite=False)
             return factors, pivots.astype(np.int64)
 
-        return SolvedPlates(run_blocks(factorised, whole), np.concatenate([self.linked(one) for one in plates], axis=1))
+        b = np.concatenate([self.linked([one])[0] for one in plates], axis=1)
+        return SolvedPlates(run_blocks(factorised, whole), b)
 
     def matrices(self, plate: PosedPlate) -> ComplexArray:
         """Matrices (f, u, u) in H of a plate with its reflections at the layers."""
-        own = np.array([both_parities(plate.body, impedance) for impedance in plate.impedances])
+        own = np.array(
+            [block_diag(*(parity.matrix(one) for parity in plate.body.parities)) for one in plate.impedances]
+        )
         images = self.images_of(plate, plate)
         if not images:
             return own
@@ -385,15 +368,11 @@ class PlatesInAir:
             total += image.shares[:, None, None] * M
         return total
 
-    def linked(self, plate: PosedPlate) -> ComplexArray:
-        """Fluxes of the coils (f, u, places, paths) in Wb/A."""
-        return self.linked_with((plate,))[0]
-
-    def linked_with(self, meshes: Sequence[PosedPlate]) -> list[ComplexArray]:
+    def linked(self, meshes: Sequence[PosedPlate]) -> list[ComplexArray]:
         """Fluxes (f, u, places, paths) in Wb/A of the coils in meshes of a plate."""
-        plate, bodies = meshes[-1], [one.body for one in meshes]
+        plate = meshes[-1]
         images = self.images_of_coils(plate)
-        counts = [sum(parity.unknowns.shape[1] for parity in body.parities) for body in bodies]
+        counts = [sum(parity.unknowns.shape[1] for parity in one.body.parities) for one in meshes]
         frequencies = len(self.air.frequencies)
         shapes = [(frequencies, count, len(plate.where), len(self.paths)) for count in counts]
         require_memory(32.0 * sum(map(math.prod, shapes)), f"a plate at {len(plate.where)} places", "compute fewer")
@@ -404,9 +383,8 @@ class PlatesInAir:
         real, imaginary = np.split(number, 2)
         alike = not (np.ptp(real) or np.ptp(imaginary))  # at all frequencies, as for sheets
         every = []
-        for shape, fluxes in zip(
-            shapes, linked_fluxes(bodies, self.paths, plate.plate, plate.where, images, weights[used]), strict=True
-        ):
+        every_flux = linked_fluxes(meshes, self.paths, images, weights[used])
+        for shape, fluxes in zip(shapes, every_flux, strict=True):
             b = np.zeros((len(weights), *shape[1:]))
             b[used] = np.concatenate(fluxes, axis=1)
             found = np.empty((1 if alike else frequencies, *shape[1:]), dtype=np.complex128)
@@ -414,6 +392,13 @@ class PlatesInAir:
                 total.real, total.imag = b[real[k]], b[imaginary[k]]
             every.append(np.broadcast_to(found, shape))
         return every
+
+    def groups(self, where: FloatArray) -> list[IntArray]:
+        """Group places (n, 3) in m by height, or take all together in air."""
+        if not self.air.layers:
+            return [np.arange(len(where))]
+        _, number = np.unique(np.round(where[:, 2] / (_SAME_HEIGHT * np.abs(where[:, 2]).max())), return_inverse=True)
+        return [np.flatnonzero(number == k) for k in range(number.max() + 1)]
 
     def images_of_coils(self, plate: PosedPlate) -> list[Image]:
         """Images of coils, and visible coils, as a plate sees."""
@@ -430,7 +415,8 @@ class PlatesInAir:
         return float(heights.min()), float(heights.max())
 
     def _gap(self, plate: PosedPlate) -> tuple[int, float, float]:
-        return self.air.gap(*plate.extent, f"plate {plate.plate.name!r}"), *plate.extent
+        low, high = float(plate.corners[..., 2].min()), float(plate.corners[..., 2].max())
+        return self.air.gap(low, high, f"plate {plate.plate.name!r}"), low, high
 
     def images_of(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
         """Images of a plate's currents as a plate sees them."""
@@ -458,22 +444,21 @@ def distinct_sums(images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
 
 
 def linked_fluxes(
-    bodies: Sequence[EddyBody],
+    meshes: Sequence[PosedPlate],
     paths: Sequence[Conductor],
-    plate: FinitePlate,
-    where: FloatArray,
     images: Sequence[Image] = (ITSELF,),
     weights: FloatArray = ONE_IMAGE,
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Fluxes b (sums, u, positions, paths) of even and odd unknowns, in Wb/A.
 
-    They are for several meshes with the same points.
+    They are for several meshes of a plate with the same points.
     """
+    bodies, where = [one.body for one in meshes], meshes[-1].where
     count = sum(parity.unknowns.shape[1] for body in bodies for parity in body.parities)
     values = 2.0 * count * len(where) * len(paths) * len(weights)
     require_memory(8.0 * values, f"a plate at {len(where)} places", "compute fewer")
     parts: list[list[list[FloatArray]]] = [[] for _ in bodies]
-    for fields in fields_on(bodies[-1], paths, plate, where, images, weights):
+    for fields in fields_on(meshes[-1], paths, images, weights):
         for body, of_body in zip(bodies, parts, strict=True):
             linked = (b.reshape(len(b), len(weights), -1, len(paths)) for b in body.linked(fields))
             of_body.append([np.moveaxis(b, 1, 0) for b in linked])
@@ -482,31 +467,19 @@ def linked_fluxes(
 
 
 def fields_on(
-    body: EddyBody,
-    paths: Sequence[Conductor],
-    plate: FinitePlate,
-    where: FloatArray,
-    images: Sequence[Image] = (ITSELF,),
-    weights: FloatArray = ONE_IMAGE,
+    posed: PosedPlate, paths: Sequence[Conductor], images: Sequence[Image], weights: FloatArray
 ) -> Iterator[FloatArray]:
     """Yield B in T along the plate's axes, (sums · places · paths, points, 3).
 
-    B is at a body's points, by images of 1 A in the paths, for as many of the centres `where`
-    (places, 3) in m at once as memory allows.
+    B is at the body's points, by images of 1 A in the paths, for as many places at once as memory
+    allows.
     """
-    offsets = body.points @ plate.axes
-    field = field_of_images(paths, where, offsets, images, weights)
+    plate, where = posed.plate, posed.where
+    offsets = posed.body.points @ plate.axes
+    field = _field_of_images(paths, where, offsets, images, weights)
     for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // (len(offsets) * len(weights)), 1)):
         points = (where[start:stop, None] + offsets).reshape(-1, 3)
-        B = field.at(points).reshape(stop - start, len(offsets), len(weights), len(paths), 3)
+        B = field(points).reshape(stop - start, len(offsets), len(weights), len(paths), 3)
         # the component of a point at all places is contiguous, because the sums run over the points
         along = np.ascontiguousarray(B.transpose(4, 1, 2, 0, 3)).reshape(3, len(offsets), -1)
         yield (along if plate.tilt == 0 else np.tensordot(plate.axes, along, axes=1)).T
-
-
-def both_parities(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:
-    """Matrix of the even and the odd unknowns."""
-    even, odd = (parity.matrix(impedance) for parity in body.parities)
-    both = np.zeros((len(even) + len(odd),) * 2, dtype=np.complex128)
-    both[: len(even), : len(even)], both[len(even) :, len(even) :] = even, odd
-    return both

@@ -39,7 +39,6 @@ from coilarray.electromagnetics.flat_layer import (
 )
 from coilarray.electromagnetics.flat_stack import (
     Layer,
-    LayerWaves,
     Segments,
     coil_segments,
     gradients_on_grid,
@@ -65,6 +64,9 @@ _LONGEST = 1e-3  # radians across the board, longer waves carry 1e-10 of the ind
 _AROUND = 160.0  # radians across the board, the integral takes longer waves and images take shorter waves
 _FITTED, _SMALLEST = 200, 1e-7  # waves of a fit, and its smallest singular values
 _RATIO = 1.15  # ratio of the distances among which the distances of images are chosen
+_DECAYS = 12.0  # decay lengths of the fields at the highest wavenumber, which leaves out 6e-6
+_MOST_WAVENUMBERS = 1500
+_PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 µm
 
 
 def layer_of(plate: Plate) -> Layer:
@@ -72,13 +74,18 @@ def layer_of(plate: Plate) -> Layer:
     return Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
 
 
+def _sheet_layers(sheets: Sequence[Sheet]) -> list[tuple[float, Layer]]:
+    """Lower faces in m and layers of sheets from z = 0."""
+    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
+    return [(z, Layer(one.thickness, one.relative_permeability)) for z, one in zip(heights, sheets, strict=False)]
+
+
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
     """Order plates and magnetic sheets by height, with faces in m."""
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
-    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
     bodies += [
-        (low, high, Layer(sheet.thickness, sheet.relative_permeability), f"sheet {sheet.name!r}")
-        for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
+        (low, low + layer.thickness, layer, f"sheet {sheet.name!r}")
+        for (low, layer), sheet in zip(_sheet_layers(sheets), sheets, strict=True)
         if sheet.magnetic
     ]
     bodies.sort(key=lambda body: body[0])
@@ -103,43 +110,21 @@ def plate_inductance(
 
     The result (f, paths, paths) is the change of the impedance over jω relative to the sheets
     alone, ΔL − jΔR/ω, symmetric. Add it to the inductance in air and to
-    `coilarray.electromagnetics.flat_layer.layer_inductance`.
+    `coilarray.electromagnetics.flat_layer.layer_inductance`. The `source` has paths, see
+    `coilarray.electromagnetics.field.as_conductors`, that lie between the plates and below the
+    sheets. The `plates` are in any order, each above or below all paths. None may reach into
+    another or into the sheets. The `frequencies` (f,) in Hz are at least 0. The `sheets` lie upwards
+    from z = 0 and have any permeabilities. With the `accuracy` "screen", as in
+    `coilarray.inductance_matrix`, the error is up to 1e-3 of the change itself.
 
-    Parameters
-    ----------
-    source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.field.as_conductors`. The paths lie between the plates and
-        below the sheets.
-    plates : sequence of Plate
-        Plates in any order, each above or below all paths. None may reach into another or into the
-        sheets.
-    frequencies : array_like, shape (f,)
-        Frequencies in Hz, at least 0.
-    sheets : sequence of Sheet
-        Sheets upwards from z = 0, of any permeabilities.
-    accuracy : {"full", "screen"}
-        Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the
-        change itself.
+    Plates and sheets that are not so raise a GeometryError, paths that reach into a magnetic sheet
+    an ElastomerError, and other frequencies a MetalError.
 
-    Raises
-    ------
-    GeometryError
-        A plate that is neither above nor below all paths, or touches them, a plate that reaches
-        into another plate or into a magnetic sheet, a source that describes no path.
-    ElastomerError
-        A path that reaches into a magnetic sheet or above it.
-    MetalError
-        Frequencies that are not a one-dimensional array of finite numbers of at least 0.
-
-    Notes
-    -----
     The current density is uniform in every bar. Paths with open ends are taken as they are, as in
     `layer_inductance`. Otherwise the result is exact at any frequency, to 5e-6 of the largest
     entry. A plate nearer than a sixth of the board's extent costs up to thirty times a
     `mutual_inductance` more.
 
-    Examples
-    --------
     An aluminium plate of 1 mm, 2 mm above a square loop.
 
     >>> from coilarray.geometry import MATERIALS
@@ -169,7 +154,7 @@ def plate_inductances(
     shape = (len(cases), len(omega), len(paths), len(paths))
     if not any(cases):
         return np.zeros(shape, dtype=np.complex128)
-    around = _around(paths, cases, sheets, omega)
+    around = _Around(paths, cases, sheets, omega)
     boards = [replace(board, digits=_DIGITS[accuracy]) for board in around.boards(paths, accuracy)]
     extent, highest = boards[0].extent, boards[0].digits / around.nearest
     lifts, shares, split = _images(around, min(_AROUND / extent, highest), highest, extent, _FIT[accuracy])
@@ -193,16 +178,21 @@ def plate_inductances(
 
 
 @dataclass(frozen=True)
-class _Stack:
+class Stack:
     """Layers outwards from a face in m, away from coils."""
 
     face: float
     layers: tuple[Layer, ...]
 
+    def reflection(self, k: FloatArray, omega: FloatArray, distance: float) -> ComplexArray:
+        """Reflected part of waves (f, n) at a distance in m from the face."""
+        if not self.layers:
+            return np.zeros((len(omega), len(k)), dtype=np.complex128)
+        return layer_waves(self.layers, k, omega[:, None]).reflection * np.exp(-2 * k * distance)
 
-@dataclass(frozen=True, eq=False)
+
 class _Around:
-    """Surroundings of the paths above and below, in every case.
+    """Surroundings of the paths above and below, in every case of plates.
 
     The paths lie between `bottom` and `top` in m. Each of the cases has a stack above and a stack
     below. `sheets` is the stack above without plates. Waves are counted from the `faces` on the
@@ -211,19 +201,33 @@ class _Around:
     which includes down–up, and down–down (1, 1).
     """
 
-    stacks: tuple[tuple[_Stack, _Stack], ...]
-    sheets: _Stack
-    faces: tuple[float, float]
-    sides: tuple[int, ...]
-    top: float
-    bottom: float
-    nearest: float
-    omega: FloatArray
-
-    @property
-    def kinds(self) -> list[tuple[int, int]]:
-        """Kinds of waves that occur."""
-        return list(itertools.combinations_with_replacement(self.sides, 2))
+    def __init__(
+        self,
+        paths: Sequence[Conductor],
+        cases: Sequence[Sequence[Plate]],
+        sheets: Sequence[Sheet],
+        omega: FloatArray,
+    ) -> None:
+        top, bottom = max(map(top_of, paths)), -max(top_of(mirrored(path, 0.0)) for path in paths)
+        gaps = []
+        for plate in itertools.chain(*cases):
+            low, high = plate.heights
+            gaps.append(low - top if low + high > top + bottom else bottom - high)
+            if gaps[-1] <= 0:
+                raise GeometryError(
+                    f"plate {plate.name!r} must lie above all paths, from z = {top:g} m, or below them, up to "
+                    f"{bottom:g} m; it lies from {low:g} to {high:g} m."
+                )
+        for plates in cases:
+            layers_apart(plates, sheets)
+        self.sheets = _above((), sheets, top)
+        for path in paths:
+            require_below(path, self.sheets.face)
+        self.top, self.bottom, self.nearest, self.omega = top, bottom, 2 * min(gaps), omega
+        self.stacks = [(_above(plates, sheets, top), stack_below(plates, top)) for plates in cases]
+        self.faces = min(above.face for above, _ in self.stacks), max(below.face for _, below in self.stacks)
+        sides = [side for side, face in enumerate(self.faces) if math.isfinite(face)]
+        self.sides, self.kinds = sides, list(itertools.combinations_with_replacement(sides, 2))
 
     @property
     def ways(self) -> FloatArray:
@@ -275,11 +279,11 @@ class _Around:
     def weights(self, k: FloatArray) -> ComplexArray:
         """Weights (cases · f, kinds, k) of returning waves, without the `damping`."""
         up, down = self.faces
-        by_sheets = _reflection(k, self.omega, self.sheets, self.sheets.face - up)
+        by_sheets = self.sheets.reflection(k, self.omega, self.sheets.face - up)
         cases = []
         for above, below in self.stacks:
-            r_u = _reflection(k, self.omega, above, above.face - up)
-            r_l = _reflection(k, self.omega, below, down - below.face)
+            r_u = above.reflection(k, self.omega, above.face - up)
+            r_l = below.reflection(k, self.omega, down - below.face)
             trip = np.exp(-2 * k * (up - down)) if len(self.sides) == 2 else 0.0
             again = r_u * r_l * trip
             parts = {(0, 0): r_u - by_sheets + by_sheets * again, (0, 1): 2 * r_u * r_l, (1, 1): r_l}
@@ -287,60 +291,25 @@ class _Around:
         return np.concatenate(cases)
 
 
-def _around(
-    paths: Sequence[Conductor], cases: Sequence[Sequence[Plate]], sheets: Sequence[Sheet], omega: FloatArray
-) -> _Around:
-    """Surroundings of paths, for several cases of plates."""
-    top, bottom = max(map(top_of, paths)), -max(top_of(mirrored(path, 0.0)) for path in paths)
-    gaps = []
-    for plate in itertools.chain(*cases):
-        low, high = plate.heights
-        gaps.append(low - top if low + high > top + bottom else bottom - high)
-        if gaps[-1] <= 0:
-            raise GeometryError(
-                f"plate {plate.name!r} must lie above all paths, from z = {top:g} m, or below them, up to {bottom:g} "
-                f"m; it lies from {low:g} to {high:g} m."
-            )
-    for plates in cases:
-        layers_apart(plates, sheets)
-    alone = _above((), sheets, top)
-    for path in paths:
-        require_below(path, alone.face)
-    stacks = tuple((_above(plates, sheets, top), _below(plates, top)) for plates in cases)
-    faces = (min(above.face for above, _ in stacks), max(below.face for _, below in stacks))
-    sides = tuple(side for side, face in enumerate(faces) if math.isfinite(face))
-    return _Around(stacks, alone, faces, sides, top, bottom, 2 * min(gaps), omega)
-
-
-def stack_below(plates: Sequence[Plate]) -> tuple[float, tuple[Layer, ...]]:
-    """Return upper face in m and layers of plates below z = 0."""
-    stack = _below(plates, 0.0)
-    return stack.face, stack.layers
-
-
-def _above(plates: Sequence[Plate], sheets: Sequence[Sheet], top: float) -> _Stack:
+def _above(plates: Sequence[Plate], sheets: Sequence[Sheet], top: float) -> Stack:
     """Sheets and plates above the paths, upwards."""
-    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
-    layers = [
-        (z, Layer(sheet.thickness, sheet.relative_permeability)) for z, sheet in zip(heights, sheets, strict=False)
-    ]
-    return _stacked([*layers, *((plate.z, layer_of(plate)) for plate in plates if plate.z >= top)])
+    return _stacked([*_sheet_layers(sheets), *((plate.z, layer_of(plate)) for plate in plates if plate.z >= top)])
 
 
-def _below(plates: Sequence[Plate], top: float) -> _Stack:
-    """Plates below the paths, downwards."""
+def stack_below(plates: Sequence[Plate], top: float = 0.0) -> Stack:
+    """Return the plates below a height in m, downwards."""
     stack = _stacked([(-plate.heights[1], layer_of(plate)) for plate in plates if plate.z < top])
-    return _Stack(-stack.face, stack.layers)
+    return Stack(-stack.face, stack.layers)
 
 
-def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:
+def _stacked(layers: Sequence[tuple[float, Layer]]) -> Stack:
     """Combine layers by their faces in m with the air between."""
     found = sorted(
         ((z, layer) for z, layer in layers if layer.permeability != 1 or layer.conductivity), key=lambda one: one[0]
     )
     if not found:
-        return _Stack(math.inf, ())
-    return _Stack(found[0][0], with_gaps(found, found[0][0]))
+        return Stack(math.inf, ())
+    return Stack(found[0][0], with_gaps(found, found[0][0]))
 
 
 def _images(
@@ -377,54 +346,80 @@ def _images(
     return np.zeros(0), None, highest
 
 
-def _reflection(k: FloatArray, omega: FloatArray, stack: _Stack, distance: float) -> ComplexArray:
-    """Reflected part of waves (f, n) at a distance in m from the face."""
-    if not stack.layers:
-        return np.zeros((len(omega), len(k)), dtype=np.complex128)
-    return layer_waves(stack.layers, k, omega[:, None]).reflection * np.exp(-2 * k * distance)
-
-
-_DECAYS = 12.0  # decay lengths of the fields at the highest wavenumber, which leaves out 6e-6
-_MOST_WAVENUMBERS = 1500
-_PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 µm
-
-
 def _layers(
     plates: Sequence[Plate], sheets: Sequence[Sheet], lowest: float
 ) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
     """Layers upwards from z = 0, and downwards from the lowest copper in m."""
-    bodies = [
-        (
-            plate.z,
-            Layer(plate.thickness, plate.material.relative_permeability, min(plate.material.conductivity, _PERFECT)),
-        )
-        for plate in plates
-    ]
-    top = 0.0
-    for sheet in sheets:
-        bodies.append((top, Layer(sheet.thickness, sheet.relative_permeability)))
-        top += sheet.thickness
+    bodies = [(plate.z, layer_of(plate)) for plate in plates]
+    bodies = [(z, replace(layer, conductivity=min(layer.conductivity, _PERFECT))) for z, layer in bodies]
+    bodies += _sheet_layers(sheets)
     above = [body for body in bodies if body[0] >= 0]
     below = [(lowest - low - layer.thickness, layer) for low, layer in bodies if low < 0]
     up, down = (with_gaps(sorted(side, key=lambda body: body[0]), 0.0) for side in (above, below))
     return up, down
 
 
-@dataclass(frozen=True, eq=False)
 class _Waves:
-    """Waves on both sides of coils, and currents in A."""
+    """Waves of coils and their reflections between both sides, summed on a grid.
 
-    up: LayerWaves
-    down: LayerWaves
-    coils: tuple[list[Segments], list[Segments]]
-    currents: ComplexArray
-    between: FloatArray  # e^{−kD} between both reference planes
+    The Gauss–Legendre nodes `k` reach to `highest` in 1/m. `up` and `down` are the layers above
+    z = 0 and below the lowest copper.
+    """
 
-    def amplitudes(self, above: bool) -> tuple[ComplexArray, ComplexArray]:
-        """Return b at a side's first face per wave to each side."""
+    def __init__(
+        self,
+        segments: Sequence[Segments],
+        currents: npt.ArrayLike,
+        sides: tuple[Sequence[Layer], Sequence[Layer]],
+        frequency: float,
+        highest: float,
+        x: FloatArray,
+        y: FloatArray,
+    ) -> None:
+        points, ends = np.concatenate([one.start for one in segments]), np.array([x[[0, -1]], y[[0, -1]]])
+        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        extent = float(np.hypot(*np.maximum(ends[:, 1] - low, high - ends[:, 0])))  # from place to coil
+        count = wave_count(highest, extent)
+        if count > _MOST_WAVENUMBERS:
+            raise MetalError(
+                f"B at {_DECAYS / highest * 1e3:.3g} mm from the coils on {extent * 1e3:.4g} mm would need {count} "
+                f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose points farther from the board."
+            )
+        self.k, self._weights = wave_rule(highest, count)
+        self._x, self._y = x, y
+        self.up, self.down = (layer_waves(side, self.k, 2 * np.pi * frequency) for side in sides)
+        amount, lowest = np.asarray(currents, dtype=np.complex128), float(points[:, 2].min())
+        carrying = [one for one, current in zip(segments, amount.tolist(), strict=True) if current]
+        self._coils = carrying, mirrored_segments(carrying, lowest / 2)
+        self._currents = amount[amount != 0]
+        self._between = np.exp(self.k * lowest)  # e^{−kD} between both reference planes
+
+    def on_grid(
+        self,
+        above: bool,
+        profiles: Sequence[ComplexArray] | ComplexArray,
+        slopes: FloatArray | ComplexArray,
+        free: tuple[FloatArray, FloatArray] | None = None,
+    ) -> ComplexArray:
+        """Sum the waves with profiles over height, (3, n, nx, ny).
+
+        The result is ∇ along the plane of the waves times `profiles` and the waves times `slopes`,
+        each (n, k), less `free`, per unit of b at the side's first face.
+        """
         own, other = (self.up, self.down) if above else (self.down, self.up)
-        total = (1 + own.reflection) / (1 - own.reflection * other.reflection * self.between**2)
-        return total, total * other.reflection * self.between
+        mine = (1 + own.reflection) / (1 - own.reflection * other.reflection * self._between**2)
+        total = np.zeros((3, len(profiles), len(self._x), len(self._y)), dtype=np.complex128)
+        for to_side, amplitude in ((True, mine), (False, mine * other.reflection * self._between)):
+            along, across = np.asarray(profiles) * amplitude, slopes * amplitude
+            if to_side and free is not None:
+                along, across = along - free[0], across - free[1]
+            if not (along.any() or across.any()):
+                continue
+            spectra = segment_spectra(self._coils[0 if to_side == above else 1], self.k)
+            both = [np.concatenate((one.real, one.imag)) for one in (along, across)]
+            real, imaginary = np.split(gradients_on_grid(spectra, self._x, self._y, self._weights, *both), 2, axis=2)
+            total += np.tensordot(self._currents, real + 1j * imaginary, axes=1)
+        return total
 
 
 def plate_currents(
@@ -444,23 +439,21 @@ def plate_currents(
     Gaussian over which they are averaged, as near a plate they follow every single turn.
     """
     segments = coil_segments(source)
-    points = np.concatenate([one.start for one in segments])
-    lowest = float(points[:, 2].min())
+    lowest = float(min(one.start[:, 2].min() for one in segments))
     nearest = min(max(plate.heights[0], lowest - plate.heights[1]) for plate in plates)
-    k, weights = _rule(_extent(points, x, y), min(_DECAYS / max(nearest, 1e-9), np.sqrt(2 * _DECAYS) / blur))
-    waves = _waves(segments, currents, plates, sheets, lowest, k, frequency)
-    smooth = np.exp(-((k * blur) ** 2) / 2)
+    highest = min(_DECAYS / max(nearest, 1e-9), np.sqrt(2 * _DECAYS) / blur)
+    waves = _Waves(segments, currents, _layers(plates, sheets, lowest), frequency, highest, x, y)
+    smooth = np.exp(-((waves.k * blur) ** 2) / 2)
     found = np.zeros((len(plates), len(x), len(y), 2), dtype=np.complex128)
     for above, side in ((True, waves.up), (False, waves.down)):
         edges = np.cumsum([layer.thickness for layer in side.layers])
         on_side = [n for n, plate in enumerate(plates) if (plate.z >= 0) == above]
         middles = [sum(plates[n].heights) / 2 for n in on_side]
         numbers = np.searchsorted(edges, [z if above else lowest - z for z in middles]).tolist()
-        profiles = [
-            2j * np.pi * frequency * MU_0 * side.layers[n].conductivity * side.integral(n) / k * smooth for n in numbers
-        ]
+        factor = 2j * np.pi * frequency * MU_0 / waves.k * smooth
+        profiles = [side.layers[n].conductivity * side.integral(n) * factor for n in numbers]
         if on_side:
-            psi = _on_grid(waves, above, profiles, [np.zeros_like(k)] * len(on_side), x, y, weights)
+            psi = waves.on_grid(above, profiles, np.zeros((len(on_side), len(waves.k))))
             for number, stream in zip(on_side, np.moveaxis(psi, 1, 0), strict=True):
                 found[number] = np.stack((-stream[1], stream[0]), axis=-1)
     return found
@@ -490,8 +483,7 @@ def plate_field(
     """
     paths = as_conductors(source)
     segments = coil_segments(paths)
-    points = np.concatenate([one.start for one in segments])
-    lowest = float(points[:, 2].min())
+    lowest = float(min(one.start[:, 2].min() for one in segments))
     beside = z[(z <= 0) & (z >= lowest)]
     if beside.size:
         raise MetalError(
@@ -499,14 +491,14 @@ def plate_field(
             f"got a height of {beside[0] * 1e3:.4g} mm."
         )
     beyond = np.where(z > 0, z, lowest - z)
-    up, down = _layers(plates, sheets, lowest)
-    ways = [
-        _least_way(*((up, down) if height > 0 else (down, up)), away)
-        for height, away in zip(z.tolist(), beyond.tolist(), strict=True)
-    ]
-    before = beyond < np.where(z > 0, _gap(up), _gap(down))
-    k, weights = _rule(_extent(points, x, y), _DECAYS / min(ways))
-    waves = _waves(segments, currents, plates, sheets, lowest, k, frequency)
+    sides = _layers(plates, sheets, lowest)
+    # thickness of the air before the first body on each side
+    gaps = [(one[0].thickness if one[0] == Layer(one[0].thickness) else 0.0) if one else math.inf for one in sides]
+    near, far = np.where(z > 0, *gaps), np.where(z > 0, *gaps[::-1])
+    before = beyond < near
+    ways = np.where(before, np.minimum(2 * near - beyond, 2 * far + beyond), beyond)
+    waves = _Waves(segments, currents, sides, frequency, _DECAYS / float(ways.min()), x, y)
+    k = waves.k
     found = np.zeros((len(x), len(y), len(z), 3), dtype=np.complex128)
     if before.any():
         places, amount = grid_points(x, y, z[before]), np.asarray(currents, dtype=np.complex128)
@@ -520,85 +512,6 @@ def plate_field(
         free = np.where(before[heights, None], np.exp(-np.outer(beyond[heights], k)), 0.0)
         sign = 1.0 if above else -1.0  # of the derivative over z
         known = -sign * MU_0 * free, MU_0 * k * free
-        B = _on_grid(waves, above, sign * MU_0 * rise / k, MU_0 * k * b, x, y, weights, free=known)
+        B = waves.on_grid(above, sign * MU_0 * rise / k, MU_0 * k * b, known)
         found[:, :, heights] += np.moveaxis(B, (0, 1), (3, 2))
     return found
-
-
-def _waves(
-    segments: Sequence[Segments],
-    currents: npt.ArrayLike,
-    plates: Sequence[Plate],
-    sheets: Sequence[Sheet],
-    lowest: float,
-    k: FloatArray,
-    frequency: float,
-) -> _Waves:
-    """Waves of coils and their reflections between both sides."""
-    up, down = _layers(plates, sheets, lowest)
-    amount = np.asarray(currents, dtype=np.complex128)
-    carrying = [one for one, current in zip(segments, amount.tolist(), strict=True) if current]
-    mirrored = mirrored_segments(carrying, lowest / 2)
-    above, below = (layer_waves(side, k, 2 * np.pi * frequency) for side in (up, down))
-    return _Waves(above, below, (carrying, mirrored), amount[amount != 0], np.exp(k * lowest))
-
-
-def _on_grid(
-    waves: _Waves,
-    above: bool,
-    profiles: Sequence[ComplexArray] | ComplexArray,
-    slopes: Sequence[ComplexArray] | Sequence[FloatArray] | ComplexArray,
-    x: FloatArray,
-    y: FloatArray,
-    weights: FloatArray,
-    free: tuple[FloatArray, FloatArray] | None = None,
-) -> ComplexArray:
-    """Sum the waves on a grid with profiles over height, (3, n, nx, ny).
-
-    The result is ∇ along the plane of the waves times `profiles` and the waves times `slopes`, each
-    (n, k), less `free`, per unit of b at the side's first face.
-    """
-    total = np.zeros((3, len(profiles), len(x), len(y)), dtype=np.complex128)
-    mine, others = waves.amplitudes(above)
-    for own, amplitude in ((True, mine), (False, others)):
-        along, across = np.asarray(profiles) * amplitude, np.asarray(slopes) * amplitude
-        if own and free is not None:
-            along, across = along - free[0], across - free[1]
-        if not (along.any() or across.any()):
-            continue
-        spectra = segment_spectra(waves.coils[0 if own == above else 1], waves.up.wavenumbers)
-        both = [np.concatenate((one.real, one.imag)) for one in (along, across)]
-        real, imaginary = np.split(gradients_on_grid(spectra, x, y, weights, *both), 2, axis=2)
-        total += np.tensordot(waves.currents, real + 1j * imaginary, axes=1)
-    return total
-
-
-def _least_way(side: Sequence[Layer], other: Sequence[Layer], beyond: float) -> float:
-    """Least way in m from copper to a place `beyond` it."""
-    near, far = (_gap(one) for one in (side, other))
-    return beyond if beyond >= near else min(2 * near - beyond, 2 * far + beyond)
-
-
-def _gap(side: Sequence[Layer]) -> float:
-    """Thickness in m of the air before a body, or inf."""
-    if not side:
-        return math.inf
-    return side[0].thickness if side[0] == Layer(side[0].thickness) else 0.0
-
-
-def _extent(points: FloatArray, x: FloatArray, y: FloatArray) -> float:
-    """Largest horizontal distance from place to coil, in m."""
-    ends = np.array([x[[0, -1]], y[[0, -1]]])
-    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    return float(np.hypot(*np.maximum(ends[:, 1] - low, high - ends[:, 0])))
-
-
-def _rule(extent: float, highest: float) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights from 0 to `highest` for an extent in m."""
-    count = wave_count(highest, extent)
-    if count > _MOST_WAVENUMBERS:
-        raise MetalError(
-            f"B at {_DECAYS / highest * 1e3:.3g} mm from the coils on {extent * 1e3:.4g} mm would need {count} "
-            f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose points farther from the board."
-        )
-    return wave_rule(highest, count)

@@ -40,7 +40,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -58,13 +58,6 @@ from coilarray.metal.plate_mesh import HalfBody
 _TERMS = 4096  # of F, whose remainder falls as their number squared, or in thick plates by itself
 _STIFF = 1e-6  # of the thickness: below this |F| the rim carries no current along it, to double precision
 _WEAK = 1e-6  # |k²| over κ² + 4/t², below which differences are taken by the derivative
-# discs of copper within a loop, by finite elements: the error of ΔL is 0.2 to 0.35 of the skin
-# depth over the radius, the error of ΔR −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4
-# and 13 % at 2. It is less in thinner discs, whose currents flow through the whole thickness and
-# are taken at faces and rim. For ΔL the first value is of half the thickness, or of the skin depth
-# if that is less
-_AT_RIM = 0.5, 0.13
-_THIN = 2.0  # skin depths
 _DEEP = 20.0  # real part of γt/2, beyond which tanh is 1
 
 
@@ -82,7 +75,7 @@ def surface_impedance(material: Material, thickness: float, frequency: float, ka
     """Compute the impedances of a plate without iron, in SI units."""
     if math.isinf(material.conductivity):
         return SurfaceImpedance(0, 0, 0, 0)
-    even, odd = _faces(material, thickness, frequency, kappa)
+    even, odd = face_impedances(material, thickness, frequency, kappa)
     k = (1 + 1j) / material.skin_depth(frequency)
     x = k * thickness / 2
     # 1 − tanh(x)/x without cancellation
@@ -94,83 +87,30 @@ def surface_impedance(material: Material, thickness: float, frequency: float, ka
     return SurfaceImpedance(even, odd, along=MU_0 / (k**2 * F), across=MU_0 * F / short)
 
 
-@dataclass(frozen=True)
-class ModelError:
-    """Estimated relative errors of a plate's ΔL and ΔR.
+def model_error(material: Material, thickness: float, frequency: float, taken: float, kappa: float) -> FloatArray:
+    """Relative errors (3,) of ΔL − jΔR/ω, ΔL and ΔR for the wavenumber `kappa`.
 
-    `whole` is the error of ΔL − jΔR/ω, `depths` the thickness in skin depths, 0 if perfect.
-    """
-
-    whole: float = 0.0
-    inductance: float = 0.0
-    resistance: float = 0.0
-    depths: float = 0.0
-
-    def times(self, share: float) -> ModelError:
-        """Return a share of the errors."""
-        return replace(
-            self, whole=share * self.whole, inductance=share * self.inductance, resistance=share * self.resistance
-        )
-
-    def or_worse(self, other: ModelError) -> ModelError:
-        """Return the larger of each error, with its depths for ΔR."""
-        return ModelError(
-            max(self.whole, other.whole),
-            max(self.inductance, other.inductance),
-            max(self.resistance, other.resistance),
-            max(self, other, key=lambda one: one.resistance).depths,
-        )
-
-
-def model_error(material: Material, thickness: float, frequency: float, taken: float, kappa: float) -> ModelError:
-    """Errors of an infinite plate's reflection for the wavenumber `kappa`.
-
-    They are due to λ at the κ `taken`, both in 1/m. With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 +
-    2κλ/(µ0 (1 ± e))), as each face lies in the field of both. A magnetic plate has R = (κℓ − 1)/(κℓ
-    + 1) by `coilarray.metal.magnetic_plates`, and errors of |R|. The edges' error comes with its
-    solution.
+    They are of an infinite plate's reflection, due to λ at the κ `taken`, both in 1/m. With e =
+    e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))), as each face lies in the field of both. A
+    magnetic plate has R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and errors of
+    |R|. The edges' error comes with its solution.
     """
     if math.isinf(material.conductivity):
-        return ModelError()
-    depths = thickness / material.skin_depth(frequency)
+        return np.zeros(3)
     if material.relative_permeability != 1:
         way = kappa * material.relative_permeability * material.skin_depth(frequency) * (1 - 1j) / 2
         layer = Layer(thickness, material.relative_permeability, material.conductivity)
         wave = complex(layer_waves([layer], np.array([kappa]), 2 * np.pi * frequency).reflection[0])
-        wide = abs((way - 1) / (way + 1) - wave) / abs(wave)
-        return ModelError(wide, wide, wide, depths)
+        return np.full(3, abs((way - 1) / (way + 1) - wave) / abs(wave))
     e = math.exp(-kappa * thickness)
     found, exact = (
         sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in zip((1 + e, 1 - e), values, strict=True))
-        for values in (_faces(material, thickness, frequency, at) for at in (taken, kappa))
+        for values in (face_impedances(material, thickness, frequency, at) for at in (taken, kappa))
     )
-    real, imaginary = abs(found.real / exact.real - 1), abs(found.imag / exact.imag - 1)
-    return ModelError(abs(found / exact - 1), real, imaginary, depths)
+    return np.abs([found / exact - 1, found.real / exact.real - 1, found.imag / exact.imag - 1])
 
 
-def own_share(material: Material, thickness: float, frequency: float, kappa: float) -> float:
-    """Share of currents' own field in their driving field (perfect conductors: 1)."""
-    if math.isinf(material.conductivity):
-        return 1.0
-    even, _ = _faces(material, thickness, frequency, kappa)
-    return 1 / abs(1 + 2 * kappa * even / (MU_0 * (1 + math.exp(-kappa * thickness))))
-
-
-def with_rim(error: ModelError, thickness: float, inscribed: float, nearest: float, margin: float) -> ModelError:
-    """Add the error by a non-magnetic plate's sharp rim.
-
-    The model includes only the mean current of the rim. `nearest` is the distance d in m between
-    the planes of plate and coils, `margin` m the extension of the plate beyond the coils. The eddy
-    currents that a coil induces there fall as d²/(d² + m²), and the losses as their square.
-    """
-    share = (1 + (margin / nearest) ** 2) ** -2
-    L, R = _AT_RIM
-    of_L = L * thickness / max(error.depths, 2.0) / inscribed
-    of_R = R * min((error.depths / _THIN) ** 2, 1.0)
-    return replace(error, inductance=error.inductance + of_L * share, resistance=error.resistance + of_R * share)
-
-
-def _faces(material: Material, t: float, frequency: float, kappa: float) -> tuple[complex, complex]:
+def face_impedances(material: Material, t: float, frequency: float, kappa: float) -> tuple[complex, complex]:
     """Impedances λ in H for even and odd fields at κ in 1/m."""
     k2 = 2j / material.skin_depth(frequency) ** 2
     own, tanh_own = kappa * t / 2, math.tanh(kappa * t / 2)
@@ -243,8 +183,8 @@ class EddyBody:
             return sp.eye_array(n, format="csr")
         parents = self.finer.mesh.parents
         rows = np.repeat(np.arange(len(parents)), 2)
-        halves = sp.coo_array((np.full(parents.size, 0.5), (rows, parents.ravel())), shape=(len(parents), n))
-        return sp.csr_array(self.finer.onto_finest @ sp.csr_array(halves))
+        halves = sp.csr_array((np.full(parents.size, 0.5), (rows, parents.ravel())), shape=(len(parents), n))
+        return sp.csr_array(self.finer.onto_finest @ halves)
 
     @cached_property
     def currents(self) -> tuple[sp.csr_array, ...]:
@@ -252,7 +192,7 @@ class EddyBody:
         corners = self.mesh.corners
         opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
         K = opposite / (2 * self.areas)[:, None, None]
-        return tuple(self._by_corner(K[..., axis]) for axis in range(3))
+        return tuple(self.by_corner(K[..., axis]) for axis in range(3))
 
     @cached_property
     def areas(self) -> FloatArray:
@@ -278,7 +218,7 @@ class EddyBody:
         columns = np.tile(np.hstack((self.mesh.triangles, n + opposite)), (1, 3)).ravel()
         for axis in range(3):
             blocks = (self._area_vectors[:, axis, None, None] * _SHARES).ravel()
-            parts.append(sp.csr_array(sp.coo_array((blocks, (rows, columns)), shape=(n, n + len(edges)))))
+            parts.append(sp.csr_array((blocks, (rows, columns)), shape=(n, n + len(edges))))
         return tuple(parts)
 
     @cached_property
@@ -286,12 +226,10 @@ class EddyBody:
         corners = self.mesh.corners
         return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2)
 
-    def _by_corner(self, values: FloatArray) -> sp.csr_array:
-        """Sparse matrix of values (k, 3) at the triangles' corners."""
-        k = len(self.mesh.triangles)
-        rows = np.repeat(np.arange(k), 3)
-        shape = (k, len(self.mesh.nodes))
-        return sp.csr_array(sp.coo_array((values.ravel(), (rows, self.mesh.triangles.ravel())), shape=shape))
+    def by_corner(self, values: FloatArray) -> sp.csr_array:
+        """Sparse matrix (k, n) of values (k, 3) at the triangles' corners."""
+        where = np.repeat(np.arange(len(self.areas)), 3), self.mesh.triangles.ravel()
+        return sp.csr_array((values.ravel(), where), shape=(len(self.areas), len(self.mesh.nodes)))
 
     @cached_property
     def integrals(self) -> tuple[FloatArray, FloatArray]:
@@ -310,10 +248,9 @@ class EddyBody:
     def gradients(self) -> list[sp.csr_array]:
         """∇ψ = n × K in 1/m of triangles for ψ = 1 at nodes, each (k, n)."""
         normals, K = self._area_vectors / self.areas[:, None], self.currents
-        after = [(1, 2), (2, 0), (0, 1)]
         return [
             sp.csr_array(sp.diags_array(normals[:, one]) @ K[other] - sp.diags_array(normals[:, other]) @ K[one])
-            for one, other in after
+            for one, other in ((1, 2), (2, 0), (0, 1))
         ]
 
     def linked_to(self, B: FloatArray, sign: int) -> tuple[FloatArray, FloatArray]:
@@ -321,16 +258,17 @@ class EddyBody:
 
         Potentials are even (sign 1) or odd about the mid-plane, B (fields, points, 3) is in T.
         """
-        if self.finer is not None:
-            down = self.onto_finest.T.tocsr()
-            one, other = (down @ part for part in self.finest.linked_to(B, sign))
-            return np.asarray(one), np.asarray(other)
-        n, nodes = self.fluxes[0].shape[1], len(self.mesh.nodes)
+        body, down = self.finest, self.onto_finest.T.tocsr()
+        field, through = body._through(B, sign)
+        middles = field[:, len(body.mesh.nodes) :][:, body._edges[1]].mean(axis=2) * body.areas[:, None]
+        along = sum(G.T @ middles[..., axis].T for axis, G in enumerate(body.gradients))
+        return np.asarray(down @ through), np.asarray(down @ along)
+
+    def _through(self, B: FloatArray, sign: int) -> tuple[FloatArray, FloatArray]:
+        """Fields folded onto the upper half, and their ∫ ψ B·n, for potentials of a sign."""
+        n = self.fluxes[0].shape[1]
         field = B[:, :n] + sign * MIRROR * B[:, n : 2 * n]
-        through = sum(N @ field[..., axis].T for axis, N in enumerate(self.fluxes))
-        middles = field[:, nodes:][:, self._edges[1]].mean(axis=2) * self.areas[:, None]
-        along = sum(G.T @ middles[..., axis].T for axis, G in enumerate(self.gradients))
-        return np.asarray(through), np.asarray(along)
+        return field, np.sum([N @ field[..., axis].T for axis, N in enumerate(self.fluxes)], axis=0)
 
     @cached_property
     def parities(self) -> tuple[Parity, Parity]:
@@ -338,8 +276,7 @@ class EddyBody:
         k, n = len(self.mesh.triangles), len(self.mesh.nodes)
         require_memory(8.0 * (2 * k * k + 6 * n * n), f"the eddy currents on {k} triangles", "use a coarser mesh")
         K, M = self.currents, self.inductances
-        mid = np.concatenate((self.mesh.ring, *self.mesh.hole_rings))
-        free = np.setdiff1d(np.arange(n), mid)
+        free = np.setdiff1d(np.arange(n), np.concatenate((self.mesh.ring, *self.mesh.hole_rings)))
         ones = [
             sp.csr_array((np.ones(len(ring)), (ring, np.zeros(len(ring), int))), (n, 1))
             for ring in self.mesh.hole_rings
@@ -366,44 +303,18 @@ class EddyBody:
         half = np.concatenate((mesh.nodes, mesh.nodes[edges].mean(axis=1)))
         return np.concatenate((half, half * MIRROR, *caps))
 
-    @property
-    def all_corners(self) -> FloatArray:
-        """Corners (2k, 3, 3) in m of both halves, the upper first."""
-        return np.concatenate((self.mesh.corners, self.mesh.corners * MIRROR))
-
     def linked(self, B: FloatArray) -> list[FloatArray]:
         """Fluxes b of even and of odd currents, (u, fields), for B (fields, points, 3) in T."""
-        fluxes, caps = self.finest.fluxes, self.finest.mesh.caps
-        n = fluxes[0].shape[1]
-        starts = np.cumsum([2 * n, *(len(weights) for _, weights in caps)])
-        through = [
-            2 * B[:, start : start + len(weights), 2] @ weights
-            for start, (_, weights) in zip(starts, caps, strict=False)
-        ]
-        down = self.onto_finest.T.tocsr()
-        upper = down @ np.sum([N @ B[:, :n, axis].T for axis, N in enumerate(fluxes)], axis=0)
-        # B is an axial vector
-        mirrored = [-MIRROR[axis] * (N @ B[:, n : 2 * n, axis].T) for axis, N in enumerate(fluxes)]
-        lower = down @ np.sum(mirrored, axis=0)
-        made = []
-        for parity in self.parities:
-            b = parity.unknowns.T @ (upper + parity.sign * lower)
-            if parity.sign > 0 and through:
-                b[-len(through) :] += through
-            made.append(np.asarray(b))
-        return made
-
-    def all_currents(self, axes: FloatArray) -> list[sp.csr_array]:
-        """K on all triangles of both halves for unit unknowns, each (2k, u).
-
-        The even unknowns come first. `axes` (3, 3) has the body's axes on the board in its rows.
-        """
-        even, odd = self.parities
-        parts = []
-        for K, mirror in zip(self.currents, MIRROR, strict=True):
-            one, two = K @ even.unknowns, K @ odd.unknowns
-            parts.append(sp.block_array([[one, two], [mirror * one, -mirror * two]], format="csr"))
-        return [sum(axes[own, axis] * parts[own] for own in range(3)) for axis in range(3)]
+        body, down = self.finest, self.onto_finest.T.tocsr()
+        # B is an axial vector, so that its flux is even where a potential is odd
+        even, odd = (
+            np.asarray(parity.unknowns.T @ (down @ body._through(B, -parity.sign)[1])) for parity in self.parities
+        )
+        start, first = 2 * body.fluxes[0].shape[1], len(even) - len(body.mesh.caps)
+        for hole, (_, weights) in enumerate(body.mesh.caps):
+            even[first + hole] += 2 * B[:, start : start + len(weights), 2] @ weights
+            start += len(weights)
+        return [even, odd]
 
 
 def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirrored: bool = False) -> FloatArray:

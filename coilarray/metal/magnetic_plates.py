@@ -38,7 +38,7 @@ perfect conductor, with the third root of the distance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -82,17 +82,18 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[F
 
 def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> tuple[ComplexArray, FloatArray]:
     """ΔZ/jω (places, f, paths, paths) in H by a magnetic plate, and edge errors."""
-    problems, lengths = _problems(around, plate), _lengths(plate.plate, around.air.frequencies).tolist()
-    places, paths, count = len(plate.where), len(around.paths), len(lengths)
-    change = np.zeros((places, count, paths, paths), dtype=np.complex128)
-    edges = np.zeros((places, count, paths))
-    for k, (of, length) in enumerate(zip(problems, lengths, strict=True)):
-        depth = plate.plate.material.skin_depth(float(around.air.frequencies[k]))
-        near = stiffness(plate.body, _beside_edges(plate.body, _AT_EDGE * depth, abs(length)))
-        for one in of:
-            outside = one.answer(length)
-            change[:, k] += one.change(length, outside)
-            edges[:, k] += one.energy(near, outside) * abs(length)
+    lengths, paths = _lengths(plate.plate, around.air.frequencies).tolist(), len(around.paths)
+    edges = np.zeros((len(plate.where), len(lengths), paths))
+    change = np.zeros((*edges.shape, paths), dtype=np.complex128)
+    for group in around.groups(plate.where):
+        problems = _problems(around, replace(plate, where=plate.where[group]))
+        for k, (of, length) in enumerate(zip(problems, lengths, strict=True)):
+            depth = plate.plate.material.skin_depth(float(around.air.frequencies[k]))
+            near = stiffness(plate.body, _beside_edges(plate.body, _AT_EDGE * depth, abs(length)))
+            for one in of:
+                outside = one.answer(length)
+                change[group, k] += one.change(length, outside)
+                edges[group, k] += one.energy(near, outside) * abs(length)
     return change, edges
 
 
@@ -226,9 +227,7 @@ def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatAr
 
 def _means(body: EddyBody) -> sp.csr_array:
     """Integrals (k, n) in m² of linear functions over triangles of both halves."""
-    triangles = body.mesh.triangles
-    where = (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())
-    return sp.csr_array((np.repeat(2 * body.areas / 3, 3), where), shape=(len(triangles), len(body.mesh.nodes)))
+    return body.by_corner(np.repeat(2 * body.areas / 3, 3))
 
 
 def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
@@ -371,7 +370,7 @@ def _loads(
     count = len(weights) * len(plate.where) * len(paths)
     require_memory(8.0 * 8 * n * count, f"a plate at {len(plate.where)} places", "compute fewer")
     parts: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
-    for fields in fields_on(body, paths, plate.plate, plate.where, images, weights):
+    for fields in fields_on(plate, paths, images, weights):
         for sign, of in zip((1, -1), parts, strict=True):
             through, along = (
                 np.moveaxis(one.reshape(n, len(weights), -1, len(paths)), 1, 0) for one in body.linked_to(fields, sign)

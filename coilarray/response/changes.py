@@ -24,7 +24,7 @@ from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
-from coilarray.metal.backing import backings_of, outlined_below
+from coilarray.metal.backing import backings_of
 from coilarray.metal.ball import indenter_inductance, target_inductance
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.response.setup import Experiment, Level, MapAxes, together
@@ -100,7 +100,7 @@ def dent_changes(
 
     Without plates below the paths the change is real and the same at all frequencies.
     """
-    backings = backings_of(source, plates, band.nodes.tolist(), pressed.sheets)
+    backings, _ = backings_of(source, plates, band.nodes.tolist(), pressed.sheets)
     if not backings:
         return constant_change(_over_backing(source, pressed, None, mesh, keep, progress))
     cases = [
@@ -213,8 +213,8 @@ def metal_share(
     sheets. The effect of a finite sample on the share is not known.
     """
     total: ComplexArray | float = 0.0
-    outlined = outlined_below(source, plates, [frequency], pressed.sheets)
-    backing = next(iter(backings_of(source, plates, [frequency], pressed.sheets, outlined=outlined)), None)
+    backings, outlined = backings_of(source, plates, [frequency], pressed.sheets)
+    backing = next(iter(backings), None)
     heights = [*pressed.above.tolist(), rest]
     for level in (level for level in pressed.levels if not level.coarse):
         first = level.dents[0]

@@ -403,7 +403,7 @@ def inductance_changes(
         network = design_circuit(design)
         flats = [resonate(network, state) for state in design.plan]
         band = _band(flats)
-        over = backings_of(source, design.plates, band.nodes.tolist(), pressed.sheets)
+        over, _ = backings_of(source, design.plates, band.nodes.tolist(), pressed.sheets)
         if over:
             backings, shares = over, band.shares(np.array([_mean_frequency(flats)]))[0]
     for share, backing in zip(shares.tolist(), backings, strict=True):

@@ -14,7 +14,7 @@ from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate, Sheet
-from coilarray.metal.backing import backings_of, outlined_below, require_below
+from coilarray.metal.backing import backings_of, require_below
 
 pytestmark = pytest.mark.slow
 
@@ -31,8 +31,7 @@ def metal(outline, material=ALUMINIUM, face=FACE, thickness=METAL, **more):
 
 
 def over(coils, plates, frequency, fineness=0.3):  # which errs by 0.5 %
-    outlined = outlined_below(coils, plates, [frequency], SHEETS, fineness=fineness)
-    (backing,) = backings_of(coils, plates, [frequency], SHEETS, outlined=outlined)
+    (backing,), _ = backings_of(coils, plates, [frequency], SHEETS, fineness=fineness)
     return dent_inductance(coils, [pit()], PLACES, MESH, backing=backing)[0]
 
 
@@ -111,7 +110,7 @@ def test_coil_dent_and_disc_are_those_of_finite_elements(material, errors):
     region = disc_region(radius, FACE - METAL, FACE)
     paths = [polygon(120, *one) for one in LOOPS]
     alone = dent_inductance(paths, [dent], [[0.0, 0.0]])[0, 0].diagonal()
-    (backing,) = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.35)
+    (backing,), _ = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.35)
     found = dent_inductance(paths, [dent], [[0.0, 0.0]], backing=backing)[0, 0].diagonal() / alone
     solved, without = (
         dent_over_metal(LOOPS, dent, region, *one, frequency)
@@ -128,4 +127,4 @@ def test_refusals():
     lid = Plate("lid", 20e-3, 1e-3, ALUMINIUM)
     refused(MetalError, "an indentation is .* plate.0 'lid' lies above them: leave it out", require_below,
             [lid])  # fmt: skip
-    assert backings_of([], [], [1e6], SHEETS) == []
+    assert backings_of([], [], [1e6], SHEETS) == ([], None)
