@@ -32,7 +32,6 @@ from coilarray.hardware.wire.ports import (
     LinuxPort,
     Port,
     SerialPort,
-    board_of,
     parse_port,
 )
 
@@ -88,7 +87,7 @@ class Board:
         """Description of the board and its converter in one line."""
         identity = self.identity
         ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
-        named = board_of(parse_port(self.port))
+        named = parse_port(self.port).board
         if (identity.manufacturer, identity.device) == (MANUFACTURER, DEVICE):
             converter = f"LDC1614 ({ids})"
             if named is not None:
@@ -172,7 +171,7 @@ def open_board(
     """
     place = parse_port(port)
     wired = wiring or wiring_of_board(place, design)
-    _require_kind(port, board_of(place), wired)
+    _require_kind(port, place.board, wired)
     emulator = None
     reader: Reader
     match place:
@@ -199,7 +198,7 @@ def wiring_of_board(
     port: Port, design: Design | None = None, name: str | None = None, coils: Sequence[str] | None = None
 ) -> Wiring:
     """Return the wiring of the board at a port."""
-    board = board_of(port)
+    board = port.board
     if coils is not None and (board is None or name is not None):
         raise HardwareError(
             "coils can be named only for a port with channels instead of switches, and without a wiring file."

@@ -1,9 +1,9 @@
-"""Codes, frequencies, inductances, times and limits of the LDC1614.
+"""Registers, codes, frequencies, inductances, times and limits of the LDC1614.
 
 Source: data sheet, Texas Instruments SNOSCY9A, equations 1, 3, 6 and 7, section 7 and table 43. Its
-register tables print the conversion time without the four clocks of equation 7, which are counted
-here. The LDC1612 has the first two channels and the same identity, so a program cannot distinguish
-them.
+contradictions are described in the meaning of each field in `ldc1614_registers.csv`. Its register
+tables print the conversion time without the four clocks of equation 7, which are counted here. The
+LDC1612 has the first two channels and the same identity, so a program cannot distinguish them.
 """
 
 from __future__ import annotations

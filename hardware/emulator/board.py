@@ -324,20 +324,17 @@ class EmulatedBoard:
         """Relative standard deviation of a frequency at full resolution."""
         return Readout().frequency_noise if self.conditions.noise is None else self.conditions.noise
 
-    def internal_clock(self, time: float) -> float:
-        """Return the frequency of the converter's own oscillator in Hz."""
-        return self.conditions.oscillator.at(self.conditions.drift.at(time))
-
-    def external_clock(self, time: float) -> float | None:
-        """Return the frequency at the pin CLKIN in Hz."""
-        return self.conditions.clkin
+    def clock_of(self, time: float, *, external: bool) -> float:
+        """Return the converter's clock in Hz, 0 if the pin CLKIN is grounded."""
+        here = self.conditions
+        return (here.clkin or 0.0) if external else here.oscillator.at(self.temperature(time))
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
         """Return the tank at a channel of the converter."""
         state = self._at_channel.get(channel) if self._at_channel else self.seen.state if channel == 0 else None
         if state is None:
             return None
-        return self.world.resonator(state, self.indenter.at(time), self.conditions.drift.at(time))
+        return self.world.resonator(state, self.indenter.at(time), self.temperature(time))
 
     # ------------------------------------------------------------------ for tests
 
@@ -345,9 +342,9 @@ class EmulatedBoard:
         """Return the present tank at a channel, without noise."""
         return self.sensor(channel, self.clock.now())
 
-    def temperature(self) -> float:
-        """Return the present temperature of the board in °C."""
-        return self.conditions.drift.at(self.clock.now())
+    def temperature(self, time: float | None = None) -> float:
+        """Return the temperature of the board in °C, at present by default."""
+        return self.conditions.drift.at(self.clock.now() if time is None else time)
 
     def place(self) -> Place:
         """Return the present place of the indenter."""

@@ -103,19 +103,13 @@ class Setting:
         """Decode the registers of a chip."""
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
+        channels = []
+        for k in range(CHANNELS):
+            rcount, offset, settle, dividers, drive = (registers[first + k] for first in (0x08, 0x0C, 0x10, 0x14, 0x1E))
+            channels.append(ChannelSetting(rcount, offset, settle, dividers >> 12, dividers & 0x3FF, drive >> 11))
         sequence = tuple(range(_SEQUENCES[mux >> 13 & 0b11])) if scan else (config >> 14,)
         return Setting(
-            channels=tuple(
-                ChannelSetting(
-                    registers[0x08 + k],
-                    registers[0x0C + k],
-                    registers[0x10 + k],
-                    registers[0x14 + k] >> 12,
-                    registers[0x14 + k] & 0x3FF,
-                    registers[0x1E + k] >> 11,
-                )
-                for k in range(CHANNELS)
-            ),
+            channels=tuple(channels),
             sequence=sequence,
             external=bool(config >> 9 & 1),
             fixed_drive=bool(config >> 12 & 1),
@@ -129,9 +123,9 @@ class Setting:
         """Whether several channels take turns."""
         return len(self.sequence) > 1
 
-    def problems(self, clock: float | None) -> Iterator[str]:
+    def problems(self, clock: float) -> Iterator[str]:
         """Yield the violations of the data sheet."""
-        if clock is None:
+        if not clock:
             yield "the chip was woken with an external clock, but the pin CLKIN is grounded."
         elif self.external and not EXTERNAL_CLOCK_RANGE[0] <= clock <= EXTERNAL_CLOCK_RANGE[1]:
             yield f"the pin CLKIN has {clock:.4g} Hz; 2 to 40 MHz are allowed."
@@ -140,24 +134,18 @@ class Setting:
         if self.deglitch not in DEGLITCH:
             yield f"DEGLITCH is {self.deglitch:#05b}, which is reserved."
         for channel in self.sequence:
-            yield from self._channel_problems(channel, clock)
-
-    def _channel_problems(self, channel: int, clock: float | None) -> Iterator[str]:
-        """Yield the violations of the data sheet in one channel."""
-        one = self.channels[channel]
-        if one.fin_divider == 0 or one.fref_divider == 0:
-            yield f"CLOCK_DIVIDERS{channel} holds a divider 0, which is reserved."
-            return
-        if one.rcount <= (8 if self.scan else 4):
-            yield f"RCOUNT{channel} is {one.rcount}, which is reserved."
-        if self.scan and one.settle <= 3:
-            yield f"SETTLECOUNT{channel} is {one.settle}; with several channels it must be more than 3."
-        if clock is None:
-            return
-        reference = clock / one.fref_divider
-        largest = largest_reference(external=self.external, channels=len(self.sequence))
-        if reference > largest:
-            yield f"the reference of channel {channel} is {reference:.4g} Hz; at most {largest:.4g} Hz are allowed."
+            one = self.channels[channel]
+            if one.fin_divider == 0 or one.fref_divider == 0:
+                yield f"CLOCK_DIVIDERS{channel} holds a divider 0, which is reserved."
+                continue
+            if one.rcount <= (8 if self.scan else 4):
+                yield f"RCOUNT{channel} is {one.rcount}, which is reserved."
+            if self.scan and one.settle <= 3:
+                yield f"SETTLECOUNT{channel} is {one.settle}; with several channels it must be more than 3."
+            reference = clock / one.fref_divider
+            largest = largest_reference(external=self.external, channels=len(self.sequence))
+            if reference > largest:
+                yield f"the reference of channel {channel} is {reference:.4g} Hz; at most {largest:.4g} Hz are allowed."
 
 
 @dataclass(frozen=True)
@@ -198,7 +186,7 @@ class Run:
         self._turn = 0  # position in the sequence of channels
         self._done = 0  # number of conversions
         self._found: dict[int, int] = {}  # drive codes that the chip chose itself, by channel
-        self._time = time + WAKE_CYCLES / surroundings.internal_clock(time)
+        self._time = time + WAKE_CYCLES / surroundings.clock_of(time, external=False)
         self._activate()
 
     def advance(self, until: float, *, changing: bool) -> None:
@@ -222,13 +210,13 @@ class Run:
     def _channel(self) -> int:
         return self._setting.sequence[self._turn]
 
+    @property
+    def _one(self) -> ChannelSetting:
+        return self._setting.channels[self._channel]
+
     def _reference(self) -> float:
         """Return the reference frequency of the channel in Hz."""
-        source = self._surroundings.external_clock if self._setting.external else self._surroundings.internal_clock
-        clock = source(self._time)
-        if clock is None:
-            return 0.0
-        one = self._setting.channels[self._channel]
+        clock, one = self._surroundings.clock_of(self._time, external=self._setting.external), self._one
         return clock / one.fref_divider if one.fref_divider and one.fin_divider else 0.0
 
     def _activate(self) -> None:
@@ -240,9 +228,7 @@ class Run:
         if reference == 0:
             self._time = self._end = math.inf  # no result ever comes
         else:
-            self._end = (
-                self._time + 16 * max(self._setting.channels[self._channel].settle, LEAST_SETTLE_COUNT) / reference
-            )
+            self._end = self._time + 16 * max(self._one.settle, LEAST_SETTLE_COUNT) / reference
 
     def _watched(self, until: float) -> bool:
         """Check whether the watchdog may fire by a time."""
@@ -251,7 +237,7 @@ class Run:
     def _begin_count(self) -> None:
         """Start a conversion of the channel."""
         self._reference_now = self._reference()
-        self._length = conversion_time(self._setting.channels[self._channel].rcount, self._reference_now)
+        self._length = conversion_time(self._one.rcount, self._reference_now)
         self._end = self._time + self._length
         self._cycles = 0.0
         self._high = self._low = False
@@ -287,7 +273,7 @@ class Run:
 
     def _finish(self, sensor: Resonator | None) -> None:
         """End a conversion and start the next."""
-        one = self._setting.channels[self._channel]
+        one = self._one
         last = self._turn == len(self._setting.sequence) - 1
         ratio = self._cycles / (self._length * one.fin_divider * self._reference_now)
         if self._cycles > 0:
@@ -331,7 +317,7 @@ class Run:
 
     def _judge_start(self, sensor: Resonator) -> None:
         """Check the settling time and frequency of the sensor."""
-        one = self._setting.channels[self._channel]
+        one = self._one
         needed = math.ceil(sensor.quality_factor * self._reference_now / (16 * sensor.frequency))
         if max(one.settle, LEAST_SETTLE_COUNT) < needed:
             self._low = True  # the amplitude is still growing
@@ -354,7 +340,7 @@ class Run:
         """Return the frequency in Hz and the amplitude in V."""
         if sensor is None:
             return 0.0, 0.0
-        code = self._setting.channels[self._channel].drive
+        code = self._one.drive
         if not self._setting.fixed_drive:
             code = self._found.setdefault(self._channel, sensor.automatic_drive())
         amplitude = sensor.amplitude(DRIVE_CURRENTS[code] * (_HIGH_CURRENT if self._setting.high_current else 1.0))
@@ -375,7 +361,6 @@ class Run:
 
 
 _BUS_TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
-_MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)
 _DIVIDERS, _DRIVE = 0x14, 0x1E
 _STATUS, _ERROR_CONFIG, _CONFIG, _RESET = 0x18, 0x19, 0x1A, 0x1C
 _SLEEP, _INTB_DIS, _DRDY = 1 << 13, 1 << 7, 1 << 6
@@ -444,13 +429,17 @@ class Ldc1614:
         if address not in self.table:
             self._note(f"register {address:#04x} was read; it is not documented.")
             return 0
-        if address in _MSB:
-            return self._read_msb(_MSB.index(address))
-        if address in _LSB:
-            return self._read_lsb(_LSB.index(address))
-        if address == _STATUS:
-            return self._read_status()
-        return self.registers[address]
+        if address < 2 * CHANNELS:
+            return self._read_data(address >> 1, lsb=bool(address & 1))
+        if address != _STATUS:
+            return self.registers[address]
+        if not (self.asleep or self._announced):
+            self._note("STATUS was read after waking before INTB was asserted.")
+        value = self._ready_bits() if self._frozen is None else self._frozen
+        self._frozen, self._interrupting = None, False
+        if value & _DRDY:  # a DRDY that a frozen register hides is still to be seen
+            self._drdy = False
+        return value
 
     def write(self, address: int, value: int) -> None:
         """Write a register like the bus."""
@@ -517,8 +506,7 @@ class Ldc1614:
         elif self._run is None:
             now, setting = self.clock.now(), Setting.of(self.registers)
             around = self.surroundings
-            source = around.external_clock if setting.external else around.internal_clock
-            for problem in setting.problems(source(now)):
+            for problem in setting.problems(around.clock_of(now, external=setting.external)):
                 self._note(problem)
             self._run = Run(around, setting, now, self._take, self._note, self._random)
 
@@ -564,37 +552,22 @@ class Ldc1614:
         ready = _DRDY if self._drdy and self.registers[_ERROR_CONFIG] & 1 else 0
         return ready | sum(1 << 3 - channel for channel in range(CHANNELS) if self._unread[channel])
 
-    def _read_status(self) -> int:
-        """Return STATUS with all side effects of reading."""
-        if not (self.asleep or self._announced):
-            self._note("STATUS was read after waking before INTB was asserted.")
-        value = self._ready_bits() if self._frozen is None else self._frozen
-        self._frozen, self._interrupting = None, False
-        if value & _DRDY:  # a DRDY that a frozen register hides is still to be seen
-            self._drdy = False
-        return value
-
-    def _read_msb(self, channel: int) -> int:
-        """Return DATAx_MSB with all side effects of reading."""
+    def _read_data(self, channel: int, *, lsb: bool) -> int:
+        """Return a data register of a channel with all side effects of reading."""
+        name = f"DATA{channel}_LSB" if lsb else f"DATA{channel}_MSB"
         if self.asleep:
-            self._note(f"DATA{channel}_MSB was read while the chip slept, which clears it.")
+            self._note(f"{name} was read while the chip slept, which clears it.")
+        if lsb:
+            if not (self.asleep or self._fresh[channel]):
+                self._note(f"{name} was read without DATA{channel}_MSB before it.")
+            self._fresh[channel] = False
+            return self._latched[channel]
         value = self._flags[channel] << 12 | self._codes[channel] >> 16
         self._latched[channel] = self._codes[channel] & 0xFFFF
-        self._fresh[channel] = True
-        self._unread[channel] = False
-        self._flags[channel] = 0
+        self._fresh[channel], self._unread[channel], self._flags[channel] = True, False, 0
         if self._frozen is not None and self._frozen >> 14 == channel:
             self._frozen, self._interrupting = None, False
         return value
-
-    def _read_lsb(self, channel: int) -> int:
-        """Return DATAx_LSB with all side effects of reading."""
-        if self.asleep:
-            self._note(f"DATA{channel}_LSB was read while the chip slept, which clears it.")
-        elif not self._fresh[channel]:
-            self._note(f"DATA{channel}_LSB was read without DATA{channel}_MSB before it.")
-        self._fresh[channel] = False
-        return self._latched[channel]
 
 
 class EmulatedBus:

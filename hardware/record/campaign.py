@@ -1,4 +1,4 @@
-"""Campaign of the same recorded sequence on a grid.
+"""Campaign of the same recorded sequence on a grid, and the stages that move the indenter.
 
 It follows Gast & Zimmermann (2020, sect. 3.3). At every position the indenter is moved there
 without touching (baseline), pressed in slowly to a depth, held for a dwell (peak), and lifted
@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.threads import Progress
@@ -33,9 +33,18 @@ if TYPE_CHECKING:
     from coilarray.hardware.emulator import EmulatedBoard
 
 
+SPEED = 1.5e-3
+"""Speed of indenting and relaxing in m/s, as in the paper."""
+DWELL = 0.5
+"""Time at full depth before the peak is measured, in s, as in the paper."""
+TRIES = 3
+"""Number of attempts at one position before the campaign is given up."""
 Dialect = Literal["grbl", "marlin"]
 """Firmware of a machine that speaks G-code."""
 
+_MOST_PLACES = 1_000_000
+_SHOWN = 120  # characters of a wrong plan in messages
+_FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 1000  # m, m, m/s, s
 _TRAVEL = 20e-3  # m/s, of the emulated stage between positions
 _SLOW = 5e-3  # m/s, of the first move of a machine
 _WAIT = {"grbl": "G4 P0.01", "marlin": "M400"}  # answered when all earlier movements are over
@@ -48,20 +57,20 @@ _QUIET = 0.3  # s after the greeting, for its last lines
 _ROUNDING = 1e-12  # m, of a position and its origin
 
 
-class Stage(Protocol):
-    """Mover of the indenter."""
+class Stage:
+    """Mover of the indenter. Positions are in m from the map's origin, speeds in m/s."""
 
     def check(self, places: Sequence[GridPlace]) -> None:
         """Refuse places outside the range of the stage."""
 
     def move(self, x: float, y: float) -> None:
-        """Go to a position in m, lifted off."""
+        """Go to a position, lifted off."""
 
     def indent(self, depth: float, speed: float) -> None:
         """Indent to a depth in m below contact."""
 
     def relax(self, speed: float) -> None:
-        """Lift off at a speed in m/s."""
+        """Lift off."""
 
     def retreat(self) -> None:
         """Lift off after a failure if this needs no person."""
@@ -70,7 +79,7 @@ class Stage(Protocol):
         """Release the machine without ever raising."""
 
 
-class PersonStage:
+class PersonStage(Stage):
     """A person who moves the indenter by hand.
 
     `ask` shows an instruction and returns when it was carried out. The map has its `origin` in m on
@@ -80,9 +89,6 @@ class PersonStage:
     def __init__(self, ask: Callable[[str], None], origin: tuple[float, float] = (0.0, 0.0)) -> None:
         self._ask, self._origin = ask, origin
         self._where = ""
-
-    def check(self, places: Sequence[GridPlace]) -> None:
-        """Accept all places, because the person decides."""
 
     def move(self, x: float, y: float) -> None:
         """Ask for a position."""
@@ -98,14 +104,8 @@ class PersonStage:
         """Ask for lifting off."""
         self._ask(f"Lift the indenter off at {_mm(speed)} mm/s.")
 
-    def retreat(self) -> None:
-        """Do nothing, because the person sees the error."""
 
-    def close(self) -> None:
-        """Do nothing."""
-
-
-class EmulatedStage:
+class EmulatedStage(Stage):
     """Stage that moves the indenter of an emulated board."""
 
     def __init__(self, board: EmulatedBoard) -> None:
@@ -141,9 +141,6 @@ class EmulatedStage:
         self._indenter.lift()
         self._depth = 0.0
 
-    def close(self) -> None:
-        """Do nothing."""
-
 
 @dataclass(frozen=True)
 class StageLimits:
@@ -164,8 +161,12 @@ class StageLimits:
                 raise HardwareError(f"{name} of a stage must be positive and at most {_DEEPEST} m; got {value} m.")
 
 
-class GcodeStage:
+class GcodeStage(Stage):
     """A machine with three axes that takes G-code in mm.
+
+    Most machines restart when their port is opened and then no longer know their position. Such a
+    machine is not moved before it has homed itself. A person confirms its first move, which is slow,
+    because only this move shows that its zero is at contact.
 
     It answers every line by ``ok``, like GRBL and Marlin. Its work origin must be set: x and y of
     the board, z = 0 where the indenter just touches, z upwards. Only ``G21``, ``G90``, ``G0``,
@@ -361,18 +362,6 @@ def _feed(speed: float) -> str:
     if not (math.isfinite(speed) and speed > 0):
         raise HardwareError(f"speed of the stage must be positive; got {speed} m/s.")
     return f"{speed * 60e3:.2f}"
-
-
-SPEED = 1.5e-3
-"""Speed of indenting and relaxing in m/s, as in the paper."""
-DWELL = 0.5
-"""Time at full depth before the peak is measured, in s, as in the paper."""
-TRIES = 3
-"""Number of attempts at one position before the campaign is given up."""
-
-_MOST_PLACES = 1_000_000
-_SHOWN = 120  # characters of a wrong plan in messages
-_FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 1000  # m, m, m/s, s
 
 
 @dataclass(frozen=True)

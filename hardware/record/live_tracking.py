@@ -64,22 +64,12 @@ class LiveReading:
 class LiveTracker:
     """Tracker that converts scans into δ and positions.
 
-    Parameters
-    ----------
-    model : ForwardModel or None
-        Model of the board. None if no location is wanted.
-    baseline_scans : int
-        Number of scans without an indentation whose mean is L_0.
-    budget : NoiseBudget, optional
-        Budget of the board's states, see `coilarray.hardware.scan.settings.board_budget`. It
-        gives the changes since L_0, separate and common. The noise of a scan is measured in the
-        baseline. Without a budget the measured noise is added to the noise of the model.
-    noise : float, optional
-        Standard deviation of δ to assume beside the measured noise, independent from state to
-        state. It replaces the budget and the noise of the model.
-    reference : sequence of str
-        Coils that nothing touches. Their mean δ is subtracted from all other states. They take no
-        part in locations and presses.
+    Without a `model` nothing is located. `baseline_scans` without an indentation give L_0 and the
+    noise of a scan. The `budget`, see `coilarray.hardware.scan.settings.board_budget`, gives the
+    changes since L_0, separate and common. Without it the measured noise is added to the noise of
+    the model. `noise`, a standard deviation of δ independent from state to state, replaces the
+    budget and the noise of the model. `reference` coils are touched by nothing. Their mean δ is
+    subtracted from all other states, and they take no part in locations and presses.
     """
 
     def __init__(
@@ -126,9 +116,10 @@ class LiveTracker:
         if self._base is None and at_rest:
             self._measure_baseline(elapsed, scan.inductances)
         base = self._base
-        states = tuple(self._state(state, base) for state in scan.states)
+        states = tuple(_live_state(state, base) for state in scan.states)
         if base is not None and self._reference:
-            states = self._corrected(states)
+            left = self._less({state.name: state.delta for state in states if state.delta is not None})
+            states = tuple(self._corrected(state, left) for state in states)
         location, problem = None, ""
         if base is not None and want_location and self._model is not None:
             location, problem = self._located(self._model, states)
@@ -190,21 +181,16 @@ class LiveTracker:
         else:
             white = white or float(budget.noise.max())  # unseen below a converter's step
             self._noise = math.hypot(white, float(budget.own_change.max()))
-            self._common = self._common_of(budget, names)
+            less = budget.referenced(self._reference) if references else budget
+            kept = [k for k, name in enumerate(less.states) if name in names]
+            squares = sum((change[kept] ** 2 for change in less.common.values()), np.zeros(len(kept)))
+            of_references = self._noise**2 / references if references else 0.0
+            self._common = math.sqrt(float(squares.max(initial=0.0)) + of_references)
         if model is not None:
             if budget is not None:
                 model = replace(model, common=tuple(budget.select(model.states).common.values()))
             model = replace(model, noise=self._noise)
             self._model = model.referenced(self._reference) if references else model
-
-    def _common_of(self, budget: NoiseBudget, names: Sequence[str]) -> float:
-        """Return the largest common standard deviation of δ."""
-        references = len(self._reference)
-        less = budget.referenced(self._reference) if references else budget
-        kept = [k for k, name in enumerate(less.states) if name in names]
-        squares = sum((change[kept] ** 2 for change in less.common.values()), np.zeros(len(kept)))
-        of_references = self._noise**2 / references if references else 0.0
-        return math.sqrt(float(squares.max(initial=0.0)) + of_references)
 
     def _less(self, delta: Mapping[str, float]) -> dict[str, float]:
         """Return δ of the other states less the references."""
@@ -214,27 +200,13 @@ class LiveTracker:
             return {}
         return {name: float(value) for name, value in less_reference(delta, self._reference).items()}
 
-    def _corrected(self, states: Sequence[LiveState]) -> tuple[LiveState, ...]:
-        """Subtract the mean δ of the references from the states."""
-        left = self._less({state.name: state.delta for state in states if state.delta is not None})
-        return tuple(
-            state
-            if state.name in self._reference or state.delta is None
-            else replace(state, delta=left[state.name])
-            if state.name in left
-            else replace(state, delta=None, reasons=(*state.reasons, "the reference coil has no value"))
-            for state in states
-        )
-
-    @staticmethod
-    def _state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
-        """Return δ of one state relative to the baseline."""
-        reasons = tuple(str(reason) for reason in state.reasons)
-        if state.inductance is None or base is None:
-            return LiveState(state.name, None, state.verdict, reasons)
-        if state.name not in base:
-            return LiveState(state.name, None, state.verdict, (*reasons, "no baseline"))
-        return LiveState(state.name, state.inductance / base[state.name] - 1, state.verdict, reasons)
+    def _corrected(self, state: LiveState, left: Mapping[str, float]) -> LiveState:
+        """Return a state with δ less the references, which keep their own."""
+        if state.name in self._reference or state.delta is None:
+            return state
+        if state.name in left:
+            return replace(state, delta=left[state.name])
+        return replace(state, delta=None, reasons=(*state.reasons, "the reference coil has no value"))
 
     def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
         """Locate the indentation."""
@@ -268,3 +240,13 @@ class LiveTracker:
             self._times.clear()
         self._last = scan.boot, scan.sequence
         self._times.append(scan.time)
+
+
+def _live_state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
+    """Return δ of one state relative to the baseline."""
+    reasons = tuple(str(reason) for reason in state.reasons)
+    if state.inductance is None or base is None:
+        return LiveState(state.name, None, state.verdict, reasons)
+    if state.name not in base:
+        return LiveState(state.name, None, state.verdict, (*reasons, "no baseline"))
+    return LiveState(state.name, state.inductance / base[state.name] - 1, state.verdict, reasons)

@@ -59,29 +59,14 @@ def recorded_response(
 
     It has the form of a simulated response from `coilarray.response.map.response_map`. L_0 is
     measured again at every position before the indenter touches, as in the paper (eq. 2), so that a
-    slow drift does not affect δ.
+    slow drift does not affect δ. Capacitances in F, recorded by default, and the clock in Hz affect
+    ``base_inductance`` only. With `partial` positions that are not measured yet are NaN.
 
-    Parameters
-    ----------
-    recording : Recording
-        Recording of a campaign.
-    capacitances : mapping of str to float, or float, optional
-        Capacitance of the tank in F, by state. The recorded values by default. It affects
-        ``base_inductance`` only.
-    clock : float, optional
-        Clock of the converter in Hz. It affects ``base_inductance`` only.
-    partial : bool
-        Whether to accept positions that are not measured yet. They are NaN.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the mean over the repeats.
-        ``base_inductance`` (state) is the mean L_0 in H. Coordinates are in m. ``delta_std``
-        (depth, y, x, state) is the standard deviation of one repeat. Without repeats it is the same
-        for all positions and comes from the differences of successive baselines (NaN for a single
-        position). ``doubtful`` (depth, y, x, state) marks readings outside the specification of the
-        data sheet. ``emulated`` is 0 for a real board.
+    ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the mean over the repeats.
+    ``base_inductance`` (state) is the mean L_0 in H. Coordinates are in m. ``delta_std``, of the
+    shape of ``delta``, is the standard deviation of one repeat. Without repeats it is the same for
+    all positions and comes from the differences of successive baselines (NaN for a single
+    position). ``doubtful`` marks readings outside the specification of the data sheet.
     """
     if recording.campaign is None:
         raise HardwareError(f"{recording.path} holds no campaign, only a time series.")

@@ -28,15 +28,16 @@ from coilarray.design.write import design_document
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.record.recording import (
+    PLAIN,
     GridPlace,
     RecordedSession,
     Recording,
     create_tables,
     insert_row,
-    insert_scan,
     is_blank,
     reading,
     require_recording,
+    scan_checksum,
     sign_row,
 )
 from coilarray.hardware.scan.readings import RawScan, Reader
@@ -154,19 +155,14 @@ class Recorder:
                 if campaign is not None:
                     insert_row(connection, "campaign", {"plan": campaign})
             values = {
-                "started": session.started,
+                **{name: getattr(session, name) for name in PLAIN},
                 "identity": json.dumps(asdict(session.identity)),
                 "boot": session.identity.boot,
                 "emulated": session.identity.emulated,
-                "port": session.port,
                 "settings": session.settings.to_json(),
                 "settings_hash": session.settings.hash,
-                "wiring": session.wiring,
                 "capacitances": json.dumps(dict(session.capacitances)),
-                "design": session.design,
-                "design_hash": session.design_hash,
                 "design_document": json.dumps(dict(session.design_document)),
-                "version": session.version,
             }
             return insert_row(connection, "session", values)
 
@@ -179,12 +175,34 @@ class Recorder:
         self._session, self.thermometer = session, thermometer
 
     def add(self, scan: RawScan, stage: str, *, position: int | None = None, depth: float | None = None) -> None:
-        """Write a scan of this session."""
-        self._require_ours(scan)
+        """Write a scan, which must be of this session and its settings."""
+        settings, boot = self.session.settings, self.session.identity.boot
+        if scan.boot != boot:
+            raise BoardRestarted(
+                f"the board restarted: its session was {boot:08X}, that of scan {scan.sequence} is another."
+            )
+        if scan.configuration != settings.hash or len(scan.samples) != len(settings.states):
+            raise HardwareError(
+                f"scan {scan.sequence} has the settings {scan.configuration:04X} and {len(scan.samples)} states; "
+                f"the board was set to {settings.hash:04X} and {len(settings.states)}."
+            )
+        if not (math.isfinite(scan.time) and math.isfinite(scan.received)):
+            raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
         temperature = None if self.thermometer is None else self.thermometer()
 
         def write(connection: sqlite3.Connection) -> None:
-            insert_scan(connection, self._number, position, stage, depth, temperature, scan)
+            (number,) = connection.execute("SELECT coalesce(max(id), 0) + 1 FROM scan").fetchone()
+            where = (number, self._number, position, stage, depth, temperature)
+            connection.execute(
+                "INSERT INTO scan (id, session, position, stage, depth, temperature, sequence, time, received, "
+                "checksum) VALUES (?,?,?,?,?,?,?,?,?,?)",
+                (*where, scan.sequence, scan.time, scan.received, scan_checksum(*where, scan)),
+            )
+            words = [(one.msb, one.lsb, one.status, int(one.fault)) for one in scan.samples]
+            connection.executemany(
+                "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
+                [(number, k, *word) for k, word in enumerate(words)],
+            )
 
         self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
 
@@ -222,21 +240,6 @@ class Recorder:
         values: dict[str, object] = {"session": self._number, "time": time.time()}
         values |= {"symptoms": json.dumps(list(symptoms)), "findings": json.dumps(list(findings))}
         self._write(lambda connection: insert_row(connection, "self_test", values), durable=True)
-
-    def _require_ours(self, scan: RawScan) -> None:
-        """Refuse a scan of another session or other settings."""
-        settings, boot = self.session.settings, self.session.identity.boot
-        if scan.boot != boot:
-            raise BoardRestarted(
-                f"the board restarted: its session was {boot:08X}, that of scan {scan.sequence} is another."
-            )
-        if scan.configuration != settings.hash or len(scan.samples) != len(settings.states):
-            raise HardwareError(
-                f"scan {scan.sequence} has the settings {scan.configuration:04X} and {len(scan.samples)} states; "
-                f"the board was set to {settings.hash:04X} and {len(settings.states)}."
-            )
-        if not (math.isfinite(scan.time) and math.isfinite(scan.received)):
-            raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
 
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
         """Run a write as one transaction."""

@@ -1,6 +1,10 @@
-"""Reading of recordings, and their summaries.
+"""SQLite file of a recording, its reading, and its summary.
 
-Every scan has its raw words, the place of the indenter, and the settings of the board.
+Every scan has its raw words, the place of the indenter, and the settings of the board. Every row
+has a checksum of its values and its number. The checksum of a scan includes its samples and its
+temperature. Scans are numbered from 1 without a gap, and SQLite's own check notices lost pages and
+lost entries of a page. Therefore every single flipped bit that removes or changes data of a result
+is noticed.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from coilarray.compute.arrays import BoolArray, FloatArray
 from coilarray.compute.files import checksum
 from coilarray.design.model import Design, build_design
 from coilarray.errors import HardwareError
@@ -118,49 +123,11 @@ def insert_row(connection: sqlite3.Connection, table: str, values: dict[str, Any
     return int(row.lastrowid or 0)
 
 
-def insert_scan(
-    connection: sqlite3.Connection,
-    session: int,
-    position: int | None,
-    stage: str,
-    depth: float | None,
-    temperature: float | None,
-    scan: RawScan,
-) -> None:
-    """Add a scan with samples, temperature and checksum."""
-    (number,) = connection.execute("SELECT coalesce(max(id), 0) + 1 FROM scan").fetchone()
-    when = (scan.sequence, scan.time, scan.received)
-    known = scan_checksum(number, session, position, stage, depth, temperature, scan)
-    connection.execute(
-        "INSERT INTO scan (id, session, position, stage, depth, temperature, sequence, time, received, checksum) "
-        "VALUES (?,?,?,?,?,?,?,?,?,?)",
-        (number, session, position, stage, depth, temperature, *when, known),
-    )
-    connection.executemany(
-        "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
-        [
-            (number, k, sample.msb, sample.lsb, sample.status, int(sample.fault))
-            for k, sample in enumerate(scan.samples)
-        ],
-    )
-
-
 def sign_row(connection: sqlite3.Connection, table: str, number: int) -> None:
     """Store the checksum of a row's values in the file."""
     found = connection.execute(f"SELECT * FROM {table} WHERE id = ?", (number,))
     row = dict(zip([column[0] for column in found.description], found.fetchone(), strict=True))
     connection.execute(f"UPDATE {table} SET checksum = ? WHERE id = ?", (_row_checksum(table, row), number))
-
-
-def table_rows(connection: sqlite3.Connection, path: Path, table: str) -> list[dict[str, Any]]:
-    """Return the rows of a table, checked by their checksums."""
-    found = connection.execute(f"SELECT * FROM {table} NOT INDEXED ORDER BY id")
-    names = [column[0] for column in found.description]
-    rows = [dict(zip(names, row, strict=True)) for row in found]
-    for row in rows:
-        if row["checksum"] != _row_checksum(table, row):
-            raise HardwareError(f"{path} is damaged: {table.replace('_', '-')} {row['id']}: its checksum is wrong.")
-    return rows
 
 
 def scan_checksum(
@@ -301,6 +268,10 @@ class RecordedSession:
     version: str  # of this program
 
 
+PLAIN = ("started", "port", "wiring", "design", "design_hash", "version")
+"""Fields of a session that its row has as they are."""
+
+
 @dataclass(frozen=True)
 class RecordedScan:
     """A scan and the circumstances of its measurement."""
@@ -394,9 +365,16 @@ class Recording:
             pass
 
     def rows(self, table: str) -> list[dict[str, Any]]:
-        """Read rows of a table other than the scans."""
+        """Read the rows of a table other than the scans, checked by their checksums."""
         with reading(self.path):
-            return table_rows(self._connection, self.path, table)
+            found = self._connection.execute(f"SELECT * FROM {table} NOT INDEXED ORDER BY id")
+            names = [column[0] for column in found.description]
+            rows = [dict(zip(names, row, strict=True)) for row in found]
+        for row in rows:
+            if row["checksum"] != _row_checksum(table, row):
+                name = f"{table.replace('_', '-')} {row['id']}"
+                raise HardwareError(f"{self.path} is damaged: {name}: its checksum is wrong.")
+        return rows
 
     def _scan(self, rows: list[tuple[Any, ...]], places: dict[int, GridPlace]) -> RecordedScan:
         """Build a scan from its rows and check it."""
@@ -427,16 +405,11 @@ class Recording:
             if settings.hash != row["settings_hash"]:
                 raise ValueError("the settings are not those of their hash")
             return RecordedSession(
-                started=row["started"],
                 identity=Identity(**json.loads(row["identity"])),
-                port=row["port"],
                 settings=settings,
-                wiring=row["wiring"],
                 capacitances=json.loads(row["capacitances"]),
-                design=row["design"],
-                design_hash=row["design_hash"],
                 design_document=json.loads(row["design_document"]),
-                version=row["version"],
+                **{name: row[name] for name in PLAIN},
             )
         except (*_UNREADABLE, HardwareError) as error:
             raise HardwareError(f"{self.path} is damaged: session {row['id']}: {error}.") from None
@@ -480,8 +453,8 @@ def summarize_recording(recording: Recording) -> dict[str, Any]:
     names, first = recording.states, recording.sessions[0]
     verdicts: list[Counter[str]] = [Counter() for _ in names]
     reasons: list[Counter[str]] = [Counter() for _ in names]
-    sums = {name: np.zeros(len(names)) for name in ("readings", "frequency", "inductance", "steps", "squares")}
-    last = np.full(len(names), np.nan)
+    values: list[FloatArray] = []  # frequency and inductance by state, of every scan
+    at_rest: list[bool] = []
     spans: list[list[float]] = [[] for _ in recording.sessions]  # first and last time
     counts, lost = [0] * len(spans), 0
     before = (-1, 0)  # session and number of the last scan of a stream
@@ -495,31 +468,15 @@ def summarize_recording(recording: Recording) -> dict[str, Any]:
         for k, state in enumerate(states):
             verdicts[k][state.verdict] += 1
             reasons[k].update(map(str, state.reasons))
-        frequency, inductance = (
-            np.array([getattr(state, name) for state in states], dtype=np.float64)
-            for name in ("frequency", "inductance")
-        )
-        known = np.isfinite(inductance)
-        sums["readings"] += known
-        sums["frequency"] += np.where(known, frequency, 0.0)
-        sums["inductance"] += np.where(known, inductance, 0.0)
-        if not (one.depth or 0.0) > 0:
-            both = known & np.isfinite(last)
-            sums["steps"] += both
-            sums["squares"] += np.where(both, inductance - last, 0.0) ** 2
-            last = np.where(known, inductance, last)
+        values.append(np.array([(state.frequency, state.inductance) for state in states], dtype=np.float64))
+        at_rest.append(not (one.depth or 0.0) > 0)
         spans[one.session] = [*spans[one.session][:1], scan.time]
         counts[one.session] += 1
     seconds = sum(span[-1] - span[0] for span in spans if span)
     steps = sum(max(count - 1, 0) for count in counts)
     plan = None if recording.campaign is None else Campaign.from_json(recording.campaign)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        means = [sums[name] / sums["readings"] for name in ("frequency", "inductance")]
-        noise = np.sqrt(sums["squares"] / sums["steps"] / 2) / means[1]
-    numbers = [
-        [value if math.isfinite(value) else None for value in row]
-        for row in np.stack((*means, noise), axis=-1).tolist()
-    ]
+    columns = np.array(values).reshape(-1, len(names), 2).transpose(1, 2, 0)
+    rest = np.array(at_rest, dtype=bool)
     return {
         "file": str(recording.path),
         "emulated": recording.emulated,
@@ -545,7 +502,7 @@ def summarize_recording(recording: Recording) -> dict[str, Any]:
         "states": [
             {
                 "state": name,
-                **dict(zip(("frequency_Hz", "inductance_H", "relative_noise"), numbers[k], strict=True)),
+                **_statistics(*columns[k], rest),
                 **{verdict: verdicts[k][verdict] for verdict in ("good", "doubtful", "bad")},
                 "reasons": dict(reasons[k].most_common()),
             }
@@ -553,4 +510,16 @@ def summarize_recording(recording: Recording) -> dict[str, Any]:
         ],
         "campaign": None if plan is None else {**plan.to_record(), "measured": len(recording.positions())},
         "self_tests": recording.self_tests(),
+    }
+
+
+def _statistics(frequency: FloatArray, inductance: FloatArray, rest: BoolArray) -> dict[str, float | None]:
+    """Return the means of a state and the noise of its scans at `rest`."""
+    known = np.isfinite(inductance)
+    steps = np.diff(inductance[known & rest])
+    mean = float(inductance[known].mean()) if known.any() else None
+    return {
+        "frequency_Hz": float(frequency[known].mean()) if known.any() else None,
+        "inductance_H": mean,
+        "relative_noise": math.sqrt((steps**2).mean() / 2) / mean if mean and len(steps) else None,
     }

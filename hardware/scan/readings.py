@@ -166,7 +166,14 @@ def judge(sample: RawSample, channel: int = 0) -> tuple[Verdict, tuple[Reason, .
     """
     if sample.fault is not SampleFault.NONE:
         return "bad", (_FAULTS[sample.fault],)
-    reasons = _of_result(sample) | _of_status(sample.status, channel)
+    code = _code(sample)
+    reasons = {reason for reason, flag in _FLAGS.items() if sample.msb & flag} | _of_status(sample.status, channel)
+    if code == 0:
+        reasons.add(Reason.UNDER_RANGE)
+    if code == LARGEST_CODE:
+        reasons.add(Reason.OVER_RANGE)
+    elif code >= QUARTER:
+        reasons.add(Reason.ABOVE_QUARTER)
     if reasons & {Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW}:
         reasons.discard(Reason.AMPLITUDE)  # STATUS is more precise
     ordered = tuple(reason for reason in Reason if reason in reasons)
@@ -177,18 +184,6 @@ def judge(sample: RawSample, channel: int = 0) -> tuple[Verdict, tuple[Reason, .
 
 def _code(sample: RawSample) -> int:
     return (sample.msb & 0x0FFF) << 16 | sample.lsb
-
-
-def _of_result(sample: RawSample) -> set[Reason]:
-    """Reasons that the two words of the result show."""
-    code, reasons = _code(sample), {reason for reason, flag in _FLAGS.items() if sample.msb & flag}
-    if code == 0:
-        reasons.add(Reason.UNDER_RANGE)
-    if code == LARGEST_CODE:
-        reasons.add(Reason.OVER_RANGE)
-    elif code >= QUARTER:
-        reasons.add(Reason.ABOVE_QUARTER)
-    return reasons
 
 
 def ready_status(channel: int) -> int:

@@ -234,23 +234,20 @@ def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str
     if loose is not None:
         raise HardwareError(f"the safe words must ground {_end(loose)} and nothing else; they do not.")
     for name, words in states:
-        _check_state(_nets(table, words, f"state {name}"), f"state {name}")
-
-
-def _check_state(nets: Mapping[NumberedEnd, Sequence[Net]], where: str) -> None:
-    """Refuse forbidden connections of a state."""
-    for terminal, joined in nets.items():
-        if len(joined) > 1:
-            listed = " and ".join("another net" if net == "other" else net for net in joined)
-            raise HardwareError(f"{where} joins {_end(terminal)} to {listed} at once.")
-    on_a, on_b = ([terminal for terminal, joined in nets.items() if pin in joined] for pin in ("INA", "INB"))
-    for pin, terminals in (("INA", on_a), ("INB", on_b)):
-        if len(terminals) > 1:
-            raise HardwareError(f"{where} joins {' and '.join(map(_end, terminals))} to {pin} at once.")
-    if len(on_a) != len(on_b):
-        raise HardwareError(f"{where} joins an end to one pin of the converter and nothing to the other.")
-    if on_a and on_a[0][0] != on_b[0][0]:
-        raise HardwareError(f"{where} joins {_end(on_a[0])} to INA but {_end(on_b[0])} to INB.")
+        where = f"state {name}"
+        nets = _nets(table, words, where)
+        for terminal, joined in nets.items():
+            if len(joined) > 1:
+                listed = " and ".join("another net" if net == "other" else net for net in joined)
+                raise HardwareError(f"{where} joins {_end(terminal)} to {listed} at once.")
+        on_a, on_b = ([terminal for terminal, joined in nets.items() if pin in joined] for pin in ("INA", "INB"))
+        for pin, terminals in (("INA", on_a), ("INB", on_b)):
+            if len(terminals) > 1:
+                raise HardwareError(f"{where} joins {' and '.join(map(_end, terminals))} to {pin} at once.")
+        if len(on_a) != len(on_b):
+            raise HardwareError(f"{where} joins an end to one pin of the converter and nothing to the other.")
+        if on_a and on_a[0][0] != on_b[0][0]:
+            raise HardwareError(f"{where} joins {_end(on_a[0])} to INA but {_end(on_b[0])} to INB.")
 
 
 def _nets(table: SwitchTable, words: bytes, where: str) -> dict[NumberedEnd, list[Net]]:
@@ -390,8 +387,6 @@ class Wiring:
         for coil in self.coils:
             if not {(Terminal(coil, "a"), "INA"), (Terminal(coil, "b"), "INB")} <= set(joins):
                 raise HardwareError(f"wiring {self.name} must join {coil}.a to INA and {coil}.b to INB; it cannot.")
-        for device in self.devices:
-            self._check_common_pins(device)
 
     @property
     def terminals(self) -> tuple[Terminal, ...]:
@@ -462,12 +457,12 @@ class Wiring:
         return bytes(words)
 
     def _check_device(self, device: Device) -> None:
-        """Refuse a device with wrong bits or switches."""
-        known = switch_part(device.part).bits
-        if sorted(device.bits) != sorted(known):
+        """Refuse a device with wrong bits, or switches that cannot share their common pin."""
+        part = switch_part(device.part)
+        if sorted(device.bits) != sorted(part.bits):
             got = listed(map(shown, device.bits)) or "none"
             raise HardwareError(
-                f"wiring {self.name}, device {device.name}: bits must name each of {', '.join(known)} once; got {got}."
+                f"wiring {self.name}, device {device.name}: bits must name each of {listed(part.bits)} once; got {got}."
             )
         for switch in device.switches:
             if switch.name not in device.bits:
@@ -477,14 +472,8 @@ class Wiring:
                     f"wiring {self.name}: {device.name}.{switch.name} goes to {shown(str(switch.terminal))}; "
                     f"there are the coils {listed(self.coils)} with ends a and b."
                 )
-
-    def _check_common_pins(self, device: Device) -> None:
-        """Refuse switches that cannot share their common pin.
-
-        It is one side of its switches, so they must connect the same end of a coil, or the same
-        net.
-        """
-        for names in switch_part(device.part).drains.values():
+        # A common pin is one side of its switches, so they must connect the same end of a coil, or the same net.
+        for names in part.drains.values():
             wired = [switch for switch in device.switches if switch.name in names]
             for one, other in combinations(wired, 2):
                 if one.terminal != other.terminal and one.net != other.net:

@@ -177,6 +177,7 @@ class SerialPort:
 
     name: str  # for `coilarray.hardware.wire.ports.choose_serial_port`
     baud: int = BAUD
+    board: None = None  # the firmware has switches
 
 
 @dataclass(frozen=True)
@@ -309,11 +310,6 @@ def _integer(text: str, key: str, low: int, high: int) -> int:
     if not low <= value <= high:
         raise ValueError(f"{key} must be a whole number from {low} to {high}; got {text[:40]!r}")
     return value
-
-
-def board_of(port: Port) -> ChannelBoard | None:
-    """Return the converter board of a port without switches."""
-    return None if isinstance(port, SerialPort) else port.board
 
 
 def bus_rate(port: Port) -> float:

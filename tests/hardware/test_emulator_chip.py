@@ -55,11 +55,8 @@ class Bench:
         found = self.sensors.get(channel)
         return found(time) if callable(found) else found
 
-    def internal_clock(self, time):
-        return self.oscillator.at(self.drift.at(time))
-
-    def external_clock(self, time):
-        return self.clkin
+    def clock_of(self, time, *, external):
+        return (self.clkin or 0.0) if external else self.oscillator.at(self.drift.at(time))
 
 
 class Chip:

@@ -178,10 +178,10 @@ def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> Sca
     """Make a scan's settings from the options and the file."""
     from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
     from coilarray.hardware.scan.settings import ConverterClock, design_settings
-    from coilarray.hardware.wire.ports import board_of, bus_rate, parse_port
+    from coilarray.hardware.wire.ports import bus_rate, parse_port
 
     port, file = parse_port(options.port), options.file
-    channels = board_of(port)
+    channels = port.board
     clock, external = (None, False) if channels is None else (channels.clock, channels.clock is not None)
     if file.clock is not None:
         clock, external = file.clock * 1e6, file.external_clock or external
