@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,11 +20,10 @@ from coilarray.elastomer.finite_sample import shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.flat_stack import Backing
-from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
+from coilarray.geometry import Ball, FinitePlate, Plate
 from coilarray.metal.backing import backings_of
-from coilarray.metal.ball import indenter_inductance, target_inductance
+from coilarray.metal.ball import indenter_inductance
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.response.setup import Experiment, Level, MapAxes, together
 
@@ -124,9 +122,24 @@ def _over_backing(
             replace(level, dents=level.dents[k : k + 1], shares=level.shares[k : k + 1, block])
             for level in pressed.levels
         ]
+
+        def compute(
+            levels: list[Level] = levels, points: FloatArray = points, told: Progress | None = told
+        ) -> xr.Dataset:
+            groups = together(levels)
+            change = sum(
+                changes_by_levels(source, group, points, mesh, backing, part_of(told, k, len(groups)))[0]
+                for k, group in enumerate(groups)
+            )
+            if not np.isfinite(change).all():
+                raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
+            dims = ("place", "coil", "other")
+            part = xr.Dataset({"change": (dims, np.real(change))})
+            return part if backing is None else part.assign(loss=(dims, -np.imag(change)))
+
         of_levels = [(level.shares, level.dents[0], level.coarse) for level in levels]
-        inputs = ("dents", mesh, points, of_levels, paths, backing)  # all that decides the numbers of a part
-        part = keep(inputs, partial(_compute_part, source, levels, points, mesh, backing, told))
+        # all that decides the numbers of a part
+        part = keep(("dents", mesh, points, of_levels, paths, backing), compute)
         found.append(part.change.values - (1j * part.loss.values if "loss" in part else 0))
         if told is not None:
             told(1, 1)
@@ -135,28 +148,6 @@ def _over_backing(
         return change
     shift = changes_by_bounds(pressed, source, mesh, backing)
     return np.asarray(change + np.reshape(shift if backing is not None else shift.real, change.shape))
-
-
-def _compute_part(
-    source: Source,
-    levels: Sequence[Level],
-    points: FloatArray,
-    mesh: LayerMesh,
-    backing: Backing | None,
-    progress: Progress | None,
-) -> xr.Dataset:
-    """Inductance changes at one depth, with ΔR/ω beside plates."""
-    groups = together(levels)
-    by_group = [
-        changes_by_levels(source, group, points, mesh, backing, part_of(progress, k, len(groups)))[0]
-        for k, group in enumerate(groups)
-    ]
-    change = np.sum(by_group, axis=0)
-    if not np.isfinite(change).all():
-        raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
-    dims = ("place", "coil", "other")
-    part = xr.Dataset({"change": (dims, change.real)})
-    return part if backing is None else part.assign(loss=(dims, -change.imag))
 
 
 def changes_by_bounds(
@@ -224,45 +215,3 @@ def metal_share(
         )
         total = total + np.einsum("dp,dpij->dpij", level.shares, found[:-1] - found[-1])
     return np.asarray(total).reshape(-1, *found.shape[-2:])
-
-
-def target_changes(
-    source: Source,
-    target: Target,
-    sheets: Sequence[Sheet],
-    plates: Sequence[Plate | FinitePlate],
-    axes: MapAxes,
-    frequencies: FloatArray,
-    accuracy: Accuracy,
-    fineness: float,
-    keep: Keep,
-    progress: Progress | None = None,
-) -> ComplexArray:
-    """Compute ΔL − jΔR/ω in H of a target.
-
-    The shape is (3, distances, places, frequencies, coils, coils): the change, its error, and the
-    part of the mesh in this error. The errors are 0 for bodies other than plates.
-    """
-    places = axes.places + target.origin_point
-    # Only a plate with an outline between layers is solved again at every distance.
-    apart = isinstance(target.body, FinitePlate) and (bool(plates) or any(sheet.magnetic for sheet in sheets))
-    distances = axes.depth.tolist()
-    blocks = [[one] for one in distances] if apart else [distances]
-    paths = [conductor.vertices for conductor in as_conductors(source)]
-    found = []
-    for number, block in enumerate(blocks):
-
-        def compute(number: int = number, block: list[float] = block) -> xr.Dataset:
-            change, error = target_inductance(
-                source, target, places, block, frequencies, sheets, plates,
-                accuracy=accuracy, fineness=fineness, progress=part_of(progress, number, len(blocks)),
-            )  # fmt: skip
-            errors = [np.zeros_like(change)] * 2 if error is None else [error.absolute, error.mesh]
-            values = np.stack([change, *(part.reshape(change.shape) for part in errors)])
-            dims = ("value_or_error", "distance", "place", "frequency", "coil", "other")
-            return xr.Dataset({"inductance": (dims, values.real), "loss": (dims, -values.imag)})
-
-        inputs = (target.body, places, frequencies, sheets, plates, paths, accuracy, fineness, block)
-        part = keep(("target", *inputs), compute)
-        found.append(part.inductance.values - 1j * part.loss.values)
-    return np.concatenate(found, axis=1)

@@ -276,7 +276,8 @@ def _near_coils(
         )
         delta = delta + (states.weights * energy).real
     # The effect of dents on frequency and losses, some 1e-3, is left out of the readability here.
-    alone = np.stack((frequency, 2 * np.pi * frequency * states.base_inductance * quality))
+    R_p = 2 * np.pi * frequency * states.base_inductance * quality
+    alone = {"frequency": frequency, "parallel_resistance": R_p}
     found = {} if ideal else _readability(design, network, alone, alone, ())
     attributes: dict[str, object] = {
         "error_of_peak": error,
@@ -300,7 +301,7 @@ def _all_coils(
     """Compute a map with every coil and the whole circuit."""
     axes, ball = pressed.axes, indentation_of(design).ball
     flats = [resonate(network, state) for state in design.plan]
-    band, mean = _band(flats), _mean_frequency(flats)
+    band, mean = _band(flats)
     change = dent_changes(design.array, design.plates, pressed, band, mesh, keep, progress)
     found: dict[str, Variable] = {}
     attributes: dict[str, object] = {"error_of_peak": 0.0}
@@ -322,7 +323,7 @@ def _all_coils(
         )  # fmt: skip
         attributes |= {"metal_frequency_Hz": mean, "rest_m": rest, "indenter_material": ball.material.name}
     if not ideal:
-        found |= _readability(design, network, _sensors(answers), _sensors_of(flats), axes.shape)
+        found |= _readability(design, network, answers, _sensors_of(flats), axes.shape)
     n = len(network.names)
     found |= variables(
         ("inductance_change", (*_PLACES, "coil", "other"), change.at(mean).real.reshape(*axes.shape, n, n), "H",
@@ -369,7 +370,7 @@ def respond(
     others["inductance_change"] = (response.inductance_change.dims, given, response.inductance_change.attrs)
     others["delta"] = ((*_PLACES, "state"), answers["delta"].reshape(*shape, -1), response.delta.attrs)
     if not ideal:
-        others = others.assign(_readability(design, network, _sensors(answers), _sensors_of(flats), shape))
+        others = others.assign(_readability(design, network, answers, _sensors_of(flats), shape))
     base = np.array([one.effective_inductance for one in flats])
     others["base_inductance"] = ("state", base, response.base_inductance.attrs)
     others = others.assign_coords(state=[state.name for state in states])
@@ -401,11 +402,10 @@ def inductance_changes(
     shares = np.ones(1)
     if design.plates:
         network = design_circuit(design)
-        flats = [resonate(network, state) for state in design.plan]
-        band = _band(flats)
+        band, mean = _band([resonate(network, state) for state in design.plan])
         over, _ = backings_of(source, design.plates, band.nodes.tolist(), pressed.sheets)
         if over:
-            backings, shares = over, band.shares(np.array([_mean_frequency(flats)]))[0]
+            backings, shares = over, band.shares(np.array([mean]))[0]
     for share, backing in zip(shares.tolist(), backings, strict=True):
         for levels in together(pressed.levels):
             part = changes_by_levels(source, levels, pressed.points, LayerMesh(), backing, progress)
@@ -499,15 +499,10 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: fl
     require_memory((_BYTES_A_VALUE + more) * values, f"a map of {what}", "compute it in pieces")
 
 
-def _band(flats: Sequence[Resonance]) -> FrequencyBand:
-    """Frequencies at which the states of a scan oscillate."""
+def _band(flats: Sequence[Resonance]) -> tuple[FrequencyBand, float]:
+    """Frequencies at which the states of a scan oscillate, and their mean in Hz."""
     found = [one.frequency for one in flats]
-    return FrequencyBand(min(found), max(found), _OVER_FREQUENCY)
-
-
-def _mean_frequency(flats: Sequence[Resonance]) -> float:
-    """Mean frequency in Hz at which the scan states oscillate."""
-    return float(np.mean([one.frequency for one in flats]))
+    return FrequencyBand(min(found), max(found), _OVER_FREQUENCY), float(np.mean(found))
 
 
 def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, Variable]:
@@ -527,27 +522,27 @@ def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> d
     )  # fmt: skip
 
 
-def _sensors(answers: Mapping[str, FloatArray]) -> FloatArray:
-    """Frequencies in Hz and R_p in Ω, (2, cases, states)."""
-    return np.stack((answers["frequency"], answers["parallel_resistance"]))
-
-
-def _sensors_of(flats: Sequence[Resonance]) -> FloatArray:
-    """Frequencies in Hz and R_p in Ω, shape (2, states)."""
-    return np.array([(one.frequency, one.parallel_resistance) for one in flats]).T
+def _sensors_of(flats: Sequence[Resonance]) -> dict[str, FloatArray]:
+    """Frequencies in Hz and R_p in Ω (states,) by name."""
+    return {name: np.array([getattr(one, name) for one in flats]) for name in ("frequency", "parallel_resistance")}
 
 
 def _readability(
-    design: Design, network: Network, sensors: FloatArray, flat: FloatArray, shape: tuple[int, ...]
+    design: Design,
+    network: Network,
+    answers: Mapping[str, FloatArray],
+    flat: Mapping[str, FloatArray],
+    shape: tuple[int, ...],
 ) -> dict[str, Variable]:
-    """Readability at positions and for the flat board, from `_sensors`.
+    """Readability at positions and for the flat board.
 
     Here Q = R_p/(ω L_eff) = ω C R_p, as in `Resonance`.
     """
-    at, base = (
-        dict(zip(RESONATOR, (f, R_p, 2 * np.pi * f * network.switches.tank_capacitance * R_p), strict=True))
-        for f, R_p in (sensors.reshape(2, *shape, -1), flat)
-    )
+    values, C = [], network.switches.tank_capacitance
+    for of, to in ((answers, (*shape, -1)), (flat, (-1,))):
+        f, R_p = of["frequency"].reshape(to), of["parallel_resistance"].reshape(to)
+        values.append(dict(zip(RESONATOR, (f, R_p, 2 * np.pi * f * C * R_p), strict=True)))
+    at, base = values
     over = ("depth", "y", "x", "state") if shape else ("state",)
     found = readability(design, over, at, base)
     rows = zip(RESONATOR, ("Hz", "ohm", "1"), strict=True)

@@ -31,7 +31,7 @@ from coilarray.electromagnetics.flat_stack import (
     turned_spectra,
 )
 from coilarray.geometry import Conductor
-from coilarray.response.setup import Experiment, Level
+from coilarray.response.setup import Experiment
 
 _TOLERANCE = 0.3  # of the amplitudes, relative to the error. δ errs by about a tenth of it
 _FIRST_EXTENT, _WIDER = 6.0, 1.5  # of the profile in coil radii, and its growth if it ends too early
@@ -69,40 +69,28 @@ def near_response(
     leaves out 4.5e-5 of the peak for 1 mm in gast2020. The cutoff follows from the relative `error`
     of δ.
     """
-    delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
-    cutoff = Cutoff(0.0, 0.0)
+    points = pressed.points
+    delta = np.zeros((len(pressed.axes.depth), len(points), len(states.measured)))
+    blocks = [slice(*block) for block in ranges(len(points), _POSITIONS)]
+    # with a coil without current, and a state without response
+    padded = replace(states, currents=np.pad(states.currents, ((0, 1), (0, 1))), weights=np.append(states.weights, 0))
     for coarse in (True, False):
         levels = [level for level in pressed.levels if level.coarse == coarse]
+        dents = [(k, level.shares[k], dent) for level in levels for k, dent in enumerate(level.dents)]
+        moving = [one for one in dents if np.isfinite(one[2].clearance)]
+        cutoff = Cutoff(0.0, 0.0)
+        if not moving:
+            continue
         accuracy = mesh.coarser() if coarse else mesh
-        cutoff = _add_levels(delta, levels, pressed.points, conductors, states, error, accuracy, progress)
+        solved = _solve([dent for *_, dent in moving], conductors, states, points, error, accuracy)
+        cutoff, centres = solved.cutoff, solved.spectra[STILL.slope].centres
+        near = _within(centres[states.measured], points, cutoff.states)
+        coils = _within(centres, points, cutoff.coils)
+        for turn, ((k, shares, dent), scattering) in enumerate(zip(moving, solved.scatterings, strict=True)):
+            strengths, fields = _fields(solved, scattering, dent.motion, points, coils)
+            respond = partial(_add_delta, delta[k], shares, padded, near, coils, strengths, fields)
+            run_blocks(respond, blocks, progress=part_of(progress, turn, len(moving)))
     return delta, cutoff
-
-
-def _add_levels(
-    delta: FloatArray,
-    levels: Sequence[Level],
-    points: FloatArray,
-    conductors: Sequence[Conductor],
-    states: StateSensitivity,
-    error: float,
-    mesh: LayerMesh,
-    progress: Progress | None,
-) -> Cutoff:
-    """Add δ (depths, positions, states) of some level samples."""
-    dents = [(k, level.shares[k], dent) for level in levels for k, dent in enumerate(level.dents)]
-    moving = [one for one in dents if np.isfinite(one[2].clearance)]
-    if not moving:
-        return Cutoff(0.0, 0.0)
-    solved = _solve([dent for *_, dent in moving], conductors, states, points, error, mesh)
-    centres = solved.spectra[STILL.slope].centres
-    near = _within(centres[states.measured], points, solved.cutoff.states)
-    coils = _within(centres, points, solved.cutoff.coils)
-    blocks = [slice(*block) for block in ranges(len(points), _POSITIONS)]
-    for turn, ((k, shares, dent), scattering) in enumerate(zip(moving, solved.scatterings, strict=True)):
-        strengths, fields = _fields(solved, scattering, dent.motion, points, coils)
-        respond = partial(_add_delta, delta[k], shares, _padded(states), near, coils, strengths, fields)
-        run_blocks(respond, blocks, progress=part_of(progress, turn, len(moving)))
-    return solved.cutoff
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,21 +142,12 @@ def _solve(
     return _Solved(scatterings, {STILL.slope: spectra, **turned}, clearance, cutoff, error)
 
 
-@dataclass(frozen=True, eq=False)
-class _Profile:
-    """Relative fall of inductance changes with distance.
-
-    `radius` are distances in m of a coil from the indenter's axis, rising from 0. `own` and
-    `mutual` (n,) are the largest |ΔL_aa| of a coil there, and |ΔL_ab| with a coil anywhere.
-    """
-
-    radius: FloatArray
-    own: FloatArray
-    mutual: FloatArray
+_Profile = tuple[FloatArray, FloatArray, FloatArray]
+"""Distances in m of a coil from the axis, rising from 0, and the largest |ΔL_aa| of it and |ΔL_ab| with any coil."""
 
 
 def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
-    """Measure the fall of a dent's changes over distance.
+    """Measure the relative fall of a dent's changes over distance.
 
     The wavenumbers must resolve the distance in m. The largest values of all shapes of coils are
     taken.
@@ -185,7 +164,7 @@ def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _
         change = np.abs((amplitudes * dent.strengths) @ amplitudes.T)
         own = np.maximum(own, np.diag(change).reshape(len(radius), -1).max(axis=1))
         mutual = np.maximum(mutual, change.max(axis=0).reshape(len(radius), -1).max(axis=1))
-    return _Profile(radius, own / own.max(), mutual / own.max())
+    return radius, own / own.max(), mutual / own.max()
 
 
 def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, error: float) -> Cutoff:
@@ -197,18 +176,19 @@ def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, er
     reserved for them.
     """
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
-    end = profile.radius[-1]
+    radius, own_profile, mutual_profile = profile
+    end = radius[-1]
     # Beyond its end the profile falls as for a dipole.
-    mutual = np.interp(distance, profile.radius, profile.mutual) * (end / np.maximum(distance, end)) ** _DIPOLE
+    mutual = np.interp(distance, radius, mutual_profile) * (end / np.maximum(distance, end)) ** _DIPOLE
     shared = 2 * np.abs(states.currents) * mutual
     shared[states.measured, np.arange(len(states.measured))] = 0
     error *= _LEFT
     order = np.argsort(distance, axis=None)
     beyond = np.maximum.accumulate(shared.ravel()[order][::-1])[::-1]
-    most_shared = np.append(beyond, 0.0)[np.searchsorted(distance.ravel()[order], profile.radius)]
-    own = np.maximum.accumulate(profile.own[::-1])[::-1]
+    most_shared = np.append(beyond, 0.0)[np.searchsorted(distance.ravel()[order], radius)]
+    own = np.maximum.accumulate(own_profile[::-1])[::-1]
     found = np.flatnonzero(own + most_shared <= error)
-    of_states = float(profile.radius[found[0]]) if len(found) else np.inf
+    of_states = float(radius[found[0]]) if len(found) else np.inf
     # Beyond this distance all coils together add less than half of the error to any state.
     order = np.argsort(distance, axis=0)
     together = np.cumsum(np.take_along_axis(shared, order, axis=0)[::-1], axis=0)[::-1]
@@ -235,32 +215,27 @@ def _fields(
     centres = np.vstack((spectra.centres, np.zeros(2)))
     tolerance = _TOLERANCE * solved.error
     axis, grid = offset_grid(solved.cutoff.coils, solved.clearance)
+
+    def spread(shapes_there: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
+        """Amplitudes (points, coils, n) of shapes at their coils."""
+        whole = np.zeros((*shapes_there.shape, amplitudes[0].shape[1]))
+        for shape, values in enumerate(amplitudes):
+            whole[shapes_there == shape] = values
+        return whole
+
     if np.count_nonzero(shape_of >= 0) <= len(shapes) * len(grid):
         offsets = points[:, None] - centres[coils]
         dent = dent_amplitudes(scattering, spectra, [offsets[shape_of == s] for s in shapes], tolerance, motion)
-        known = _spread(shape_of, dent.amplitudes)
+        known = spread(shape_of, dent.amplitudes)
         return dent.strengths, lambda rows: known[rows]
     dent = dent_amplitudes(scattering, spectra, [grid for _ in shapes], tolerance, motion)
     tables = [amplitude_table(axis, amplitudes) for amplitudes in dent.amplitudes]
 
     def from_table(rows: slice) -> FloatArray:
         offsets = points[rows, None] - centres[coils[rows]]
-        return _spread(shape_of[rows], [table(offsets[shape_of[rows] == s]) for s, table in enumerate(tables)])
+        return spread(shape_of[rows], [table(offsets[shape_of[rows] == s]) for s, table in enumerate(tables)])
 
     return dent.strengths, from_table
-
-
-def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
-    """Assign amplitudes (points, coils, n) of shapes to their coils."""
-    spread = np.zeros((*shape_of.shape, amplitudes[0].shape[1]))
-    for shape, values in enumerate(amplitudes):
-        spread[shape_of == shape] = values
-    return spread
-
-
-def _padded(states: StateSensitivity) -> StateSensitivity:
-    """Add a coil without current and a state without response."""
-    return replace(states, currents=np.pad(states.currents, ((0, 1), (0, 1))), weights=np.append(states.weights, 0))
 
 
 def _add_delta(

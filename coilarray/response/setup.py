@@ -246,7 +246,17 @@ def experiment(
     pressed = contact_at(setup, sheets, np.unique(np.outer(parts, depths)))
     contact = _at_depths(pressed, depths)
     levels = _levels(setup, sheets, contact, depths, places, true.tilt)
-    _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
+    if setup.sample_bounds is not None:
+        x_min, y_min, x_max, y_max = setup.sample_bounds
+        radius = max(float(level.contact.contact_radius.max()) for level in levels)
+        out = (places < [x_min + radius, y_min + radius]) | (places > [x_max - radius, y_max - radius])
+        if out.any():
+            x, y = places[int(np.flatnonzero(out.any(axis=1))[0])] * 1e3
+            raise ElastomerError(
+                f"at ({x:.4g}, {y:.4g}) mm the contact of {radius * 1e3:.3g} mm radius is outside the sample, "
+                f"which reaches from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to "
+                f"({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm."
+            )
     origin = setup.origin_point
     wide = Experiment(sheets, axes, origin, places + origin, contact, levels, above)
     return _finite(setup, wide, pressed, places, depths) if bounded else wide
@@ -360,21 +370,6 @@ def together(levels: Iterable[Level]) -> list[list[Level]]:
 def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
     """Return the dented sheets at every depth of a contact."""
     return tuple(dent_of(contact.isel(depth=k), sheets) for k in range(contact.sizes["depth"]))
-
-
-def _require_inside(setup: Indentation, places: FloatArray, contact_radius: float) -> None:
-    """Refuse places where the contact leaves the sample."""
-    if setup.sample_bounds is None:
-        return
-    x_min, y_min, x_max, y_max = setup.sample_bounds
-    low, high = [x_min + contact_radius, y_min + contact_radius], [x_max - contact_radius, y_max - contact_radius]
-    out = (places < low) | (places > high)
-    if out.any():
-        x, y = places[int(np.flatnonzero(out.any(axis=1))[0])] * 1e3
-        raise ElastomerError(
-            f"at ({x:.4g}, {y:.4g}) mm the contact of {contact_radius * 1e3:.3g} mm radius is outside the sample, "
-            f"which reaches from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to ({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm."
-        )
 
 
 def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -21,15 +21,17 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Keep, not_kept
-from coilarray.compute.threads import Progress
+from coilarray.compute.threads import Progress, part_of
 from coilarray.design.model import Design, DesignFile, design_of
+from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
-from coilarray.geometry import Ball, FinitePlate, Plate, Target
+from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.metal.backing import require_below
+from coilarray.metal.ball import target_inductance
 from coilarray.metal.finite_plates import PlateError, worst_attributes
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
-from coilarray.response.changes import target_changes, through_circuit
+from coilarray.response.changes import through_circuit
 from coilarray.response.dataset import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis, target_of
 
@@ -159,7 +161,7 @@ def target_map(
     design = design_of(design)
     target = target_of(design)
     if noise is not None:
-        require_noise(noise)
+        require_positive("noise", noise, "", MetalError)
     fineness, rule = (1.0, accuracy) if isinstance(accuracy, str) else (accuracy, "full")
     require_positive("fineness of a mesh", fineness, "")
     if isinstance(target.body, Ball):
@@ -314,7 +316,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     is a cubic spline, as δ falls about exponentially. If δ changes its sign, δ itself is the
     spline.
     """
-    require_noise(noise)
+    require_positive("noise", noise, "", MetalError)
     distance = response.distance.values
     delta = response.delta.transpose("distance", "state", "y", "x").values
     seen = readable_of(response).transpose("distance", "state", "y", "x").values
@@ -334,17 +336,20 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
         last = first + int(np.append(~read[first:, best], True).argmax())
         d = distance[first:last]
         nearest[s] = d[0]
-        curve, slope = _curve(d, at[first:last, best])
         fine = np.geomspace(d[0], d[-1], _FINE) if len(d) > 1 else d
-        size = np.abs(curve(fine)) / (FACTOR * noise)
-        margins = [size]
+        curve, slope = _curve(d, at[first:last, best], fine)
+        margins = [np.abs(curve) / (FACTOR * noise)]
         if len(d) > 1:
             with np.errstate(divide="ignore"):
-                deviation[first:last, s] = noise / np.abs(slope(d))
-            margins += [np.abs(slope(fine)) * step / noise for step in STEPS]
-        for k, margin in enumerate(margins):
-            found[k, s], beyond = _until(fine, margin)
-            least[k, s] = beyond and last == len(distance)
+                deviation[first:last, s] = noise / np.abs(_curve(d, at[first:last, best], d)[1])
+            margins += [np.abs(slope) * step / noise for step in STEPS]
+        for k, margin in enumerate(margins):  # up to which it is 1 or more
+            below = np.flatnonzero(margin < 1)
+            if not len(below):
+                found[k, s], least[k, s] = fine[-1], last == len(distance)
+            elif (end := int(below[0])) > 0:
+                share = (margin[end - 1] - 1) / (margin[end - 1] - margin[end])
+                found[k, s] = fine[end - 1] + share * (fine[end] - fine[end - 1])
     rows_of = (
         ("best_x", ("state",), response.x.values[columns], "m", "x where |δ| is the largest"),
         ("best_y", ("state",), response.y.values[rows], "m", "y where |δ| is the largest"),
@@ -359,39 +364,55 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     return xr.Dataset(variables(*rows_of), coords={"step": step}, attrs={"sigma": noise, "range_factor": FACTOR})
 
 
-def require_noise(noise: float) -> None:
-    """Refuse noise of δ that is not positive and finite."""
-    require_positive("noise", noise, "", MetalError)
-
-
-Curve = Callable[[FloatArray], FloatArray]
-
-
-def _curve(distance: FloatArray, delta: FloatArray) -> tuple[Curve, Curve]:
-    """δ over the distance, and its slope."""
+def _curve(distance: FloatArray, delta: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """δ and its slope at distances, from δ at some others."""
     degree = min(3, len(distance) - 1)
     one_sign = bool((delta > 0).all() or (delta < 0).all())
     spline = make_interp_spline(distance, np.log(np.abs(delta)) if one_sign else delta, k=degree)
-    if not one_sign:
-        return spline, spline.derivative() if degree else np.zeros_like
-    sign, change = np.sign(delta[0]), spline.derivative() if degree else np.zeros_like
-
-    def value(at: FloatArray) -> FloatArray:
-        return np.asarray(sign * np.exp(spline(at)))
-
-    return value, lambda at: np.asarray(value(at) * change(at))
+    values, slopes = spline(at), spline.derivative()(at) if degree else np.zeros_like(at)
+    if one_sign:
+        values = np.sign(delta[0]) * np.exp(values)
+        slopes = values * slopes
+    return values, slopes
 
 
-def _until(distance: FloatArray, margin: FloatArray) -> tuple[float, bool]:
-    """Distance up to which a margin is 1 or more.
+def target_changes(
+    source: Source,
+    target: Target,
+    sheets: Sequence[Sheet],
+    plates: Sequence[Plate | FinitePlate],
+    axes: MapAxes,
+    frequencies: FloatArray,
+    accuracy: Accuracy,
+    fineness: float,
+    keep: Keep,
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """Compute ΔL − jΔR/ω in H of a target.
 
-    It is NaN if the margin begins below 1. The boolean tells whether it holds to the end.
+    The shape is (3, distances, places, frequencies, coils, coils): the change, its error, and the
+    part of the mesh in this error. The errors are 0 for bodies other than plates.
     """
-    below = np.flatnonzero(margin < 1)
-    if not len(below):
-        return float(distance[-1]), True
-    k = int(below[0])
-    if k == 0:
-        return float("nan"), False
-    share = (margin[k - 1] - 1) / (margin[k - 1] - margin[k])
-    return float(distance[k - 1] + share * (distance[k] - distance[k - 1])), False
+    places = axes.places + target.origin_point
+    # Only a plate with an outline between layers is solved again at every distance.
+    apart = isinstance(target.body, FinitePlate) and (bool(plates) or any(sheet.magnetic for sheet in sheets))
+    distances = axes.depth.tolist()
+    blocks = [[one] for one in distances] if apart else [distances]
+    paths = [conductor.vertices for conductor in as_conductors(source)]
+    found = []
+    for number, block in enumerate(blocks):
+
+        def compute(number: int = number, block: list[float] = block) -> xr.Dataset:
+            change, error = target_inductance(
+                source, target, places, block, frequencies, sheets, plates,
+                accuracy=accuracy, fineness=fineness, progress=part_of(progress, number, len(blocks)),
+            )  # fmt: skip
+            errors = [np.zeros_like(change)] * 2 if error is None else [error.absolute, error.mesh]
+            values = np.stack([change, *(part.reshape(change.shape) for part in errors)])
+            dims = ("value_or_error", "distance", "place", "frequency", "coil", "other")
+            return xr.Dataset({"inductance": (dims, values.real), "loss": (dims, -values.imag)})
+
+        inputs = (target.body, places, frequencies, sheets, plates, paths, accuracy, fineness, block)
+        part = keep(("target", *inputs), compute)
+        found.append(part.inductance.values - 1j * part.loss.values)
+    return np.concatenate(found, axis=1)

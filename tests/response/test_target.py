@@ -15,7 +15,7 @@ from support.quick_coils import series_tank
 from support.refusals import refused
 
 import coilarray as ca
-import coilarray.response.changes as module
+import coilarray.response.target as module
 from coilarray.circuit.board_circuit import bare_network, board_circuit
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import changed_resonances, resonate, solve_state
