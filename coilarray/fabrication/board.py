@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
+import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
@@ -18,10 +19,10 @@ from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILO
 class Track:
     """Straight piece of a trace or arc, in m.
 
-    `layer` is a copper layer of the stack-up, and x points right, y up. `net` is None if the file
-    names no net. `where` is "file:line" or "file", for messages.
+    `net` is None if the file names no net. `where` is "file:line" or "file", for messages.
     """
 
+    what: ClassVar[str] = "a track"
     layer: str
     start: Point
     end: Point
@@ -29,15 +30,19 @@ class Track:
     net: str | None
     where: str
 
+    @property
+    def copper(self) -> dict[str, BaseGeometry]:
+        """Area in m by layer, with round ends."""
+        return {self.layer: shapely.LineString((self.start, self.end)).buffer(self.width / 2)}
+
 
 @dataclass(frozen=True)
 class Hole:
     """Plated hole of a via or a pad, in m.
 
-    Slots and pads that are not round have their smaller side as `drill` and `pad`. `layers` are the
-    copper layers that it joins, top to bottom. `number` is the number of a pad in its footprint
-    ("1", "A4"), empty for vias. `shapes` are the pad on its layers, empty for a disc on all. A net
-    may begin and end at a hole of the kind "pad".
+    Slots and pads that are not round have their smaller side as `drill` and `pad`. `layers` are
+    joined, top to bottom. `number` is that of a pad in its footprint ("1", "A4"), empty for vias.
+    `shapes` are the pad on its layers, empty for a disc on all. Nets begin and end at a "pad".
     """
 
     x: float
@@ -51,20 +56,27 @@ class Hole:
     number: str = ""
     shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)
 
-    def copper(self, layer: str) -> BaseGeometry:
-        """Pad on one layer in m, or the barrel alone."""
-        size = self.drill if self.shapes else self.pad
-        return self.shapes[layer] if layer in self.shapes else disc(self.x, self.y, size)
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"a {self.kind}"
+
+    @property
+    def copper(self) -> dict[str, BaseGeometry]:
+        """Area in m by layer, of the barrel where it has no pad."""
+        barrel = disc(self.x, self.y, self.drill if self.shapes else self.pad)
+        return {layer: self.shapes.get(layer, barrel) for layer in self.layers}
 
 
 @dataclass(frozen=True)
 class SurfacePad:
-    """Pad without a hole, with lengths in m.
+    """Pad without a hole, in m.
 
-    `size` is the smaller side or diameter. A track that ends within half of it from the centre is
-    joined to the pad. `shape` is a disc by default.
+    `size` is the smaller side or diameter: a track that ends within half of it is joined. `shape`
+    is a disc by default.
     """
 
+    what: ClassVar[str] = "a pad"
     x: float
     y: float
     layer: str
@@ -75,16 +87,16 @@ class SurfacePad:
     shape: BaseGeometry | None = field(default=None, repr=False, compare=False)
 
     @property
-    def copper(self) -> BaseGeometry:
-        """Area covered by the pad, in m."""
-        return disc(self.x, self.y, self.size) if self.shape is None else self.shape
+    def copper(self) -> dict[str, BaseGeometry]:
+        """Area in m by layer."""
+        return {self.layer: disc(self.x, self.y, self.size) if self.shape is None else self.shape}
 
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper in m that is not a track.
+    """Copper in m that is not a track, such as "a filled zone".
 
-    A zone without fill has its outline as `shape`. `what` names it in messages: "a filled zone".
+    A zone without fill has its outline as `shape`.
     """
 
     layer: str
@@ -93,15 +105,22 @@ class CopperArea:
     what: str
     where: str
 
+    @property
+    def copper(self) -> dict[str, BaseGeometry]:
+        """Area in m by layer."""
+        return {self.layer: self.shape}
+
+
+Copper = Track | Hole | SurfacePad | CopperArea
+
 
 @dataclass(frozen=True, eq=False)
 class BoardCopper:
     """Conductors of a board as its file has them.
 
-    `assumed` has dotted keys of the design's [stackup] table that are missing in the file, with the
-    assumed value and the reason. `areas` cannot be followed as a path, and are refused if a coil
-    touches them or shares their net. `edge` is x_min, y_min, x_max, y_max in m of the outline, if
-    known. `notes` are sentences for the user about the reading of the file.
+    `assumed` has dotted keys of [stackup] that the file lacks, with the reason. `areas` cannot be
+    followed as a path. `edge` is x_min, y_min, x_max, y_max in m of the outline, if known. `notes`
+    are sentences for the user.
     """
 
     source: str
@@ -120,10 +139,9 @@ Slab = tuple[float | None, float | None]
 
 
 def united(parts: Sequence[Slab]) -> Slab:
-    """Return one dielectric equivalent to several in series.
+    """Return one dielectric with the thickness and capacitance of several.
 
-    It has the same thickness and capacitance. If a part has no thickness, the result has none, and
-    the permittivity is computed for equal parts.
+    If a part has no thickness, the result has none, and its permittivity is that of equal parts.
 
     >>> thickness, epsilon_r = united([(0.1e-3, 4.0), (0.3e-3, 3.0)])
     >>> round(thickness, 9), round(epsilon_r, 9)
@@ -148,8 +166,8 @@ def completed_stackup(
 ) -> Stackup:
     """Make a stack-up, with usual values where some are missing.
 
-    Layers are given top to bottom, thicknesses in m. `board` is the thickness of the whole board.
-    Assumed values are recorded in `assumed`, as in `BoardCopper`. `files` is "the files do".
+    Thicknesses are in m, `board` is that of the whole board. Assumed values are recorded in
+    `assumed`, as in `BoardCopper`. `files` is "the files do".
     """
     if None in copper:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"

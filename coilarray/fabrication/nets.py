@@ -1,4 +1,4 @@
-"""Check of nets on copper itself: which pieces are connected."""
+"""Check of nets on copper itself, by which pieces are connected."""
 
 from __future__ import annotations
 
@@ -25,9 +25,6 @@ _TOUCHING = 1e-8
 # A barrel reaches copper that begins this far from its wall: polygons of round holes lie up to 0.3
 # µm off the circle.
 _BARREL_MARGIN = 1e-6
-# Segments a quarter of a stroke's round end: within 1.2e-3 of its radius, 1 µm for a trace of 1.6
-# mm.
-_STROKE_QUADRANT = 16
 # Corners sharper than this have their mitre cut off by some outlines, so a round end may stand out
 # there.
 _SHARP = np.cos(np.radians(100.0))
@@ -49,11 +46,10 @@ Place = Sequence[float] | FloatArray
 
 @dataclass(frozen=True)
 class NetFault:
-    """Difference between the copper of a file and its coils.
+    """Difference at x and y in m between the copper of a file and its coils.
 
-    `kind` is "bridge" for several coils in one piece, "cut" for a terminal cut off, "missing" for
-    copper or a hole missing beside an unbroken path, and "foreign" for copper or a hole that the
-    design does not have. `x` and `y` are in m. A hole has its uppermost layer.
+    A "bridge" joins several coils, a "cut" separates a terminal, copper or a hole is "missing"
+    beside an unbroken path, or "foreign" to the design. A hole has its uppermost layer.
     """
 
     kind: FaultKind
@@ -67,10 +63,9 @@ class NetFault:
 def connected_pieces(
     layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel]
 ) -> tuple[dict[str, BaseGeometry], ...]:
-    """Sort copper into connected pieces.
+    """Sort copper in m into connected pieces.
 
-    Copper in m is connected on a layer by touching, and between layers through plated holes if it
-    meets their wall. The parts of a layer may overlap.
+    It is connected on a layer by touching, and between layers if it meets the wall of a hole.
 
     >>> import shapely
     >>> layers = {"top": [shapely.box(0, 0, 1e-3, 1e-4), shapely.box(1e-3, 0, 2e-3, 1e-4)],
@@ -102,22 +97,11 @@ def connected_pieces(
 
 
 def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
-    """Copper and holes of a board, as input of `check_nets`.
-
-    Tracks have round ends and pads are round.
-    """
+    """Copper and holes of a board, as input of `check_nets`."""
     layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
-    ways = shapely.linestrings(np.array([(track.start, track.end) for track in board.tracks]).reshape(-1, 2, 2))
-    strokes = shapely.buffer(ways, [track.width / 2 for track in board.tracks], quad_segs=_STROKE_QUADRANT)
-    for track, stroke in zip(board.tracks, strokes, strict=True):
-        layers[track.layer].append(stroke)
-    for hole in board.holes:
-        for layer in hole.layers:
-            layers[layer].append(disc(hole.x, hole.y, hole.pad))
-    for pad in board.pads:
-        layers[pad.layer].append(disc(pad.x, pad.y, pad.size))
-    for area in board.areas:
-        layers[area.layer].append(area.shape)
+    for item in (*board.tracks, *board.holes, *board.pads, *board.areas):
+        for layer, shape in item.copper.items():
+            layers[layer].append(shape)
     return layers, [Barrel(hole.x, hole.y, hole.drill, hole.layers) for hole in board.holes]
 
 
@@ -126,13 +110,10 @@ def check_nets(
 ) -> tuple[NetFault, ...]:
     """Compare the copper of a file with its coils.
 
-    Returns bridges first, then cuts, missing and foreign copper. All copper of a coil must be
-    present, also if it carries no current. `tolerance` is the length in m by which shapes may
-    differ, because of rounding and polygons of arcs in files.
-
-    Corners and ends of traces may be mitred, round or flat, anything between the two outlines of
-    `_Coil`. Copper that joins neighbouring turns of one coil is foreign: the pieces alone would not
-    show it.
+    Returns bridges first, then cuts, missing and foreign copper. Shapes may differ by `tolerance`
+    in m, because of rounding and polygons of arcs in files. Copper of a coil must be present also
+    if it carries no current. Copper that joins neighbouring turns of one coil is foreign: the
+    pieces alone would not show it.
     """
     for layer in layers:
         array.stackup.index(layer)
@@ -182,9 +163,8 @@ def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, te
 class _Coil:
     """Least and most copper of one coil on each layer.
 
-    `least` must be covered: the rectangles of the segments and the rings of the pads, narrower by
-    the tolerance. `most` may be covered: the mitred outline with round ends and the full pads,
-    wider by the tolerance.
+    `least` is the rectangles of the segments and the rings of the pads, narrower by the tolerance,
+    and `most` the mitred outline with round ends and the full pads, wider by it.
     """
 
     name: str
@@ -204,8 +184,18 @@ class _Coil:
             ends = np.stack((line[:-1], line[1:]), axis=1)
             rectangles = np.asarray(shapely.polygons(segment_rectangles(ends, widths - 2 * tolerance)))
             least.setdefault(layer, []).extend(rectangles)
-            most.setdefault(layer, []).append(trace_outline(line, widths + 2 * tolerance))
-            most[layer] += _round_ends(line, widths + 2 * tolerance)
+            wider = widths + 2 * tolerance
+            most.setdefault(layer, []).append(trace_outline(line, wider))
+            # discs of round strokes that may exceed it at ends, sharp corners and changes of width
+            step = np.diff(line, axis=0)
+            along = step / np.hypot(*step.T)[:, None]
+            sharp = (along[:-1] * along[1:]).sum(axis=1) < _SHARP
+            stands_out = np.concatenate(([True], sharp | (np.diff(wider) != 0), [True]))
+            diameters = np.maximum(np.append(wider, 0.0), np.append(0.0, wider))
+            most[layer] += [
+                disc(x, y, d)
+                for (x, y), d in zip(line[stands_out].tolist(), diameters[stands_out].tolist(), strict=True)
+            ]
         for drill in own:
             for layer in drill.layers:
                 least.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad - 2 * tolerance))
@@ -314,16 +304,3 @@ def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]
 def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
     parts = shapely.get_parts(np.array(list(copper), dtype=object))
     return np.asarray(parts[shapely.area(parts) > 0])
-
-
-def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:
-    """Discs of round strokes that may exceed the mitred outline.
-
-    They lie at ends, sharp corners and changes of width.
-    """
-    step = np.diff(line, axis=0)
-    along = step / np.hypot(*step.T)[:, None]
-    sharp = (along[:-1] * along[1:]).sum(axis=1) < _SHARP
-    stands_out = np.concatenate(([True], sharp | (np.diff(widths) != 0), [True]))
-    diameters = np.maximum(np.append(widths, 0.0), np.append(0.0, widths))
-    return [disc(x, y, d) for (x, y), d in zip(line[stands_out].tolist(), diameters[stands_out].tolist(), strict=True)]

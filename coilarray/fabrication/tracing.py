@@ -11,20 +11,17 @@ from math import dist
 
 import numpy as np
 import shapely
-from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError, GeometryError
-from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, SurfacePad, Track
+from coilarray.fabrication.board import BoardCopper, Copper, CopperArea, Hole, SurfacePad, Track
 from coilarray.fabrication.track_graph import (
     JOINED,
     TracedCoil,
     follow,
     natural_order,
-    place,
     require_followable,
     track_graph,
-    where,
 )
 from coilarray.geometry.arcs import place_in_mm
 from coilarray.geometry.array import Array, Placement
@@ -33,11 +30,7 @@ from coilarray.geometry.copper import groups
 from coilarray.geometry.stackup import Stackup
 
 LEAST_TURNS = 0.9
-"""Number of turns from which a net counts as a coil.
-
-A single loop lacks the space between its two leads. A track that goes out and comes back beside
-itself is a narrow loop, and counts.
-"""
+"""Turns from which a net is a coil: a loop lacks the space between its leads."""
 
 _SHOWN = 12  # names in a message
 _REASONS = 3  # nets in a message, with the reason why they are not coils
@@ -46,11 +39,10 @@ _LONGEST_WHY = 200  # characters of a reason
 
 @dataclass(frozen=True)
 class Tracing:
-    """Coils and other nets of a board.
+    """Coils of a board, and `left_out` nets with tracks that are none, with the reason.
 
     Coils come in the order of the wanted nets. Without wanted nets, coils with a net come first, by
-    their names with numbers counted, then coils without a net in the order of the file. `left_out`
-    has nets with tracks that are not coils, with the reason.
+    their names with numbers counted, then others in the order of the file.
     """
 
     coils: tuple[TracedCoil, ...]
@@ -61,14 +53,13 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     """Find the coils of a board.
 
     `nets` are the names of the nets that are coils. By default every net, and every piece of copper
-    without a net, is a coil if it is a single path from end to end with at least `LEAST_TURNS`
-    turns. Raises BoardError with file, line and position for a wanted net that is not a coil, or if
-    there is no coil at all.
+    without a net, is a coil if it is a single path from end to end of at least `LEAST_TURNS`, whose
+    turns no pad or hole joins. Raises BoardError with file, line and position for a wanted net that
+    is not a coil, or if there is no coil at all.
 
     The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end
-    has a numbered pad, the current enters there, but a lone pad 2 is the end. If neither end has a
-    number, or both have the same, it enters at the end whose track comes first in the file. Pads
-    and holes are conductors too. A net is not a coil if a pad or hole joins its turns.
+    has a numbered pad, the current enters there, but a lone pad 2 is the end. Otherwise it enters
+    at the end whose track comes first in the file.
     """
     found: dict[str | None, _NetCopper] = {}
     for kind in ("tracks", "holes", "pads", "areas"):
@@ -132,10 +123,7 @@ class _NetCopper:
 
     @property
     def stands(self) -> list[Copper]:
-        """Copper that may join paths but is no path itself.
-
-        It is holes, pads, and tracks without a length.
-        """
+        """Holes, pads, and tracks without a length: they may join paths."""
         dots = [track for track in self.tracks if dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
 
@@ -144,8 +132,7 @@ def _drawn(nameless: _NetCopper) -> str:
     """Hint at copper without a net or tracks."""
     hint = ""
     if nameless.tracks:
-        count_, first = len(nameless.tracks), nameless.tracks[0].where
-        hint += f" The board has {count_} tracks without a net, the first at {first}."
+        hint += f" The board has {len(nameless.tracks)} tracks without a net, the first at {nameless.tracks[0].where}."
     if nameless.areas:
         hint += (
             f" Of its copper without a net, {len(nameless.areas)} pieces are drawn shapes or zones: a coil must be "
@@ -161,19 +148,18 @@ def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil
         raise BoardError(
             f"{area.where}: net {net} has {area.what} on {area.layer}, which cannot be taken as a current path."
         )
-    tracks = copper.tracks
-    graph = track_graph(tracks, copper.holes, copper.pads)
+    graph = track_graph(copper.tracks, copper.holes, copper.pads)
     pieces = graph.components()
     if len(pieces) != 1:
         at = " and ".join(
-            f"at {place(graph, piece[0])} on {graph.edges[piece[0]].layer} ({where(graph, piece[0], tracks)})"
+            f"at {graph.place(piece[0])} on {graph.edges[piece[0]].layer} ({graph.where(piece[0])})"
             for piece in pieces[:2]
         )
         raise BoardError(
-            f"{tracks[0].where}: net {net} must be one piece of copper; it has {len(pieces)} that do not meet"
+            f"{copper.tracks[0].where}: net {net} must be one piece of copper; it has {len(pieces)} that do not meet"
             f"{', ' if at else ''}{at}."
         )
-    coil = replace(follow(net, f"net {net}", graph, pieces[0], tracks), net=net)
+    coil = replace(follow(net, f"net {net}", graph, pieces[0]), net=net)
     obstacles.refuse_contact(f"net {net}", coil)
     refuse_bridges(f"net {net}", coil, copper.stands)
     return coil
@@ -182,10 +168,7 @@ def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil
 def _trace_nameless(
     nameless: _NetCopper, named: Mapping[str, _NetCopper], coils: list[TracedCoil], left_out: dict[str, str]
 ) -> None:
-    """Add the pieces of copper without a net.
-
-    Coils get new names. Other copper is named by its place.
-    """
+    """Add the pieces of copper without a net: coils under new names, others under their place."""
     graph = track_graph(nameless.tracks, nameless.holes, nameless.pads)
     pieces = graph.components()
     if not pieces:
@@ -197,9 +180,9 @@ def _trace_nameless(
     others_tracks = [track for track in nameless.tracks if id(track) in in_pieces]
     others = Obstacles([*others_tracks, *nameless.areas, *_joints(nameless, own)])
     for piece, tracks in zip(pieces, own, strict=True):
-        what = f"copper without a net at {place(graph, piece[0])}"
+        what = f"copper without a net at {graph.place(piece[0])}"
         try:
-            coil = follow(what, what, graph, piece, nameless.tracks)
+            coil = follow(what, what, graph, piece)
             if reason := _too_few_turns(coil):
                 left_out[what] = reason
                 continue
@@ -220,11 +203,11 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
     """
     piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
     tracks = [track for track in nameless.tracks if id(track) in piece_of]
-    tree = shapely.STRtree([shape for track in tracks for shape in copper_of(track).values()])
+    tree = shapely.STRtree([shape for track in tracks for shape in track.copper.values()])
     found: list[Copper] = []
     for stand in nameless.stands:
         met = set()
-        for layer, shape in copper_of(stand).items():
+        for layer, shape in stand.copper.items():
             near = [tracks[k] for k in tree.query(shape, "intersects").tolist()]
             met |= {piece_of[id(track)] for track in near if track.layer == layer}
         if len(met) > 1:
@@ -238,38 +221,19 @@ def _too_few_turns(coil: TracedCoil) -> str:
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
 
 
-Copper = Track | Hole | SurfacePad | CopperArea
-
 _OVERLAP = 1e-6  # m: copper that meets by less only touches
 
 
-def copper_of(item: Copper) -> dict[str, BaseGeometry]:
-    """Return the copper of an item in m by layer."""
-    if isinstance(item, Track):
-        return {item.layer: shapely.LineString((item.start, item.end)).buffer(item.width / 2)}
-    if isinstance(item, Hole):
-        return {layer: item.copper(layer) for layer in item.layers}
-    if isinstance(item, SurfacePad):
-        return {item.layer: item.copper}
-    return {item.layer: item.shape}
-
-
 class Obstacles:
-    """Copper that no coil may touch.
-
-    `whose` is its owner in messages: "without a net", "of net A".
-    """
+    """Copper that no coil may touch, of an owner in messages: "of net A"."""
 
     def __init__(self, copper: Iterable[Copper], whose: str = "without a net") -> None:
         self._whose = whose
-        self._found = [(item, layer, shape) for item in copper for layer, shape in copper_of(item).items()]
+        self._found = [(item, layer, shape) for item in copper for layer, shape in item.copper.items()]
         self._tree = shapely.STRtree([shape for _, _, shape in self._found])
 
     def refuse_contact(self, what: str, coil: TracedCoil, own: frozenset[int] = frozenset()) -> None:
-        """Raise BoardError if an obstacle lies on the path.
-
-        `own` are the ids of items that belong to the path itself.
-        """
+        """Raise BoardError if an obstacle, unless its id is an `own`, lies on the path."""
         segments = list(_segments(coil))
         lines = [segment.line for segment in segments]
         within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
@@ -277,19 +241,18 @@ class Obstacles:
             item, layer, _ = self._found[index]
             if layer == segments[k].layer and id(item) not in own:
                 at = place_in_mm(*lines[k].coords[0])
-                raise BoardError(f"{item.where}: {_kind(item)} {self._whose} touches {what} on {layer} at {at}.")
+                raise BoardError(f"{item.where}: {item.what} {self._whose} touches {what} on {layer} at {at}.")
 
 
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
-    """Raise BoardError if pads or holes join stretches.
+    """Raise BoardError if pads or holes of the coil's net join stretches.
 
-    Pads or holes of the coil's own net count with all that overlap them. Along the path the
-    stretches within a pad's copper must follow each other. Outside the copper the path may run no
-    longer than its width there, which is a bend beside the pad. `what` is the coil in messages.
+    They count with all that overlap them. Along the path the stretches within their copper must
+    follow each other. Outside it the path may run no longer than its width, a bend beside the pad.
     """
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
-    shapes = [copper_of(item) for item in items]
+    shapes = [item.copper for item in items]
     entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
     geometries = np.array([shape for _, _, shape in entries], dtype=object)
     pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()
@@ -298,14 +261,17 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
     for k, lowest in enumerate(groups(len(shapes), met)):
         overlapping.setdefault(lowest, []).append(k)
     for group in overlapping.values():
-        stretches = sorted(
-            (*_stretch(segments[index], shape, within), index)
-            for k in group
-            for layer, shape in shapes[k].items()
-            for index in tree.query(shape, predicate="dwithin", distance=coil.widest / 2).tolist()
-            if segments[index].layer == layer
-            and shapely.dwithin(shape, segments[index].line, within := max(segments[index].width / 2 - _OVERLAP, 0.0))
-        )
+        stretches = []  # begin and end (m) along the path within the copper, and the segment
+        for layer, shape in ((layer, shape) for k in group for layer, shape in shapes[k].items()):
+            for index in tree.query(shape, predicate="dwithin", distance=coil.widest / 2).tolist():
+                segment = segments[index]
+                within = max(segment.width / 2 - _OVERLAP, 0.0)
+                if segment.layer != layer or not shapely.dwithin(shape, segment.line, within):
+                    continue
+                part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
+                along = segment.begin + shapely.line_locate_point(segment.line, shapely.points(part))
+                stretches.append((float(along.min()), float(along.max()), index))
+        stretches.sort()
         covered = stretches[0][1] if stretches else 0.0
         for begin, end, index in stretches:
             segment = segments[index]
@@ -313,8 +279,7 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
                 item = items[group[0]]
                 at = place_in_mm(*segment.line.interpolate(begin - segment.begin).coords[0])
                 raise BoardError(
-                    f"{item.where}: {_kind(item)} bridges turns of {what}: it also touches it on {segment.layer} at "
-                    f"{at}."
+                    f"{item.where}: {item.what} bridges turns of {what}: it also touches it on {segment.layer} at {at}."
                 )
             covered = max(covered, end)
 
@@ -337,21 +302,6 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
             along += dist(a, b)
 
 
-def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[float, float]:
-    """Begin and end (m) of a segment within a shape."""
-    part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
-    along = shapely.line_locate_point(segment.line, shapely.points(part))
-    return segment.begin + float(along.min()), segment.begin + float(along.max())
-
-
-def _kind(item: Copper) -> str:
-    if isinstance(item, CopperArea):
-        return item.what
-    if isinstance(item, Hole):
-        return f"a {item.kind}"
-    return "a track" if isinstance(item, Track) else "a pad"
-
-
 SAME_SHAPE = 2e-9
 """Agreement in m of points and widths of equal coils; board files round to 1 nm."""
 
@@ -364,11 +314,10 @@ _MARGIN = 2e-3
 
 @dataclass(frozen=True)
 class TracedArray:
-    """Array made from a board, with its assumed values.
+    """Array made from a board.
 
     Coils that are equal but for a shift share one `Coil`. `assumed` has dotted keys of the design
-    with the reason. ``coils.*.…`` is a key of all shapes. `notes` are sentences about omissions and
-    simplifications.
+    with the reason, ``coils.*.…`` for all shapes. `notes` are sentences about what was simplified.
     """
 
     array: Array
@@ -379,10 +328,9 @@ class TracedArray:
 def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
     """Place traced coils on the board's stack-up.
 
-    A coil's origin is the centre of the area that its path runs around. The gap is the usual
-    distance of its turns, see `turn_gap`. Without turns beside each other it is the trace width. A
-    coil has one size of via and one size of terminal. If the board has several, the commonest is
-    taken, with a note.
+    A coil's origin is the centre of the area that its path runs around. The gap is that of its
+    turns by `turn_gap`, or else the trace width. Of several sizes of vias or terminals a coil has
+    the commonest, with a note.
     """
     assumed = {**board.assumed, "coils.*.via.plating_um": f"board files do not say; usual, {_PLATING * 1e6:g} µm"}
     notes = [*board.notes]
@@ -415,10 +363,7 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
 
 
 def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Stackup:
-    """Return the board's stack-up.
-
-    If a board of two layers has copper on the first layer alone, only this layer is kept.
-    """
+    """Return the board's stack-up, of two layers only the first if the other has no copper."""
     copper = {item.layer for items in (board.tracks, board.pads, board.areas) for item in items}
     copper.update(layer for hole in board.holes for layer in hole.layers)
     names = board.stackup.names
@@ -440,7 +385,7 @@ def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
     shift = _on_grid(np.vstack(traced.lines).mean(axis=0) - np.vstack(coil.lines).mean(axis=0))
     if any(np.abs(a + shift - b).max() > SAME_SHAPE for a, b in zip(coil.lines, traced.lines, strict=True)):
         return None
-    if (_via(traced), _terminal(traced)) != (coil.via, coil.terminal):
+    if _holes(traced) != (coil.via, coil.terminal):
         return None
     return Placement(traced.name, coil, traced.layers, float(shift[0]), float(shift[1]))
 
@@ -450,9 +395,8 @@ def _placed(traced: TracedCoil, assumed: dict[str, str]) -> Placement:
     origin = _on_grid(np.array(traced.centre))
     measured = turn_gap(traced.lines, traced.layers, traced.widths)
     gap = _GAP_GRID if measured is None else max(round(measured / _GAP_GRID), 1) * _GAP_GRID
-    via, terminal = _via(traced), _terminal(traced)
     try:
-        coil = path_coil([line - origin for line in traced.lines], traced.widths, gap, via, terminal)
+        coil = path_coil([line - origin for line in traced.lines], traced.widths, gap, *_holes(traced))
         if measured is None:
             coil = replace(coil, gap=coil.trace_width)
             assumed[f"coils.{traced.name}.gap_mm"] = "no turns side by side; the trace width"
@@ -465,26 +409,18 @@ def _on_grid(point: FloatArray) -> FloatArray:
     return np.asarray(np.round(point / _GRID) * _GRID)
 
 
-def _via(traced: TracedCoil) -> PlatedHole:
-    return _commonest(traced, traced.vias) or VIA  # which a coil on one layer does not use
-
-
-def _terminal(traced: TracedCoil) -> PlatedHole | None:
-    """Return the hole at both ends, or None."""
-    holes = [end for end in traced.ends if isinstance(end, Hole)]
-    return _commonest(traced, holes) if len(holes) == len(traced.ends) else None
-
-
-def _commonest(traced: TracedCoil, holes: Sequence[Hole]) -> PlatedHole | None:
-    """Return the commonest size of holes, or None without holes."""
-    if not holes:
-        return None
-    (drill, pad), _ = Counter((hole.drill, hole.pad) for hole in holes).most_common(1)[0]
-    try:
-        return PlatedHole(drill, pad, _PLATING)
-    except GeometryError as error:
-        where = next(hole.where for hole in holes if (hole.drill, hole.pad) == (drill, pad))
-        raise BoardError(f"{where}: hole of {traced.name}: {error}") from None
+def _holes(traced: TracedCoil) -> tuple[PlatedHole, PlatedHole | None]:
+    """Return the commonest sizes of vias and of terminals, None unless both ends have a hole."""
+    found: list[PlatedHole | None] = []
+    ends = [end for end in traced.ends if isinstance(end, Hole)]
+    for holes in (traced.vias, ends if len(ends) == len(traced.ends) else ()):
+        sizes = Counter((hole.drill, hole.pad) for hole in holes).most_common(1)
+        try:
+            found.append(PlatedHole(*sizes[0][0], _PLATING) if sizes else None)
+        except GeometryError as error:
+            where = next(hole.where for hole in holes if (hole.drill, hole.pad) == sizes[0][0])
+            raise BoardError(f"{where}: hole of {traced.name}: {error}") from None
+    return found[0] or VIA, found[1]  # a coil on one layer does not use its via
 
 
 def _notes(coil: TracedCoil) -> Iterator[str]:
@@ -520,9 +456,9 @@ def _with_margin(array: Array, board: BoardCopper, assumed: dict[str, str], note
 def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
     """Median gap in m of parallel traces, weighted by length.
 
-    The gap is measured edge to edge between traces of a layer with the same direction of the
-    current. `lines` (n, 2) and `widths` (n − 1,) are in m. None if no two traces run so. Leads,
-    opposite sides of a loop and the legs of a hairpin do not count.
+    It is measured edge to edge, from the middle of each segment to the nearest trace of the layer
+    with the same direction of the current. None if no two traces run so. Leads, opposite sides of a
+    loop and the legs of a hairpin do not count. `lines` (n, 2) and `widths` (n − 1,) are in m.
 
     >>> there_and_back = np.array([[0, 0], [9, 0], [9, 5], [-1, 5], [-1, 1], [8, 1.0]]) * 1e-3
     >>> round(turn_gap([there_and_back], ["L1"], [np.full(5, 0.2e-3)]) * 1e3, 6)
@@ -538,32 +474,20 @@ def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequenc
         length = np.hypot(*step.T)
         along = step / length[:, None]
         for i in range(len(start)):
-            gap = _nearest(start + step / 2, start, step, along, width, i)
-            if gap is not None:
-                gaps.append(gap)
+            parallel = along @ along[i] > _ALONG
+            parallel[i] = False
+            from_middle, way = start[parallel] - start[i] - step[i] / 2, step[parallel]
+            part = -(from_middle @ along[i]) / (way @ along[i])
+            beside = (part >= 0) & (part <= 1)
+            normal = np.array([-along[i, 1], along[i, 0]])
+            across = np.abs((from_middle + part[:, None] * way) @ normal)[beside]
+            apart = across - (width[i] + width[parallel][beside]) / 2
+            apart = apart[apart > 0]
+            if apart.size:
+                gaps.append(float(apart.min()))
                 weights.append(float(length[i]))
     if not gaps:
         return None
     order = np.argsort(gaps)
     share = np.cumsum(np.array(weights)[order])
     return gaps[int(order[np.searchsorted(share, share[-1] / 2)])]
-
-
-def _nearest(
-    middle: FloatArray, start: FloatArray, step: FloatArray, along: FloatArray, width: FloatArray, i: int
-) -> float | None:
-    """Distance from segment i to the nearest parallel trace.
-
-    It is measured from the middle of the segment, to either side, to traces with the same
-    direction.
-    """
-    parallel = along @ along[i] > _ALONG
-    parallel[i] = False
-    from_middle, way = start[parallel] - middle[i], step[parallel]
-    part = -(from_middle @ along[i]) / (way @ along[i])
-    beside = (part >= 0) & (part <= 1)
-    normal = np.array([-along[i, 1], along[i, 0]])
-    across = np.abs((from_middle + part[:, None] * way) @ normal)[beside]
-    gaps = across - (width[i] + width[parallel][beside]) / 2
-    gaps = gaps[gaps > 0]
-    return float(gaps.min()) if gaps.size else None

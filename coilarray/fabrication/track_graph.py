@@ -23,9 +23,8 @@ from coilarray.geometry.winding import FlatPath, Pole, find_turns, turns_about
 JOINED = 1e-6
 """Distance in m below which ends are one place, whatever lies there."""
 
-# Relative to the squared length of a path: a smaller area that it runs around counts as zero.
 _BEND = 1.5  # turns; a bend makes less about a place within it
-_NO_AREA = 1e-6
+_NO_AREA = 1e-6  # of the squared length of a path: a smaller area that it runs around counts as zero
 _MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond
 _SAMPLE = 1000  # ends by which they are counted
 _FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which it is certain
@@ -33,10 +32,9 @@ _FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which i
 
 @dataclass(frozen=True, eq=False)
 class TrackNode:
-    """Place in m where ends of tracks meet.
+    """Place in m where the `edges` end.
 
-    It is the centre of its hole or pad, otherwise the first end that lies there. `edges` are the
-    indices of the edges that end here.
+    It is the centre of its hole or pad, otherwise the first end that lies there.
     """
 
     x: float
@@ -48,10 +46,7 @@ class TrackNode:
 
 @dataclass(frozen=True)
 class TrackEdge:
-    """Straight copper between two nodes, with its width in m.
-
-    The nodes are given by index. `track` is the index of its track.
-    """
+    """Straight copper between two nodes, by index, with width in m and index of its track."""
 
     ends: tuple[int, int]
     layer: str
@@ -63,11 +58,21 @@ class TrackEdge:
 class TrackGraph:
     """Nodes by number, and edges of a net's tracks.
 
-    Every node has at least one edge. No two edges of one layer join the same nodes.
+    Every node has an edge. No two edges of one layer join the same nodes.
     """
 
     nodes: dict[int, TrackNode]
     edges: tuple[TrackEdge, ...]
+    tracks: Sequence[Track]
+
+    def where(self, edge: int) -> str:
+        """File and line of an edge, for messages."""
+        return self.tracks[self.edges[edge].track].where
+
+    def place(self, edge: int) -> str:
+        """Place where an edge begins, for messages."""
+        node = self.nodes[self.edges[edge].ends[0]]
+        return place_in_mm(node.x, node.y)
 
     def components(self) -> list[list[int]]:
         """Return the indices of connected edges, by tracks."""
@@ -103,10 +108,9 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
     """Join tracks at their ends, at holes and at pads.
 
     A track is divided wherever another track's end, a hole or a pad lies on its centre line to
-    within `JOINED`. Parts that then lie on each other count once, with the larger width. Tracks
-    that overlap lengthwise thus become one path, and a track that ends on the middle of another
-    track gives a node of three edges. A loose end is continued to the centre of the hole or pad in
-    which it lies, or to another loose end that its round cap reaches.
+    within `JOINED`. Parts that then lie on each other count once, with the larger width. A loose
+    end is continued to the centre of the hole or pad in which it lies, or to another loose end that
+    its round cap reaches.
 
     >>> tracks = [
     ...     Track("F.Cu", (0, 0), (6e-3, 0), 2e-4, "A", "file:1"),
@@ -123,14 +127,11 @@ def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[S
     ]
     pieces = _divided(tracks, stands)
     pieces += _bridges(pieces, stands)
-    return _graph(pieces, stands)
+    return _graph(pieces, stands, tracks)
 
 
 def require_followable(tracks: Sequence[Track]) -> None:
-    """Refuse tracks that would take minutes to follow.
-
-    Their bounds overlap too often.
-    """
+    """Refuse tracks whose bounds overlap so often that following takes minutes."""
     ends = np.array([(track.start, track.end) for track in tracks]).reshape(-1, 2, 2)
     lines = shapely.STRtree(np.asarray(shapely.linestrings(ends)))
     points: npt.NDArray[np.object_] = np.asarray(shapely.points(ends.reshape(-1, 2)))
@@ -145,10 +146,7 @@ def require_followable(tracks: Sequence[Track]) -> None:
 
 
 def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
-    """Cut tracks at ends, holes and pads.
-
-    Only ends, holes and pads on the tracks count. Tracks without a length are dropped.
-    """
+    """Cut tracks at ends, holes and pads on them, and drop those without a length."""
     long = [k for k, track in enumerate(tracks) if math.dist(track.start, track.end) > JOINED]
     marks = [(tracks[k].layer, at) for k in long for at in (tracks[k].start, tracks[k].end)]
     marks += [(stand.layer, stand.at) for stand in stands]
@@ -209,7 +207,7 @@ def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
     return np.asarray(shapely.points(np.array([at for _, at in places]).reshape(-1, 2)))
 
 
-def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
+def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand], tracks: Sequence[Track]) -> TrackGraph:
     """Graph of pieces that meet at stands and ends."""
     places = [
         *((stand.layer, stand.at) for stand in stands),
@@ -224,9 +222,8 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
         if a == b:
             continue
         key = (piece.layer, min(a, b), max(a, b))
-        twin = edges.get(key)
-        width = piece.width if twin is None else max(piece.width, twin.width)
-        edges[key] = TrackEdge((a, b), piece.layer, width, piece.track) if twin is None else replace(twin, width=width)
+        twin = edges.setdefault(key, TrackEdge((a, b), piece.layer, piece.width, piece.track))
+        edges[key] = replace(twin, width=max(piece.width, twin.width))
     ends_at: dict[int, list[int]] = {}
     for index, edge in enumerate(edges.values()):
         for end in edge.ends:
@@ -241,17 +238,16 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
         pad = next((what for what in standing if not (isinstance(what, Hole) and what.kind == "via")), None)
         x, y = places[lowest][1]  # of a hole or pad if there is any
         nodes[lowest] = TrackNode(x, y, hole, pad, tuple(own))
-    return TrackGraph(nodes, tuple(edges.values()))
+    return TrackGraph(nodes, tuple(edges.values()), tracks)
 
 
 @dataclass(frozen=True, eq=False)
 class TracedCoil:
     """Net that is one path from end to end.
 
-    `name` is "coil1", "coil2", … if the board names no net, and `net` then None. `lines` (n, 2) run
-    in the direction of the current, each on one of `layers`, with `widths` (n − 1,). `vias` join
-    them. `passed` are holes along the path that lead to no other layer. `where` is the place of its
-    first track, "file:line".
+    `name` is "coil1", "coil2", … without a `net`. `lines` (n, 2) run in the direction of the
+    current, each on one of `layers`, with `widths` (n − 1,). `passed` are holes along the path that
+    lead to no other layer. `where` is the "file:line" of its first track.
     """
 
     name: str
@@ -279,29 +275,34 @@ class TracedCoil:
         """Length of the path in m, without the vias."""
         return float(np.hypot(*np.diff(self.path, axis=0).T).sum())
 
+    @cached_property
+    def _cross(self) -> FloatArray:
+        """Twice the signed areas in m² of the triangles from the beginning to each side."""
+        points = self.path - self.path[0]
+        following = np.roll(points, -1, axis=0)
+        return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
+
+    @property
+    def _runs_around_nothing(self) -> bool:
+        return bool(abs(self._cross.sum() / 2) <= _NO_AREA * self.length**2)
+
     @property
     def centre(self) -> Point:
-        """Centre in m of the area enclosed by the path.
-
-        It is the middle of its bounds if the path encloses no area.
-        """
+        """Centre in m of the enclosed area, or the middle of the bounds."""
         path = self.path
-        if _runs_around_nothing(path):
+        if self._runs_around_nothing:
             x, y = 0.5 * (path.min(axis=0) + path.max(axis=0))
         else:  # each part counts as often as the path runs around it
-            points = path - path[0]
-            cross = _cross(points)
-            both = points + np.roll(points, -1, axis=0)
-            x, y = path[0] + (both * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+            both = path + np.roll(path, -1, axis=0) - 2 * path[0]
+            x, y = path[0] + (both * self._cross[:, None]).sum(axis=0) / (3 * self._cross.sum())
         return float(x), float(y)
 
     @cached_property
     def poles(self) -> tuple[Pole, ...]:
         """Places about which the path winds, most turns first.
 
-        With several places, the way from one place to the next is no turn of either. A single loop
-        has its centre as a pole. So has a meander, whose bends are no turns. The pole has 0 turns
-        if the path runs around nothing.
+        The way from one place to the next is no turn of either. A single loop and a meander, whose
+        bends are no turns, have their centre as a pole, of 0 turns around nothing.
         """
         found = find_turns(FlatPath.of_lines(self.lines, self.widths))
         if found is not None:
@@ -314,7 +315,7 @@ class TracedCoil:
             if abs(poles[0].turns) > _BEND:
                 return tuple(poles)
         centre = self.centre
-        return (Pole(*centre, 0.0 if _runs_around_nothing(self.path) else turns_about(self.path, centre)),)
+        return (Pole(*centre, 0.0 if self._runs_around_nothing else turns_about(self.path, centre)),)
 
     @property
     def turns(self) -> float:
@@ -322,48 +323,31 @@ class TracedCoil:
         return self.poles[0].turns
 
 
-def _cross(points: FloatArray) -> FloatArray:
-    """Twice the signed areas of the triangles from the origin.
-
-    There is a triangle for each side of a closed path.
-    """
-    following = np.roll(points, -1, axis=0)
-    return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
-
-
-def _runs_around_nothing(path: FloatArray) -> bool:
-    area = _cross(path - path[0]).sum() / 2
-    return bool(abs(area) <= _NO_AREA * np.hypot(*np.diff(path, axis=0).T).sum() ** 2)
-
-
 def natural_order(name: str) -> list[tuple[bool, int, str]]:
-    """Return a sort key that counts numbers in names.
-
-    "A2" comes before "A10", and numbers before letters: 7, A2, A10, B1.
-    """
+    """Return a sort key that counts numbers in names: 7, A2, A10, B1."""
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
     return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
-def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> TracedCoil:
-    """Follow a connected piece of copper from end to end.
+def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int]) -> TracedCoil:
+    """Follow a connected piece of copper, by its edges, from end to end.
 
-    `piece` has the indices of its edges. The first end is as in `trace_coils`. `what` is the piece
-    in messages: "net A". Raises BoardError if a piece branches, is closed or crosses itself.
+    The first end is as in `trace_coils`. `what` is the piece in messages: "net A". Raises
+    BoardError if it branches, is closed or crosses itself.
     """
     numbers = list(dict.fromkeys(node for index in piece for node in graph.edges[index].ends))
     for number in numbers:
         node = graph.nodes[number]
         if len(node.edges) > 2:
-            ways = ", ".join(dict.fromkeys(where(graph, index, tracks) for index in node.edges))
+            ways = ", ".join(dict.fromkeys(map(graph.where, node.edges)))
             raise BoardError(
-                f"{where(graph, node.edges[0], tracks)}: {what} must have two ends; {len(node.edges)} ways meet at "
+                f"{graph.where(node.edges[0])}: {what} must have two ends; {len(node.edges)} ways meet at "
                 f"{place_in_mm(node.x, node.y)} ({ways})."
             )
     ends = [number for number in numbers if len(graph.nodes[number].edges) == 1]
     if not ends:
-        begins = where(graph, piece[0], tracks)
-        raise BoardError(f"{begins}: {what} must have two ends; it is closed, through {place(graph, piece[0])}.")
+        begins, through = graph.where(piece[0]), graph.place(piece[0])
+        raise BoardError(f"{begins}: {what} must have two ends; it is closed, through {through}.")
     lines = [
         shapely.LineString([(graph.nodes[number].x, graph.nodes[number].y) for number in graph.edges[index].ends])
         for index in piece
@@ -373,18 +357,18 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
         if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):
             at = place_in_mm(*shapely.get_coordinates(lines[i].intersection(lines[j]))[0])
             raise BoardError(
-                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at {at} "
-                f"({where(graph, piece[j], tracks)})."
+                f"{graph.where(piece[i])}: {what} must be one path; it crosses itself on {one.layer} at {at} "
+                f"({graph.where(piece[j])})."
             )
-
-    def precedence(number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
-        """Sort key of an end: numbered pads, then file order."""
-        edge, pad_number = graph.edges[graph.nodes[number].edges[0]], _pad_number(graph, number)
-        return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
-
-    pad_numbers = [_pad_number(graph, number) for number in ends]
+    order: list[tuple[tuple[bool, list[tuple[bool, int, str]], int, bool], int]] = []  # numbered pads, then by file
+    pad_numbers = []
+    for number in ends:
+        edge, pad = graph.edges[graph.nodes[number].edges[0]], graph.nodes[number].pad
+        pad_numbers.append("" if pad is None else pad.number)
+        first_of = natural_order(pad_numbers[-1])
+        order.append(((not pad_numbers[-1], first_of, edge.track, edge.ends[0] != number), number))
     only_second = sorted(pad_numbers) == ["", "2"]  # the pad 1 is missing, not the pad 3
-    start = ends[pad_numbers.index("")] if only_second else min(ends, key=precedence)
+    start = ends[pad_numbers.index("")] if only_second else min(order)[1]
     steps: list[tuple[TrackEdge, int]] = []
     came, here = -1, start
     while onward := [index for index in graph.nodes[here].edges if index != came]:
@@ -392,32 +376,11 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
         first, last = graph.edges[came].ends
         here = last if first == here else first
         steps.append((graph.edges[came], here))
-    return _traced(name, graph, start, steps, tracks)
+    return _traced(name, graph, start, steps)
 
 
-def place(graph: TrackGraph, edge: int) -> str:
-    """Place where an edge begins, for messages."""
-    node = graph.nodes[graph.edges[edge].ends[0]]
-    return place_in_mm(node.x, node.y)
-
-
-def where(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
-    """File and line of an edge, for messages."""
-    return tracks[graph.edges[edge].track].where
-
-
-def _pad_number(graph: TrackGraph, number: int) -> str:
-    pad = graph.nodes[number].pad
-    return "" if pad is None else pad.number
-
-
-def _traced(
-    name: str, graph: TrackGraph, first: int, steps: Sequence[tuple[TrackEdge, int]], tracks: Sequence[Track]
-) -> TracedCoil:
-    """Make the coil of a path from its `first` node.
-
-    Each edge comes with its next node.
-    """
+def _traced(name: str, graph: TrackGraph, first: int, steps: Sequence[tuple[TrackEdge, int]]) -> TracedCoil:
+    """Make the coil of a path from its `first` node, of edges with their next nodes."""
     lines, layers, widths, vias = [], [], [], []
     passed: list[Hole] = []
     at = first
@@ -432,7 +395,7 @@ def _traced(
         at = numbers[-1]
         vias.append(nodes[-1].hole)
     holes = tuple(hole for hole in vias[:-1] if hole is not None)
-    begins = tracks[steps[0][0].track].where
+    begins = graph.tracks[steps[0][0].track].where
     begin, end = graph.nodes[first], graph.nodes[at]
     ends = (begin.pad or begin.hole, end.pad or end.hole)
     return TracedCoil(name, tuple(lines), tuple(layers), tuple(widths), holes, ends, tuple(passed), begins)

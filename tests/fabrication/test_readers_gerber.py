@@ -213,8 +213,8 @@ def test_pads_that_are_not_round_dots_and_marks(tmp_path: Path) -> None:
     (pad,) = [pad for pad in board.pads if pad.layer == "L1"]
     assert pad.shape.bounds == pytest.approx((8.4e-3, 8.2e-3, 9.6e-3, 9.8e-3))
     hole = board.holes[0]
-    assert hole.copper("L1").area == pytest.approx(1.2 * 1.6e-6)
-    assert hole.copper("L2").area == pytest.approx(math.pi * 0.3e-3**2, rel=1e-3)  # a polygon of 128 corners
+    assert hole.copper["L1"].area == pytest.approx(1.2 * 1.6e-6)
+    assert hole.copper["L2"].area == pytest.approx(math.pi * 0.3e-3**2, rel=1e-3)  # a polygon of 128 corners
 
 
 def test_drill_files_say_span_plating_and_kind(tmp_path: Path) -> None:

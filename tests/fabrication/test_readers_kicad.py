@@ -246,7 +246,7 @@ def test_slots_and_pads_of_some_layers(read):
     assert first.layers == ("F.Cu",)
     for hole in others:
         assert hole.layers == ("F.Cu", "In1.Cu", "In2.Cu", "B.Cu")
-        areas_mm = [hole.copper(layer).area * 1e6 for layer in hole.layers]
+        areas_mm = [area.area * 1e6 for area in hole.copper.values()]
         assert areas_mm == pytest.approx([math.pi, math.pi / 4, math.pi / 4, math.pi], rel=1e-3)  # 128 corners
 
 
@@ -271,7 +271,7 @@ def test_shapes_of_pads(read, pad, bounds, area):
     (found,) = read(board(footprint(f'(pad "1" smd {pad} (layers "F.Cu"))'))).pads
     np.testing.assert_allclose(np.array(found.shape.bounds) * 1e3, bounds, atol=2e-3)  # rounded corners are shrunk
     assert found.shape.area * 1e6 == pytest.approx(area, rel=3e-3)  # circles have 32 to 128 corners
-    assert found.copper is found.shape
+    assert found.copper == {"F.Cu": found.shape}
 
 
 def test_pads_and_drawings_turn_with_their_footprint(read):
