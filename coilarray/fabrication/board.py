@@ -159,24 +159,25 @@ def united(parts: Sequence[Slab]) -> Slab:
 def completed_stackup(
     names: Sequence[str],
     copper: Sequence[float | None],
-    slabs: Sequence[Slab],
+    slabs: Sequence[Sequence[Slab]],
     board: float | None,
     files: str,
     assumed: dict[str, str],
 ) -> Stackup:
     """Make a stack-up, with usual values where some are missing.
 
-    Thicknesses are in m, `board` is that of the whole board. Assumed values are recorded in
-    `assumed`, as in `BoardCopper`. `files` is "the files do".
+    Thicknesses are in m, `board` is that of the whole board. `slabs` are dielectrics in series.
+    Assumed values are recorded in `assumed`, as in `BoardCopper`. `files` is "the files do".
     """
+    between = [united(parts) for parts in slabs]
     if None in copper:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"
     thicknesses = [COPPER_THICKNESS if thickness is None else thickness for thickness in copper]
-    missing = sum(thickness is None for thickness, _ in slabs)
+    missing = sum(thickness is None for thickness, _ in between)
     share = 0.0
     if missing:
         whole = BOARD_THICKNESS if board is None else board
-        share = (whole - sum(thicknesses) - sum(thickness or 0.0 for thickness, _ in slabs)) / missing
+        share = (whole - sum(thicknesses) - sum(thickness or 0.0 for thickness, _ in between)) / missing
         given = "usual" if board is None else "given"
         if share <= 0:
             raise GeometryError(
@@ -185,11 +186,11 @@ def completed_stackup(
         assumed["stackup.dielectric_thickness_mm"] = (
             f"{files} not say; equal parts of what is left of the {given} board thickness of {whole * 1e3:g} mm"
         )
-    if any(epsilon is None for _, epsilon in slabs):
+    if any(epsilon is None for _, epsilon in between):
         assumed["stackup.dielectric_epsilon_r"] = f"{files} not say; FR-4, {EPSILON_R:g}"
     return Stackup(
         tuple(names),
         tuple(thicknesses),
-        tuple(share if thickness is None else thickness for thickness, _ in slabs),
-        tuple(EPSILON_R if epsilon is None else epsilon for _, epsilon in slabs),
+        tuple(share if thickness is None else thickness for thickness, _ in between),
+        tuple(EPSILON_R if epsilon is None else epsilon for _, epsilon in between),
     )

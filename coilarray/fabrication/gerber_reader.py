@@ -33,7 +33,6 @@ from coilarray.fabrication.board import (
     SurfacePad,
     Track,
     completed_stackup,
-    united,
 )
 from coilarray.geometry.arcs import Point, arc_points
 from coilarray.geometry.copper import disc
@@ -49,10 +48,9 @@ _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class DataFile:
-    """Gerber, Excellon or job file.
+    """Gerber, Excellon or job file at a place for messages.
 
-    `label` is its place for messages. `function` has the fields of the X2 attribute .FileFunction,
-    from the file or from the rules for its name, otherwise none.
+    `function` has the fields of the X2 attribute .FileFunction, or of the rules for its name.
     """
 
     label: str
@@ -64,8 +62,8 @@ class DataFile:
 def find_files(path: Path) -> list[DataFile]:
     """Find the Gerber, Excellon and job files of a board.
 
-    The functions of the layers come from the X2 attributes if at least one copper file has one,
-    otherwise from gerbonara's rules for the names given by the usual programs.
+    The functions of the layers come from the X2 attributes if a copper file has one, otherwise from
+    gerbonara's rules for the names given by the usual programs.
     """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
@@ -92,20 +90,24 @@ def gerbonara(module: str) -> ModuleType:
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield label and bytes of every file, by name."""
+    """Yield label and bytes of every file that is not hidden, by name."""
+
+    def hidden(name: Path | PurePosixPath) -> bool:
+        return any(part.startswith((".", "__MACOSX")) for part in name.parts)
+
     try:
         if path.is_dir():
             for file in (path, *sorted(path.rglob("*"))):
                 if file.is_dir():
                     os.listdir(file)  # raises for a folder that rglob skips
-                elif file.is_file() and not _hidden(file.relative_to(path)):
+                elif file.is_file() and not hidden(file.relative_to(path)):
                     require_memory(file.stat().st_size, str(file))
                     yield str(file), file.read_bytes()
             return
         with zipfile.ZipFile(path) as archive:
             require_memory(sum(entry.file_size for entry in archive.infolist()), str(path))
             for name in sorted(archive.namelist()):
-                if not (name.endswith("/") or _hidden(PurePosixPath(name))):
+                if not (name.endswith("/") or hidden(PurePosixPath(name))):
                     yield f"{path}/{name}", archive.read(name)
     except FileNotFoundError:
         raise BoardError(f"{path}: there is no such file or folder.") from None
@@ -113,10 +115,6 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
         raise BoardError(f"{path}: must be a folder or an intact zip of Gerber files; {shown(str(error))}.") from None
     except OSError as error:
         raise BoardError(f"{error.filename or path}: cannot be read: {error.strerror or error}.") from None
-
-
-def _hidden(name: Path | PurePosixPath) -> bool:
-    return any(part.startswith((".", "__MACOSX")) for part in name.parts)
 
 
 def _recognized(label: str, data: bytes) -> DataFile | None:
@@ -142,10 +140,7 @@ def _recognized(label: str, data: bytes) -> DataFile | None:
 
 
 def _named(files: Sequence[DataFile]) -> list[DataFile]:
-    """Add functions to Gerber files without X2 attributes.
-
-    The rules belong to the program that names most of the files.
-    """
+    """Add functions by the rules of the program that names most Gerber files."""
     best: dict[int, tuple[str, int]] = {}
     for rules in gerbonara("layer_rules").MATCH_RULES.values():
         found: dict[int, tuple[str, int]] = {}
@@ -181,10 +176,9 @@ _MM = 1e-3
 
 
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
-    """Read the stack-up from a job file, if any.
+    """Read the stack-up and the assumed values from a job file, if any.
 
-    Assumed values are returned as in `BoardCopper`. Layers are named as in the job file, otherwise
-    L1, L2, …. `source` is the zip or folder, for messages.
+    Layers are named as in it, otherwise L1, L2, …. `source` is the zip or folder, for messages.
     """
     document: Any = {}
     if job is not None:
@@ -204,18 +198,16 @@ def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[
     if len(set(names)) != copper_layers:
         names = tuple(f"L{k + 1}" for k in range(copper_layers))
         assumed["stackup.layers"] = "the files give the order of the layers, not their names"
-    slabs: list[Slab] = [
-        united(
-            [
-                (_positive(layer, "Thickness", _MM), _positive(layer, "DielectricConstant"))
-                for layer in layers[first:last]
-                if layer.get("Type") == "Dielectric"
-            ]
-        )
+    slabs: list[list[Slab]] = [
+        [
+            (_positive(layer, "Thickness", _MM), _positive(layer, "DielectricConstant"))
+            for layer in layers[first:last]
+            if layer.get("Type") == "Dielectric"
+        ]
         for first, last in pairwise(at)
     ]
     copper = [_positive(layers[k], "Thickness", _MM) for k in at] or [None] * copper_layers
-    slabs = slabs or [(None, None)] * (copper_layers - 1)
+    slabs = slabs or [[(None, None)]] * (copper_layers - 1)
     board = _positive(document.get("GeneralSpecs"), "BoardThickness", _MM)
     try:
         return completed_stackup(names, copper, slabs, board, "the files do", assumed), assumed
@@ -258,10 +250,7 @@ _WIDEST = 10.0  # m, of an aperture or a hole
 
 @dataclass(frozen=True)
 class Stroke:
-    """Round aperture drawn along straight pieces, in m.
-
-    It has two points, or more on an arc. `net` is the attribute .N, and `where` is "file:line".
-    """
+    """Round aperture drawn along straight pieces, in m, of the net .N at "file:line"."""
 
     points: tuple[Point, ...]
     width: float
@@ -278,9 +267,8 @@ class Stroke:
 class Flash:
     """Aperture put down once, in m.
 
-    `size` is the smaller side of its rectangle, or the diameter of a round aperture. `shape` is a
-    rectangle if it is not round. `function` is the first field of the attribute .AperFunction, and
-    `pin` the number of the pad from the attribute .P, or "".
+    `size` is its diameter, or the smaller side of its rectangle. `function` is the first field of
+    .AperFunction, and `pin` the number of the pad from .P, or "".
     """
 
     x: float
@@ -312,10 +300,10 @@ class Clear:
 
 @dataclass(frozen=True)
 class DrilledHole:
-    """Hole of a drill file in m.
+    """Hole, or middle of a slot, of a drill file in m.
 
-    For a slot it is the middle. `function` is the last field of the tool's attribute .AperFunction,
-    such as "ViaDrill", or "". `plated` is None if the file does not specify it.
+    `function` is the last field of the tool's .AperFunction, such as "ViaDrill", or "". `plated` is
+    None if the file does not specify it.
     """
 
     x: float
@@ -399,20 +387,15 @@ def _refusing(label: str, parse: Callable[[], None]) -> None:
             complaints.append(str(error))
     for text in [*(str(warning.message) for warning in caught), *complaints]:
         known = next((ours for sign, ours in _REFUSED.items() if sign in text), None)
-        if known or text in complaints:
-            line, statement, reason = _parted(label, text)
-            raise BoardError(f"{label}{line}: {known or reason}{statement}.")
-
-
-def _parted(label: str, text: str) -> tuple[str, str, str]:
-    """Split gerbonara's 'file:line "statement": reason' into three parts."""
-    match = re.fullmatch(r':(\d+) "(.*?)": (.*)', text.removeprefix(label), re.DOTALL)
-    if match is None:
-        return "", "", text
-    line, statement, reason = match.groups()
-    # gerbonara goes on with advice to programmers, and has line 0 for the end of the file
-    first, statement = reason.split(". ")[0].rstrip("."), " ".join(statement.split())
-    return f":{line}" if line != "0" else "", f" ({statement})" if statement else "", first
+        if not known and text not in complaints:
+            continue
+        match = re.fullmatch(r':(\d+) "(.*?)": (.*)', text.removeprefix(label), re.DOTALL)
+        if match is None:
+            raise BoardError(f"{label}: {known or text}.")
+        # gerbonara goes on with advice to programmers, and has line 0 for the end of the file
+        line, statement, reason = match[1], " ".join(match[2].split()), match[3].split(". ")[0].rstrip(".")
+        at = f":{line}" if line != "0" else ""
+        raise BoardError(f"{label}{at}: {known or reason}{f' ({statement})' if statement else ''}.")
 
 
 def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Stroke | Flash | Region:
@@ -471,10 +454,7 @@ def _way(item: Any) -> Iterator[Point]:
 
 
 def _arc(start: Point, end: Point, centre: Point, *, clockwise: bool) -> list[Point]:
-    """Points on an arc about a centre.
-
-    It is the whole circle if the arc ends at its beginning.
-    """
+    """Points on an arc about a centre, on the whole circle if it ends where it begins."""
     first = math.atan2(start[1] - centre[1], start[0] - centre[0])
     last = math.atan2(end[1] - centre[1], end[0] - centre[0])
     turn = 2 * math.pi if start == end else (last - first) % (2 * math.pi)
@@ -541,15 +521,14 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """Read the conductors of a board from fabrication data.
 
     `path` is a zip or folder with a Gerber file for every copper layer and, from two layers on,
-    Excellon files. A given `stackup` replaces the stack-up of the job file. Nets come from the
-    attribute .N. `assumed` lists the values that neither a job file nor `stackup` gives.
+    Excellon files. A given `stackup` replaces that of the job file. Nets come from the attribute
+    .N. Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled
+    through them, otherwise surface pads. Regions are areas.
 
-    Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled
-    through them, otherwise surface pads. Regions are areas, which are no path for a current. A
-    plated hole is a terminal's pad if an attribute marks it as such or the solder mask is open over
-    it. Otherwise it is a via. Holes reach the layers given by the file's function, by default all.
-    Clear shapes may cut regions, but not tracks and pads. A hole has one pad size, the smallest of
-    its layers. A hole without a pad is left out with a note, or refused if a track leads into it.
+    A plated hole is a terminal's pad if an attribute says so or the solder mask is open over it,
+    otherwise a via. It reaches the layers given by the file's function, by default all. Its pad
+    size is the smallest of its layers. Without a pad it is left out with a note, or refused if a
+    track leads into it. Clear shapes may cut regions, but not tracks and pads.
     """
     files = find_files(path)
     copper = _copper_files(files, path)
@@ -579,7 +558,15 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     bores = _bores(files, board, lands)
     masks = [item for file in files if file.function[:1] == ("Soldermask",) for item in parse_gerber(file)]
     openings = [(item.x, item.y) for item in masks if isinstance(item, Flash)]
-    holes = [_plated_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
+    for bore in (bore for bore in bores if not bore.pads):
+        centre, within = (bore.hole.x, bore.hole.y), bore.hole.diameter / 2
+        for track in tracks:
+            near = min(math.dist(track.start, centre), math.dist(track.end, centre)) <= within
+            if near and track.layer in bore.layers:
+                raise BoardError(
+                    f"{bore.hole.where}: the plated hole has no pad; the track at {track.where} ends in it."
+                )
+    holes = [_plated_hole(bore, openings) for bore in bores if bore.pads]
     if len(copper) > 1 and not holes:
         raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole to connect them.")
     bored = {id(flash) for bore in bores for _, flash in bore.lands}
@@ -665,10 +652,7 @@ def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) ->
 
 
 def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
-    """Copper layers that a drill file's holes reach.
-
-    Its function gives them, such as Plated,1,4,PTH. By default it is all layers.
-    """
+    """Layers that a drill file's holes reach by its function, such as Plated,1,4,PTH, or all."""
     ends = file.function[1:3]
     if len(ends) < 2:
         return board.names
@@ -679,18 +663,6 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
             f"{','.join(file.function)}."
         )
     return board.names[first - 1 : last]
-
-
-def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
-    """Whether a hole has a pad, refusing tracks without one."""
-    if bore.pads:
-        return True
-    hole = bore.hole
-    for track in tracks:
-        for x, y in (track.start, track.end):
-            if track.layer in bore.layers and math.hypot(x - hole.x, y - hole.y) <= hole.diameter / 2:
-                raise BoardError(f"{hole.where}: the plated hole has no pad; the track at {track.where} ends in it.")
-    return False
 
 
 def _plated_hole(bore: _Bore, openings: Sequence[Point]) -> Hole:

@@ -1,7 +1,4 @@
-"""Copper of KiCad boards, version 6 and newer.
-
-The area of a text or dimension is a rectangle around it.
-"""
+"""Copper of KiCad boards, version 6 and newer, and S-expressions that know their lines."""
 
 from __future__ import annotations
 
@@ -28,7 +25,6 @@ from coilarray.fabrication.board import (
     SurfacePad,
     Track,
     completed_stackup,
-    united,
 )
 from coilarray.geometry.arcs import Point, arc_points
 from coilarray.geometry.copper import disc
@@ -41,14 +37,7 @@ NEWEST_VERSION = 20241229
 
 _PER_M = 1e3  # numbers in the file are in mm
 _COPPER = re.compile(r"F\.Cu|In(\d+)\.Cu|B\.Cu")
-_DRAWN = {
-    "line": "a drawn line",
-    "arc": "a drawn arc",
-    "circle": "a drawn circle",
-    "rect": "a drawn rectangle",
-    "poly": "a drawn polygon",
-    "curve": "a drawn curve",
-}
+_DRAWN = {"line": "line", "arc": "arc", "circle": "circle", "rect": "rectangle", "poly": "polygon", "curve": "curve"}
 GRAPHICS = tuple(f"{kind}_{shape}" for kind in ("gr", "fp") for shape in _DRAWN)
 ToBoard = Callable[[float, float], Point]  # from mm of the file to m on the board
 
@@ -60,10 +49,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     Arcs are divided into pieces within 0.9 µm of them. A given `stackup` replaces the board's own.
     `assumed` lists the values that the file lacks.
 
-    A file of a format newer than KiCad 9's is read as far as it is understood, with a sentence in
-    `notes`. Unknown objects with a net or on copper are put among the areas, so that no coil can
-    contain them unnoticed. Texts and dimensions are put there too. Teardrops are left out with a
-    note.
+    A newer format than KiCad 9's is read as far as it is understood, with a note. Unknown objects
+    with a net or on copper, texts and dimensions are among the areas, so that no coil can contain
+    them unnoticed. Teardrops are left out with a note.
     """
     root = read_sexpr(path)
     if root.name != "kicad_pcb":
@@ -84,7 +72,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         )
     nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none in KiCad 10
     origin = root.child("setup", "aux_axis_origin")
-    board = _Board(read_layers(root, stackup), nets, (0.0, 0.0) if origin is None else pair(origin))
+    board = _Board(*read_layers(root, stackup), nets, (0.0, 0.0) if origin is None else pair(origin))
     tracks: list[Track] = []
     holes: list[Hole] = []
     pads: list[SurfacePad] = []
@@ -102,31 +90,63 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
             teardrops += 1
         elif node.name == "footprint":
             to_board = board.footprint(node)
-            for pad in node.children("pad"):
-                (hole, surface) = board.pad(pad, to_board)
-                holes += hole
-                pads += surface
-            areas += board.areas(
-                (item for item in node.items if isinstance(item, Node) and item.name != "pad"), to_board
-            )
-            outline += board.outline(node.children(*GRAPHICS), to_board)
+            for item in node.items:
+                if not isinstance(item, Node):
+                    continue
+                if item.name == "pad":
+                    found = board.pad(item, to_board)
+                    holes += [pad for pad in found if isinstance(pad, Hole)]
+                    pads += [pad for pad in found if isinstance(pad, SurfacePad)]
+                else:
+                    areas += board.areas(item, to_board)
+                    outline += board.outline(item, to_board)
         else:
-            areas += board.areas([node], board.to_board)
-            outline += board.outline([node], board.to_board)
+            areas += board.areas(node, board.to_board)
+            outline += board.outline(node, board.to_board)
     if teardrops:
         notes.append(f"{teardrops} teardrop{'s' if teardrops > 1 else ''} at the ends of tracks left out.")
     edge = shapely.MultiPoint(outline).bounds if outline else None
-    copper = (tuple(tracks), tuple(holes), tuple(pads), board.layers.assumed, tuple(areas))
-    return BoardCopper(str(path), board.layers.stackup, *copper, edge, tuple(notes))
+    copper = (tuple(tracks), tuple(holes), tuple(pads), board.assumed, tuple(areas))
+    return BoardCopper(str(path), board.stackup, *copper, edge, tuple(notes))
 
 
 @dataclass(frozen=True)
 class _Board:
-    """Context of a file: layers, nets, and origin in mm."""
+    """Context of a file: layers, nets, and origin in mm.
 
-    layers: KicadLayers
+    The stack-up has the names that the user gave the copper layers, otherwise KiCad's own. `names`
+    maps KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to them.
+    """
+
+    stackup: Stackup
+    names: dict[str, str]
+    assumed: dict[str, str]
     nets: dict[str, str]
     origin: Point
+
+    def one_layer(self, node: Node) -> str | None:
+        """Return a node's copper layer, or None."""
+        if node.child("layers") is None:
+            node.need("layer")
+        found = self.layers(node)
+        if len(found) > 1:
+            raise BoardError(f"{node.where}: ({node.name} …) must lie on one copper layer; got {', '.join(found)}.")
+        return found[0] if found else None
+
+    def layers(self, node: Node) -> tuple[str, ...]:
+        """Return the copper layers of a node, top to bottom."""
+        words = {word for found in node.children("layers", "layer") for word in found.words}
+        if "*.Cu" in words:
+            return self.stackup.names
+        if "F&B.Cu" in words:
+            words |= {"F.Cu", "B.Cu"}
+        layers = [word for word in words if _COPPER.fullmatch(word)]
+        for layer in layers:
+            if layer not in self.names:
+                known = ", ".join(self.names)
+                raise BoardError(f"{node.where}: there is no copper layer {layer}; the board has {known}.")
+        found = {self.names[layer] for layer in layers}
+        return tuple(name for name in self.stackup.names if name in found)
 
     def to_board(self, x: float, y: float) -> Point:
         """Transform mm with y down to m with y up."""
@@ -158,7 +178,7 @@ class _Board:
 
     def tracks(self, node: Node) -> Iterator[Track]:
         """Yield the straight pieces of a segment or an arc."""
-        layer = self.layers.one(node)
+        layer = self.one_layer(node)
         if layer is None:
             got = " ".join(word for part in node.children("layer", "layers") for word in part.words)
             raise BoardError(f"{node.where}: a track must lie on a copper layer; got {got or 'none'}.")
@@ -166,8 +186,7 @@ class _Board:
         start, end = (self.to_board(*pair(node.need(name))) for name in ("start", "end"))
         points: list[Point] = [start, end]
         if node.name == "arc":
-            middle = self.to_board(*pair(node.need("mid")))
-            points = [(x, y) for x, y in arc_points(start, middle, end).tolist()]
+            points = _as_list(arc_points(start, self.to_board(*pair(node.need("mid"))), end))
         net = self.net(node)
         for first, last in pairwise(points):
             yield Track(layer, first, last, width, net, node.where)
@@ -175,26 +194,26 @@ class _Board:
     def via(self, node: Node) -> Hole:
         """Return a via as a hole through its layers."""
         x, y = self.to_board(*pair(node.need("at")))
-        ends = self.layers.all(node)
-        if len(ends) < 2 and len(self.layers.names) > 1:
+        ends = self.layers(node)
+        if len(ends) < 2 and len(self.names) > 1:
             raise BoardError(f"{node.where}: a via must join two copper layers; got {' '.join(ends) or 'none'}.")
-        layers = self.layers.stackup.between(ends[0], ends[-1])
+        layers = self.stackup.between(ends[0], ends[-1])
         drill, size = _positive(node.need("drill")) / _PER_M, _positive(node.need("size")) / _PER_M
         shapes = _kept(node, dict.fromkeys(layers, disc(x, y, size)), disc(x, y, drill))
         return Hole(x, y, drill, size, layers, self.net(node), "via", node.where, shapes=shapes)
 
-    def pad(self, node: Node, to_board: ToBoard) -> tuple[list[Hole], list[SurfacePad]]:
+    def pad(self, node: Node, to_board: ToBoard) -> list[Hole] | list[SurfacePad]:
         """Return a pad as hole or surface pads by layer."""
         number, kind = node.text(0), node.text(1)
         if kind == "np_thru_hole":
-            return [], []
+            return []
         x, y = to_board(*pair(node.need("at")))
         size = min(pair(node.need("size"))) / _PER_M
         net = self.net(node)
-        layers = self.layers.all(node)
+        layers = self.layers(node)
         shape = pad_shape(node, to_board)
         if kind != "thru_hole":
-            return [], [SurfacePad(x, y, layer, net, node.where, number, size, shape) for layer in layers]
+            return [SurfacePad(x, y, layer, net, node.where, number, size, shape) for layer in layers]
         drill = node.need("drill")
         # of a slot, (drill oval 1 0.5), the smaller side
         diameters = [drill.number(k) for k, word in enumerate(drill.words) if word != "oval"]
@@ -202,37 +221,33 @@ class _Board:
             raise BoardError(
                 f"{drill.where}: a plated hole must have a positive diameter; got {' '.join(drill.words)}."
             )
-        layers_between = self.layers.stackup.between(layers[0], layers[-1]) if layers else self.layers.stackup.names
+        layers_between = self.stackup.between(layers[0], layers[-1]) if layers else self.stackup.names
         bore = min(diameters) / _PER_M
         shapes = _kept(node, dict.fromkeys(layers, shape), disc(x, y, bore))
-        return [Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes)], []
+        return [Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes)]
 
-    def areas(self, nodes: Iterable[Node], to_board: ToBoard) -> Iterator[CopperArea]:
-        """Yield zones, drawn shapes, texts and other copper."""
-        for node in nodes:
-            net = self.net(node) if node.name != "net" else None
-            names = self.layers.all(node)
-            if node.name == "zone":
-                if node.child("keepout") is None:
-                    for name, shape, what in self.zone(node, names):
-                        yield CopperArea(name, shape, net, what, node.where)
-            elif node.name in GRAPHICS:
-                shape = drawn_shape(node, to_board) if names else shapely.Polygon()
-                for name in names:
-                    yield CopperArea(name, shape, net, _DRAWN[node.name.split("_")[1]], node.where)
-            elif names:
-                for shape, what in other_copper(node, to_board):
-                    for name in names:
-                        yield CopperArea(name, shape, net, what, node.where)
-            elif net is not None:
-                layer = self.layers.stackup.names[0]
-                yield CopperArea(layer, shapely.Polygon(), net, f"an unknown ({node.name} …)", node.where)
+    def areas(self, node: Node, to_board: ToBoard) -> Iterator[CopperArea]:
+        """Yield a zone, drawn shape, text or other copper, by layer."""
+        net = self.net(node) if node.name != "net" else None
+        names = self.layers(node)
+        found: Iterable[tuple[str, BaseGeometry, str]] = ()
+        if node.name == "zone":
+            found = self.zone(node, names) if node.child("keepout") is None else ()
+        elif node.name in GRAPHICS:
+            shape = drawn_shape(node, to_board) if names else shapely.Polygon()
+            found = [(name, shape, f"a drawn {_DRAWN[node.name.split('_')[1]]}") for name in names]
+        elif names:
+            found = [(name, shape, what) for shape, what in other_copper(node, to_board) for name in names]
+        elif net is not None:
+            found = [(self.stackup.names[0], shapely.Polygon(), f"an unknown ({node.name} …)")]
+        for name, shape, what in found:
+            yield CopperArea(name, shape, net, what, node.where)
 
     def zone(self, zone: Node, names: tuple[str, ...]) -> Iterator[tuple[str, BaseGeometry, str]]:
         """Yield layer, shape and kind of filled areas or outlines."""
         fills = list(zone.children("filled_polygon"))
         for fill in fills:
-            name = self.layers.one(fill) if fill.child("layer") else next(iter(names), None)
+            name = self.one_layer(fill) if fill.child("layer") else next(iter(names), None)
             if name is not None:
                 yield name, _polygon(fill, self.to_board), "a filled zone"
         if not fills:
@@ -241,20 +256,14 @@ class _Board:
             for name in names:
                 yield name, shape, "a zone"
 
-    def outline(self, nodes: Iterable[Node], to_board: ToBoard) -> list[Point]:
-        """Return points of the shapes on the board's edge layer."""
-        found: list[Point] = []
-        for node in nodes:
-            if node.name in GRAPHICS and any("Edge.Cuts" in part.words for part in node.children("layer", "layers")):
-                found += drawn_outline(node, to_board)
-        return found
+    def outline(self, node: Node, to_board: ToBoard) -> list[Point]:
+        """Return points of a shape on the board's edge layer."""
+        on_edge = any("Edge.Cuts" in part.words for part in node.children("layer", "layers"))
+        return drawn_outline(node, to_board) if on_edge and node.name in GRAPHICS else []
 
 
 def _kept(node: Node, shapes: dict[str, BaseGeometry], barrel: BaseGeometry) -> dict[str, BaseGeometry]:
-    """Return the pads of a hole, or its barrel.
-
-    It is the barrel if KiCad may leave pads out because no track ends there.
-    """
+    """Return the pads of a hole, its barrel where KiCad may leave one out without a track."""
     removed = node.child("remove_unused_layers")
     if removed is None or removed.words[:1] == ("no",):
         return shapes
@@ -270,52 +279,17 @@ def _positive(node: Node) -> float:
     return value
 
 
-@dataclass(frozen=True)
-class KicadLayers:
-    """Copper layers of a board, top to bottom.
-
-    The stack-up has the names that the user gave the layers, otherwise KiCad's own. `names` maps
-    KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to them.
-    """
-
-    stackup: Stackup
-    names: dict[str, str]
-    assumed: dict[str, str]
-
-    def one(self, node: Node) -> str | None:
-        """Return a node's copper layer, or None."""
-        if node.child("layers") is None:
-            node.need("layer")
-        found = self.all(node)
-        if len(found) > 1:
-            raise BoardError(f"{node.where}: ({node.name} …) must lie on one copper layer; got {', '.join(found)}.")
-        return found[0] if found else None
-
-    def all(self, node: Node) -> tuple[str, ...]:
-        """Return the copper layers of a node, top to bottom."""
-        words = {word for found in node.children("layers", "layer") for word in found.words}
-        if "*.Cu" in words:
-            return self.stackup.names
-        if "F&B.Cu" in words:
-            words |= {"F.Cu", "B.Cu"}
-        found = {self._known(word, node) for word in words if _COPPER.fullmatch(word)}
-        return tuple(name for name in self.stackup.names if name in found)
-
-    def _known(self, layer: str, node: Node) -> str:
-        if layer not in self.names:
-            raise BoardError(f"{node.where}: there is no copper layer {layer}; the board has {', '.join(self.names)}.")
-        return self.names[layer]
-
-
-def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
-    """Read the copper layers of a board and their thicknesses."""
+def read_layers(root: Node, stackup: Stackup | None = None) -> tuple[Stackup, dict[str, str], dict[str, str]]:
+    """Read the stack-up, the names and the assumed values of a `_Board`."""
     table = root.need("layers")
     user_names = {}
+    depths = {"F.Cu": 0.0, "B.Cu": math.inf}
     for node in table.items:
-        if isinstance(node, Node) and _COPPER.fullmatch(node.text()):
+        if isinstance(node, Node) and (match := _COPPER.fullmatch(node.text())):
             words = node.words
             user_names[str(words[0])] = str(words[2]) if len(words) > 2 else str(words[0])
-    order = sorted(user_names, key=_depth)
+            depths.setdefault(str(words[0]), float(match[1] or 0))
+    order = sorted(user_names, key=depths.__getitem__)
     if not order:
         raise BoardError(f"{table.where}: the board has no copper layer.")
     if stackup is not None:
@@ -323,11 +297,11 @@ def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
             raise BoardError(
                 f"{table.where}: the board has {len(order)} copper layers and the given stack-up {len(stackup.names)}."
             )
-        return KicadLayers(stackup, dict(zip(order, stackup.names, strict=True)), {})
+        return stackup, dict(zip(order, stackup.names, strict=True)), {}
     assumed: dict[str, str] = {}
     given = root.child("setup", "stackup")
     thicknesses: list[float | None] = [None] * len(order)
-    slabs: list[Slab] = [(None, None)] * (len(order) - 1)
+    slabs: list[list[Slab]] = [[(None, None)]] * (len(order) - 1)
     if given is not None:
         thicknesses, slabs = _given(given, order)
     whole = root.child("general", "thickness")
@@ -337,17 +311,11 @@ def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
         built = completed_stackup(names, thicknesses, slabs, board, "the board file does", assumed)
     except GeometryError as error:
         raise BoardError(f"{(given or whole or table).where}: {error}") from None
-    return KicadLayers(built, {name: user_names[name] for name in order}, assumed)
+    return built, {name: user_names[name] for name in order}, assumed
 
 
-def _depth(name: str) -> float:
-    match = _COPPER.fullmatch(name)
-    inner = match and match[1]
-    return float(inner) if inner else (0.0 if name == "F.Cu" else float("inf"))
-
-
-def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:
-    """Thicknesses of copper, and the dielectrics between, None if unknown."""
+def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[list[Slab]]]:
+    """Thicknesses of copper, None if unknown, and the dielectrics between."""
     copper: dict[str, float | None] = {}
     slabs: list[list[Slab]] = []
     for layer in given.children("layer"):
@@ -360,7 +328,7 @@ def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab
         raise BoardError(
             f"{given.where}: the stack-up must list the copper layers {', '.join(order)}; got {', '.join(copper)}."
         )
-    return list(copper.values()), [united(parts) for parts in slabs[:-1]]
+    return list(copper.values()), slabs[:-1]
 
 
 def _sublayers(layer: Node) -> Iterator[Slab]:
@@ -385,9 +353,12 @@ def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
     """Area in m of a drawn shape on any layer."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
+    width, fill = (node.child("stroke") or node).child("width"), node.child("fill")
     # a line of no width is not copper, unless its inside is filled
-    shape: BaseGeometry = shapely.LineString(outline).buffer(max(_width(node) / 2, 1e-9))
-    if kind in ("circle", "rect", "poly") and _filled(node, kind) and len(outline) > 3:
+    half = 0.0 if width is None else width.number() / _PER_M / 2
+    shape: BaseGeometry = shapely.LineString(outline).buffer(max(half, 1e-9))
+    filled = kind == "poly" if fill is None else fill.text() in ("solid", "yes")
+    if kind in ("circle", "rect", "poly") and filled and len(outline) > 3:
         shape = shapely.union(shapely.Polygon(outline).buffer(0), shape)
     return shape
 
@@ -448,17 +419,6 @@ def _as_list(points: FloatArray) -> list[Point]:
     return [(x, y) for x, y in points.tolist()]
 
 
-def _width(node: Node) -> float:
-    stroke = node.child("stroke") or node
-    width = stroke.child("width")
-    return 0.0 if width is None else width.number() / _PER_M
-
-
-def _filled(node: Node, kind: str) -> bool:
-    fill = node.child("fill")
-    return kind == "poly" if fill is None else fill.text() in ("solid", "yes")
-
-
 def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
     """Area in m of a pad, a rectangle by default."""
     place = pad.need("at")
@@ -506,10 +466,7 @@ _LINE = 1.7  # distance of lines over the size
 
 
 def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
-    """Yield rectangles in m around other objects, and their kind.
-
-    The objects are texts, text boxes, dimensions and unknown nodes.
-    """
+    """Yield rectangles in m around texts, dimensions and unknown nodes, and their kind."""
     hidden = any(
         "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
         for part in (node, *node.children("effects"))
@@ -527,10 +484,7 @@ def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, 
 
 
 def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Rectangle around a text.
-
-    Around a text that is not centred it reaches to both sides, because the text may be mirrored.
-    """
+    """Rectangle around a text, to both sides if not centred, as it may be mirrored."""
     effects = node.child("effects") or node
     size, stroke = effects.child("font", "size"), effects.child("font", "thickness")
     height, width = (1.0, 1.0) if size is None else pair(size)
@@ -571,10 +525,9 @@ class Quoted(str):
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """List ``(name item …)`` of an s-expression.
+    """List ``(name item …)`` of an s-expression, `name` empty without a first word.
 
-    `name` is empty if it has no first word. Words that stood in quotes are `Quoted`. `where` is
-    "file:line" of its opening parenthesis.
+    `where` is "file:line" of its opening parenthesis.
     """
 
     name: str
@@ -624,10 +577,7 @@ class Node:
 
 
 def read_sexpr(path: Path) -> Node:
-    """Read the only s-expression of a file of UTF-8 text.
-
-    Raises BoardError if the file cannot be read, ends too early, or has more than one list.
-    """
+    """Read the only s-expression of a file of UTF-8 text, or raise BoardError."""
     try:
         text = text_of_file(path)
     except UnicodeDecodeError:
@@ -638,9 +588,7 @@ def read_sexpr(path: Path) -> Node:
 
 
 def parse_sexpr(text: str, name: str = "text") -> Node:
-    r"""Read one s-expression from a text.
-
-    `name` stands for the text in messages. See `read_sexpr`.
+    r"""Read one s-expression from a text that messages call `name`, or raise BoardError.
 
     >>> node = parse_sexpr('(via (at 1 2.5)\n (net "a b"))')
     >>> node.name, node.need("at").number(1), node.need("net").text(), node.need("net").where
