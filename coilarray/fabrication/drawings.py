@@ -129,10 +129,9 @@ def _number(value: float, digits: int = _DIGITS) -> str:
     return f"{round(value, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")
 
 
-# Digits of a coordinate in mm: far below anything made, and short numbers in the file.
-_DXF_DIGITS = 9
+_DXF_DIGITS = 9  # of a coordinate in mm
 _RELEASE = "R2010"  # the first that every program of today reads and that is UTF-8 throughout
-# colours of the AutoCAD colour index, away from the black or white of the background
+# of the AutoCAD colour index, away from the black or white of the background
 _DXF_COLOURS = (1, 5, 3, 6, 30, 4)
 _DRILL_COLOUR, _OUTLINE_COLOUR, _SILK_COLOUR = 8, 7, 2
 _NOT_IN_NAMES = '<>/\\":;?*|=`'
@@ -223,15 +222,9 @@ def _in_mm(lengths: FloatArray) -> FloatArray:
 
 # Heights of the letters in m, the first that fits. Below 0.8 mm KiCad warns and screens blur.
 _SIZES = (1.0e-3, 0.8e-3)
-# The widest letters of KiCad's stroke font are this many heights wide with their gap, descenders
-# included so high.
-_LETTER_WIDTH = 1.2
-_LETTER_HEIGHT = 1.8
-# Clearance in m of ink from pads and other names, and from the edge of the board.
-_CLEARANCE = 0.15e-3
-_EDGE = 0.5e-3
-# Spacing in m of the places that are tried.
-_STEP = 0.5e-3
+_LETTER_WIDTH, _LETTER_HEIGHT = 1.2, 1.8  # of the widest, over the size, with gap and descenders
+_CLEARANCE, _EDGE = 0.15e-3, 0.5e-3  # m, of ink from pads and other names, and from the edge of the board
+_STEP = 0.5e-3  # m, of the places that are tried
 
 
 @dataclass(frozen=True)
@@ -244,10 +237,9 @@ class Label:
 
 
 def silk_labels(array: Array) -> tuple[Label | None, ...]:
-    """Place the coils' names near their centres.
+    """Place the coils' names near their centres, clear of pads, other names and the edge.
 
-    A name keeps clear of all pads, other names and the edge. It is None if it does not fit within
-    the coil's winding.
+    A name that does not fit within the coil's winding is None.
     """
     holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
     inside = board_outline(array).buffer(-_EDGE, join_style="mitre")

@@ -29,8 +29,7 @@ _MM = 1e3
 _DIGITS = 6  # of a coordinate in mm, 1 nm: the finest that the Gerber format recommends
 _SILK_LINE = 0.15  # width of a letter's strokes over its height, as in KiCad
 _PROFILE_LINE = 0.05  # mm
-# equal bytes from equal designs: the zip files have a fixed time
-_ZIP_TIME = (1980, 1, 1, 0, 0, 0)
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # equal bytes from equal designs
 
 
 def write_gerbers(
@@ -39,27 +38,22 @@ def write_gerbers(
     """Write the fabrication data as one zip.
 
     `name` is the project, with which the names of the files begin. `check` is called with the path
-    of the finished zip before it is moved to its place. If it raises, nothing is changed.
+    of the finished zip before it is moved to its place. If it raises, nothing is changed. The files
+    are in mm, with the origin of the design, named as in KiCad, and without a date, so equal
+    designs give equal bytes:
 
-    The files are in mm, with the origin of the design, and named as in KiCad:
-
-    - a Gerber X2 file for each copper layer, with traces as strokes and pads as flashes. Every
-      object has its net, the coil's name. Pads of terminals also have their number, 1 where the
-      path begins.
-    - solder masks with an opening as large as each pad of a terminal on the outer layers. Board
-      houses widen it to their registration. Vias are covered.
-    - the names of the coils on top, where they fit.
-    - the edge of the board.
+    - a Gerber X2 file for each copper layer, with traces as strokes and pads as flashes, the coil's
+      name as their net, and the number of a terminal, 1 where the path begins.
+    - solder masks open over the pads of terminals on the outer layers, as large as they. Board
+      houses widen them to their registration. Vias are covered.
+    - the names of the coils on top, where they fit, and the edge of the board.
     - Excellon files of the plated holes, one for each span of layers. A terminal that reaches only
       one layer of several is a pad without a hole.
     - a Gerber job file with the stack-up.
 
-    Board houses edit and check traces as strokes, and readers recover the path. Their ends and
-    corners are round, whereas the outlines of `coilarray.geometry.copper` are mitred. At a corner
-    of the angle θ the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the
-    trace. For a hexagonal coil of 30 turns with 0.1 mm traces this is 2e-4 of its copper.
-
-    No file has a date, so equal designs give equal bytes.
+    Ends and corners of strokes are round, whereas the outlines of `coilarray.geometry.copper` are
+    mitred. At a corner of the angle θ the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with
+    w the width of the trace: 2e-4 of a hexagonal coil of 30 turns with 0.1 mm traces.
     """
     require_suffix(path, ".zip")
     if not name.strip():
@@ -279,14 +273,9 @@ def _job(array: Array, project: _Project, files: Sequence[_File]) -> str:
     for k, (name, copper) in enumerate(zip(stackup.names, stackup.copper_thickness, strict=True)):
         layers.append({"Type": "Copper", "Thickness": float(_mm(copper)), "Name": name})
         if k + 1 < len(stackup.names):
-            layers.append(
-                {
-                    "Type": "Dielectric",
-                    "Thickness": float(_mm(stackup.dielectric_thickness[k])),
-                    "DielectricConstant": stackup.epsilon_r[k],
-                    "Name": f"{name}/{stackup.names[k + 1]}",
-                }
-            )
+            slab = {"Type": "Dielectric", "Thickness": float(_mm(stackup.dielectric_thickness[k]))}
+            below = f"{name}/{stackup.names[k + 1]}"
+            layers.append(slab | {"DielectricConstant": stackup.epsilon_r[k], "Name": below})
     job = {
         "Header": {"GenerationSoftware": software},
         "GeneralSpecs": {

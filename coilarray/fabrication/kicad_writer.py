@@ -1,7 +1,4 @@
-"""KiCad project folders: board, rules and footprints.
-
-A footprint holds the terminals of a coil on a board, or a whole winding as a part of a library.
-"""
+"""KiCad project folders: board, rules and footprints."""
 
 from __future__ import annotations
 
@@ -27,18 +24,10 @@ from coilarray.geometry.copper import drills_of
 from coilarray.geometry.rules import FabRules
 from coilarray.geometry.stackup import Stackup
 
-# The format of KiCad 6, the oldest with a stack-up in today's form. Later versions read it too.
-FILE_VERSION = "20211014"
-
-# Generator named in every file.
-GENERATOR = "coilarray"
-
-# KiCad's unit of length.
+FILE_VERSION = "20211014"  # of KiCad 6, the oldest with a stack-up in today's form; later versions read it too
+GENERATOR = "coilarray"  # named in every file
 _NANOMETRES = 1e9
-
-# Namespace of the identifiers of everything that this package writes.
-_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "coilarray")
-
+_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "coilarray")  # of identifiers
 # The layers of a board beside its copper: number, name, and the shown name if it differs.
 OTHER_LAYERS = (
     (34, "B.Paste", ""), (35, "F.Paste", ""), (36, "B.SilkS", "B.Silkscreen"), (37, "F.SilkS", "F.Silkscreen"),
@@ -48,14 +37,10 @@ OTHER_LAYERS = (
 )  # fmt: skip
 _MOST_COPPER_LAYERS = 32
 BOTTOM = 31
-# Characters that KiCad's dialogue refuses in a layer's name.
-_FORBIDDEN = frozenset('\\/:*?"<>|%')
-# Height in m of the letters that are not printed.
-_FAB_LETTERS = 1e-3
-# Width of a stroke by the height of its letter, KiCad's own.
-_STROKE = 0.15
-# Attributes of a coil, which is not bought or placed.
-_NO_PART = ("exclude_from_pos_files", "exclude_from_bom")
+_FORBIDDEN = frozenset('\\/:*?"<>|%')  # in a layer's name, by KiCad's dialogue
+_FAB_LETTERS = 1e-3  # m, height of letters that are not printed
+_STROKE = 0.15  # width over the height of a letter, KiCad's own
+_NO_PART = ("exclude_from_pos_files", "exclude_from_bom")  # a coil is not bought or placed
 
 
 def node(name: str, *items: str) -> str:
@@ -117,9 +102,8 @@ def at(name: str, point: npt.ArrayLike) -> str:
 class Drawing:
     """Mapping of a design into one file.
 
-    `root` begins the identifiers of the file's pieces. `layers` are KiCad's names of the copper
-    layers. `x0` and `y0` are the design's origin on the sheet in nm. The sheet's y axis points
-    down.
+    `root` begins the identifiers of its pieces. `layers` are KiCad's names of the copper layers.
+    `x0` and `y0` are the design's origin on the sheet in nm, whose y axis points down.
     """
 
     root: str
@@ -131,23 +115,13 @@ class Drawing:
         """Transform points (…, 2) in m to the sheet in nm."""
         return np.asarray(nanometres(xy) * np.array([1, -1]) + np.array([self.x0, self.y0]))
 
-    def within(self, part: str) -> Drawing:
-        """Return the drawing of a part, with its own identifiers."""
-        return replace(self, root=f"{self.root}/{part}")
-
-    def layer(self, name: str) -> str:
-        """Write the ``(layer …)`` of a copper layer."""
-        return on_layer(self.layers[name])
-
     def identifier(self, *parts: object) -> str:
         """Write the ``(tstamp …)`` of a piece, equal for equal designs."""
         return node("tstamp", str(uuid.uuid5(_NAMESPACE, "/".join(map(str, (self.root, *parts))))))
 
 
 def copper_names(stackup: Stackup) -> dict[str, str]:
-    """KiCad's name of each copper layer, top to bottom.
-
-    The names are F.Cu, In1.Cu, …, B.Cu.
+    """KiCad's name of each copper layer, F.Cu, In1.Cu, …, B.Cu.
 
     >>> copper_names(Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,)))
     {'L1': 'F.Cu', 'L2': 'B.Cu'}
@@ -174,18 +148,22 @@ _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM)
 
 
 def _winding(array: Array, alike: Sequence[Placement]) -> str:
-    """Footprint of equal coils, named after the first of them.
+    """Library footprint of equal coils, named after the first of them.
 
-    Pads 1 and 2 are the terminals. A footprint has no vias: they are pads V1, V2, … without a net,
-    under the solder mask, and all go through the board. The winding is drawn as lines on the copper
-    layers. The footprint is a net tie, a part that joins nets on purpose. KiCad's check then allows
-    different nets at the terminals, as a coil has in a circuit.
+    Pads 1 and 2 are the terminals. Vias are pads V1, V2, … without a net, under the solder mask,
+    through the whole board. The winding is drawn as lines. The footprint is a net tie: KiCad's
+    check then allows different nets at the terminals, as a coil has in a circuit.
     """
     name = alike[0].name
     placement = replace(alike[0].at_origin(), name="REF**")
     single = replace(array, placements=(placement,), through_holes=True)
     drawing = Drawing(f"footprint/{name}", copper_names(array.stackup))
     users = ", ".join(user.name for user in alike)
+    # without courtyard, as coils may overlap
+    corners = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
+    style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"), drawing.identifier("outline"))
+    vias = [hole for hole in drills_of(single, placement) if hole.kind == "via"]
+    through = node("layers", _through(array.stackup))
     children = [
         node("descr", quoted(f"winding of {users} on {', '.join(placement.layers)}")),
         # how the format of KiCad 6 marks a net tie. Later versions read it as a group of all pads
@@ -193,51 +171,22 @@ def _winding(array: Array, alike: Sequence[Placement]) -> str:
         _attributes(placement),
         _reference(placement, silk_labels(single)[0], drawing),
         _value(name, drawing),
-        _outline(placement, drawing),
+        node("fp_poly", corners, *style),
         *(
             node(f"fp_{'line' if len(ends) == 2 else 'arc'}", *ends, layer, width, drawing.identifier("line", k))
             for k, (ends, width, layer) in enumerate(tracks(placement, drawing))
         ),
-        *(
-            _pad(
-                f"V{k + 1}",
-                "thru_hole",
-                drawing.points((via.x, via.y)),
-                via.pad,
-                node("drill", length(via.diameter)),
-                node("layers", _through(array.stackup)),
-                drawing.identifier("via", k),
-            )
-            for k, via in enumerate(hole for hole in drills_of(single, placement) if hole.kind == "via")
-        ),
-        *_terminal_pads(single, placement, (), drawing),
     ]
+    for k, via in enumerate(vias):
+        rest = (node("drill", length(via.diameter)), through, drawing.identifier("via", k))
+        children.append(_pad(f"V{k + 1}", "thru_hole", drawing.points((via.x, via.y)), via.pad, *rest))
+    children += _terminal_pads(single, placement, (), drawing)
     head = (quoted(name), node("version", FILE_VERSION), node("generator", GENERATOR), on_layer("F.Cu"))
     return block("footprint", head, children) + "\n"
 
 
-def terminal_footprint(array: Array, placement: Placement, label: Label | None, net: str, drawing: Drawing) -> str:
-    """Write the footprint with a coil's terminals and its label.
-
-    `net` is the ``(net …)`` of the pads. The footprint belongs to no library, because the tracks of
-    the board are the winding.
-    """
-    children = [
-        drawing.identifier("footprint"),
-        at("at", drawing.points((placement.x, placement.y))),
-        _attributes(placement, "board_only"),
-        _reference(placement, label, drawing),
-        _value("coil", drawing),
-        *_terminal_pads(array, placement, (net,), drawing),
-    ]
-    return block("footprint", (quoted("coil_terminals"), on_layer("F.Cu")), children)
-
-
 def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, ...], str, str]]:
-    """Yield the pieces of a coil's path.
-
-    A piece has (start …), the (mid …) of an arc, (end …), then (width …) and (layer …).
-    """
+    """Yield (start …), the (mid …) of an arc and (end …), (width …) and (layer …) of every piece."""
     last: IntArray | None = None
     for k, (line, widths, layer) in enumerate(placement.traces()):
         points = drawing.points(line)
@@ -249,7 +198,7 @@ def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, 
             if (start != end).any():
                 middle = (at("mid", drawing.points(piece.points(line)[1])),) if piece.bulge else ()
                 ends = (at("start", start), *middle, at("end", end))
-                yield ends, node("width", length(widths[piece.first])), drawing.layer(layer)
+                yield ends, node("width", length(widths[piece.first])), on_layer(drawing.layers[layer])
 
 
 def _attributes(placement: Placement, *more: str) -> str:
@@ -275,18 +224,11 @@ def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: 
     return node("fp_text", kind, quoted(text), place, *rest)
 
 
-def _outline(placement: Placement, drawing: Drawing) -> str:
-    """Outline of the winding without courtyard, as coils may overlap."""
-    points = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
-    style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"))
-    return node("fp_poly", points, *style, drawing.identifier("outline"))
-
-
 def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
     """Yield pads 1 and 2 at the path's ends.
 
-    A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the
-    solder mask. For KiCad's check it marks the intended end of the track.
+    A pad without a hole lies on its own layer. That of a bare end is as wide as its trace, under
+    the solder mask, and marks the end of the track for KiCad's check.
     """
     coil = placement.coil
     origin = drawing.points((placement.x, placement.y))
@@ -309,10 +251,7 @@ def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawi
 
 
 def _through(stackup: Stackup) -> str:
-    """Copper layers of a hole through the board.
-
-    The back of a board of one copper layer stays empty.
-    """
+    """Copper layers of a hole through the board, whose back stays empty if it has one layer."""
     return quoted("*.Cu" if len(stackup.names) > 1 else "F.Cu")
 
 
@@ -326,11 +265,9 @@ _NAME = re.compile(r"[A-Za-z0-9_.+][A-Za-z0-9_.+-]*")
 # Sheets of paper, landscape, and the sides of the largest sheet that KiCad takes, in mm.
 _PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 _LARGEST_SHEET = 1219
-# Least distance of the board from the sheet's edges in mm. A4's title block is 34 mm high.
-_SHEET_MARGIN = 40
+_SHEET_MARGIN = 40  # mm around the board; A4's title block is 34 mm high
 # KiCad has no board of one copper layer: below it, this much laminate in m and an empty layer.
-_BACKING = 1.5e-3
-_BACKING_EPSILON_R = 4.5
+_BACKING, _BACKING_EPSILON_R = 1.5e-3, 4.5
 
 
 def write_kicad(
@@ -345,20 +282,16 @@ def write_kicad(
     """Write a KiCad project folder for KiCad 6 and later.
 
     It was tried with 6.0.11 and 9.0.2. In an existing folder the files of the project are replaced,
-    and all other files stay. `name`, the name of the project, has letters, digits and ``_ . + -``,
-    with ``-`` not first. `rules` are the limits of KiCad's own check. `title` stands on the sheet,
-    by default the name. `check` is called with the path of the finished board before any file is
-    moved to its place. If it raises, nothing is changed.
+    and all other files stay. `rules` are the limits of KiCad's own check. `title` stands on the
+    sheet, by default the name. `check` is called with the path of the finished board before any
+    file is moved to its place. If it raises, nothing is changed.
 
     Returns ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint
-    ``<name>.pretty/<coil>.kicad_mod`` for every coil shape and set of layers. Raises OutputError if
-    the path cannot be written, the name is not allowed, the board is larger than any sheet, or
-    KiCad cannot hold the copper layers: more than 32, an odd number above one, or refused names.
+    ``<name>.pretty/<coil>.kicad_mod`` for every coil shape and set of layers.
 
     The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid.
-    KiCad's y points down. Lengths are rounded to 1 nm. Each coil is a net with its name. Its path
-    consists of tracks and vias, and its ends are the pads 1 and 2 of a footprint whose reference is
-    the coil's name. The same design gives the same bytes.
+    Lengths are rounded to 1 nm. Each coil is a net with its name, of tracks and vias, and its ends
+    are the pads 1 and 2 of a footprint with its name. The same design gives the same bytes.
 
     A board of one copper layer gets an empty second layer, B.Cu, because KiCad requires two. With
     blind holes, a terminal on an inner layer is a pad on that layer. KiCad 9 warns of it ("SMD pad
@@ -438,6 +371,9 @@ def board_text(array: Array, name: str, title: str) -> str:
         node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
         for number, kicad, kind, shown in table
     )
+    x_min, y_min, x_max, y_max = array.bounds
+    corners = (at("start", drawing.points((x_min, y_max))), at("end", drawing.points((x_max, y_min))))
+    style = (on_layer("Edge.Cuts"), node("width", "0.05"), node("fill", "none"))
     children = [
         node("general", node("thickness", length(thickness))),
         node("paper", *paper),
@@ -447,7 +383,7 @@ def board_text(array: Array, name: str, title: str) -> str:
         node("net", "0", quoted("")),
         *(node("net", str(k), quoted(net)) for k, net in enumerate(array.names, start=1)),
         *_coils(array, drawing),
-        _edge(array, drawing),
+        node("gr_rect", *corners, *style, drawing.identifier("edge")),
     ]
     return block("kicad_pcb", (node("version", FILE_VERSION), node("generator", GENERATOR)), children) + "\n"
 
@@ -503,9 +439,18 @@ def _stackup_layer(name: str, kind: str, *properties: str) -> str:
 def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
     """Yield the footprints, tracks and vias of all coils."""
     for number, (placement, label) in enumerate(zip(array.placements, silk_labels(array), strict=True), start=1):
-        own = drawing.within(placement.name)
+        own = replace(drawing, root=f"{drawing.root}/{placement.name}")
         net = node("net", str(number))
-        yield terminal_footprint(array, placement, label, node("net", str(number), quoted(placement.name)), own)
+        # of no library, as the tracks of the board are the winding
+        children = [
+            own.identifier("footprint"),
+            at("at", own.points((placement.x, placement.y))),
+            _attributes(placement, "board_only"),
+            _reference(placement, label, own),
+            _value("coil", own),
+            *_terminal_pads(array, placement, (node("net", str(number), quoted(placement.name)),), own),
+        ]
+        yield block("footprint", (quoted("coil_terminals"), on_layer("F.Cu")), children)
         for k, (ends, width, layer) in enumerate(tracks(placement, own)):
             kind = "segment" if len(ends) == 2 else "arc"
             yield node(kind, *ends, width, layer, net, own.identifier("track", k))
@@ -517,19 +462,11 @@ def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
             yield node("via", *(() if through else ("blind",)), at("at", own.points((hole.x, hole.y))), *rest)
 
 
-def _edge(array: Array, drawing: Drawing) -> str:
-    x_min, y_min, x_max, y_max = array.bounds
-    corners = (at("start", drawing.points((x_min, y_max))), at("end", drawing.points((x_max, y_min))))
-    style = (on_layer("Edge.Cuts"), node("width", "0.05"), node("fill", "none"))
-    return node("gr_rect", *corners, *style, drawing.identifier("edge"))
-
-
 def _project_text(array: Array, name: str, rules: FabRules) -> str:
     """Text of a ``.kicad_pro`` file, JSON with KiCad's own severities.
 
-    The first coil gives the sizes that KiCad offers for new tracks and vias. KiCad has no limit for
-    turns of one net, so `FabRules.min_gap` holds between nets only. The distance of foreign copper
-    to a hole's wall has the same limit.
+    The first coil gives the sizes that KiCad offers for new tracks and vias. `FabRules.min_gap`
+    holds between nets only, as KiCad has no limit for turns, and from a hole's wall.
     """
 
     def in_mm(metres: float) -> float:

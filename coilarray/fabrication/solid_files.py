@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry.polygon import orient
 
@@ -36,15 +35,14 @@ COLOURS = {
 }
 """Red, green, blue and opacity, up to 255, of each kind of solid, by the first part of its key."""
 _OTHER = (160, 160, 160, 255)
-# glTF's up is y: (x, y, z) becomes (x, z, −y)
-_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # glTF's (x, z, −y)
 
 
 def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
     """Write `solids` in m to one file.
 
-    STL holds all solids in one mesh, in mm, as slicers expect. GLB holds a scene of named and
-    coloured nodes, in m and with y up, as glTF demands.
+    STL has one mesh in mm, as slicers expect. GLB has named and coloured nodes, in m and with y up,
+    as glTF demands.
     """
     import trimesh  # slow to import
 
@@ -66,9 +64,7 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
     write_bytes(path, scene.export(file_type="glb"))
 
 
-# Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by
-# accident.
-_ON_CIRCLE = 1e-9
+_ON_CIRCLE = 1e-9  # of the radius, of a circle's corners; other corners lie on it only by accident
 _SHORTEST = 1e-9  # m: edges below 0.1 nm do not exist for Open CASCADE
 _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
@@ -113,34 +109,24 @@ def faceted_prisms(array: Array) -> dict[str, Prism]:
     return {key: coarse[key] if key.startswith("copper/") else prism for key, prism in prisms.items()}
 
 
-# ---- outlines: which of their edges are arcs
-
-
-def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
-    """Index (n,) of the circle from which each outline edge comes.
-
-    It is −1 for other edges. Edge k begins at corner k of `corners` (n, 2) in m. `circles` (m, 3)
-    are centres and radii in m.
-    """
-    x, y, radius = circles.T
-    offset = np.hypot(corners[:, :1] - x, corners[:, 1:] - y) - radius
-    on = np.abs(offset) <= _ON_CIRCLE * radius
-    length = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)[:, None]
-    chord = 2 * radius * math.sin(math.pi / _CORNERS)
-    own = on & np.roll(on, -1, axis=0) & (np.abs(length - chord) <= 1e-6 * chord)
-    return np.where(own.any(axis=1), own.argmax(axis=1), -1) if len(circles) else np.full(len(corners), -1)
-
-
-# ---- Open CASCADE: vertices, edges, wires, faces, prisms
-
-
 def _part(prism: Prism, circles: FloatArray) -> Any:
-    """Make the solid of a prism, or a compound."""
+    """Make the solid of a prism, or a compound.
+
+    `circles` (n, 3) are centres and radii in m of which edges may be arcs.
+    """
     from OCP.BRep import BRep_Builder
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
+    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt, gp_Vec
     from OCP.TopoDS import TopoDS_Compound
 
-    shape = shapely.remove_repeated_points(prism.shape, _SHORTEST)
-    solids = [_solid(orient(piece), prism, circles) for piece in shapely.get_parts(shape)]
+    solids, z = [], prism.bottom * _MM
+    for outline in map(orient, shapely.get_parts(shapely.remove_repeated_points(prism.shape, _SHORTEST))):
+        plane = gp_Pln(gp_Pnt(0.0, 0.0, z), gp_Dir(0.0, 0.0, 1.0))
+        face = BRepBuilderAPI_MakeFace(plane, _wire(outline.exterior, z, circles))
+        for hole in outline.interiors:
+            face.Add(_wire(hole, z, circles))
+        solids.append(BRepPrimAPI_MakePrism(face.Face(), gp_Vec(0.0, 0.0, (prism.top - prism.bottom) * _MM)).Shape())
     if len(solids) == 1:
         return solids[0]
     compound, builder = TopoDS_Compound(), BRep_Builder()
@@ -148,21 +134,6 @@ def _part(prism: Prism, circles: FloatArray) -> Any:
     for solid in solids:
         builder.Add(compound, solid)
     return compound
-
-
-def _solid(outline: shapely.Polygon, prism: Prism, circles: FloatArray) -> Any:
-    """Make the solid of one polygon of a prism."""
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
-    from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
-    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt, gp_Vec
-
-    z = prism.bottom * _MM
-    face = BRepBuilderAPI_MakeFace(
-        gp_Pln(gp_Pnt(0.0, 0.0, z), gp_Dir(0.0, 0.0, 1.0)), _wire(outline.exterior, z, circles)
-    )
-    for hole in outline.interiors:
-        face.Add(_wire(hole, z, circles))
-    return BRepPrimAPI_MakePrism(face.Face(), gp_Vec(0.0, 0.0, (prism.top - prism.bottom) * _MM)).Shape()
 
 
 def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
@@ -173,7 +144,15 @@ def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
     from OCP.TopoDS import TopoDS_Wire
 
     corners = shapely.get_coordinates(ring)[:-1]
-    owners = _owners(corners, circles)
+    owners = np.full(len(corners), -1)  # circle on which the edge from each corner lies, −1 for a straight edge
+    if len(circles):
+        centre_x, centre_y, radii = circles.T
+        offset = np.hypot(corners[:, :1] - centre_x, corners[:, 1:] - centre_y) - radii
+        on = np.abs(offset) <= _ON_CIRCLE * radii
+        length = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)[:, None]
+        chord = 2 * radii * math.sin(math.pi / _CORNERS)
+        own = on & np.roll(on, -1, axis=0) & (np.abs(length - chord) <= 1e-6 * chord)
+        owners = np.where(own.any(axis=1), own.argmax(axis=1), -1)
     wire, builder = TopoDS_Wire(), BRep_Builder()
     builder.MakeWire(wire)
     # corners at which a straight edge or a run of edges of one circle begins
@@ -200,9 +179,6 @@ def _circle(circle: FloatArray, z: float, *, counter_clockwise: bool) -> Any:
 
     x, y, radius = (circle * _MM).tolist()
     return gp_Circ(gp_Ax2(gp_Pnt(x, y, z), gp_Dir(0.0, 0.0, 1.0 if counter_clockwise else -1.0)), radius)
-
-
-# ---- Open CASCADE: the document and its file
 
 
 def _document(name: str, parts: Mapping[str, Any]) -> Any:
