@@ -5,12 +5,12 @@ from __future__ import annotations
 import copy
 import io
 import json
+import re
 import sqlite3
 import tempfile
 import tomllib
 import warnings
 import zipfile
-import zlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -40,7 +40,7 @@ _TEXTS = (
     b"nan", b"inf", b"-inf", b"1e400", b"-1", b"0", b"99999999999999999999", b"1e-320", b"", b" ", b"\xff\xfe", b"\x00",
     b'"', b"[", b"]", b"{", b"(", b")", b"=", b"#", b"\n", b"\r", b",", b"..", b"0x10", b"true", b"\xf0\x9f\x98\x80",
 )  # fmt: skip
-_DIGITS = frozenset(b"0123456789.eE+-")
+_NUMBER = re.compile(rb"[.eE+-]*[0-9][0-9.eE+-]*")
 
 
 def _pick(random: np.random.Generator, values: Any) -> Any:
@@ -85,7 +85,7 @@ def text_changed(random: np.random.Generator, data: bytes) -> bytes:
     match int(random.integers(6)):
         case 0 | 1:
             line = lines[at]
-            spans = _number_spans(line)
+            spans = [found.span() for found in _NUMBER.finditer(line)]
             if spans:
                 start, end = _pick(random, spans)
                 lines[at] = line[:start] + _pick(random, _TEXTS) + line[end:]
@@ -123,19 +123,6 @@ def lines_changed(random: np.random.Generator, data: bytes) -> bytes:
 def cut(random: np.random.Generator, data: bytes) -> bytes:
     """Cut a file at any place."""
     return data[: int(random.integers(len(data)))]
-
-
-def _number_spans(line: bytes) -> list[tuple[int, int]]:
-    spans, start = [], None
-    for k, byte in enumerate(line + b" "):
-        inside = byte in _DIGITS
-        if inside and start is None:
-            start = k
-        elif not inside and start is not None:
-            if any(48 <= one <= 57 for one in line[start:k]):
-                spans.append((start, k))
-            start = None
-    return spans
 
 
 def tree_changed(random: np.random.Generator, tree: Any) -> Any:
@@ -366,8 +353,3 @@ def zip_changed(random: np.random.Generator, data: bytes) -> bytes:
         where = int(random.integers(30, max(start, 31)))
         whole = whole[:where] + bytes([whole[where] ^ 0x55]) + whole[where + 1 :]
     return whole
-
-
-def seed_of(name: str) -> int:
-    """Return the number of a kind that enters the seed of its cases."""
-    return zlib.crc32(name.encode())
