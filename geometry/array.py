@@ -395,11 +395,12 @@ def current_path(placement: Placement, stackup: Stackup, chord: float = CHORD) -
     via = (coil.via.bar_width, coil.via.bar_width, coil.via.barrel_area)
     vertices: list[FloatArray] = []
     sections: list[tuple[float, float, float]] = []  # widths, thicknesses and areas
-    for (line, widths), layer in zip(coil.current_lines(chord), placement.layers, strict=True):
+    for (line, own), layer in zip(coil.current_lines(chord), placement.layers, strict=True):
         vertices.append(np.column_stack((placement.to_board(line), np.full(len(line), stackup.centre(layer)))))
         thickness = stackup.copper_thickness[stackup.index(layer)]
-        sections += [(width, thickness, width * thickness) for width in widths.tolist()] + [via]
-    return Conductor(np.vstack(vertices), *np.array(sections[:-1]).T, placement.name)
+        sections += [(width, thickness, width * thickness) for width in own.tolist()] + [via]
+    widths, thicknesses, areas = np.array(sections[:-1]).T
+    return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
 
 
 def lattice_array(
@@ -407,16 +408,8 @@ def lattice_array(
 ) -> Array:
     """Place one coil on every point of a lattice.
 
-    Raises GeometryError as `Lattice.placements` and `Array`.
-
-    Parameters
-    ----------
-    stackup, board_margin, through_holes
-        As in `Array`.
-    coil : Spiral, RoundedSpiral or Coil
-        The shape of all coils.
-    lattice : Lattice
-        Positions and layers of the coils.
+    `stackup`, `board_margin` and `through_holes` are as in `Array`. All coils have the shape of
+    `coil`, a Spiral, RoundedSpiral or Coil, and the positions and layers of the `lattice`.
 
     Returns
     -------

@@ -229,23 +229,18 @@ Outline: TypeAlias = Disc | Rectangle | Ring | Polygon
 class FinitePlate:
     """Flat plate with an outline, possibly tilted.
 
-    Without a tilt it is parallel to the board.
+    `name`, `thickness` and `material` are as in `Plate`.
 
     Parameters
     ----------
-    name : str
-        Name of the plate.
     outline : Outline
         Outline about the plate's centre.
     centre : tuple of float
         x, y and z in m of the outline's origin, in the middle of the thickness. The board's upper
         face is at z = 0.
-    thickness : float
-        Thickness in m.
-    material : Material
-        Material of the plate.
     tilt : float
-        Angle in rad by which the plate rises towards `tilt_direction`, less than a right angle.
+        Angle in rad by which the plate rises towards `tilt_direction`, less than a right angle. 0
+        is parallel to the board.
     tilt_direction : float
         Angle in rad from the x axis.
     """
@@ -315,7 +310,7 @@ class Target:
     Parameters
     ----------
     body : Plate, FinitePlate or Ball
-        The body. Its own position has no effect.
+        Its own position has no effect.
     distances : tuple of float
         Gaps in m between its nearest point and the highest face of board and sheets, in rising
         order.
@@ -325,8 +320,7 @@ class Target:
     origin : str or None
         Name of the coil whose centre is the origin. None if `origin_point` is given.
     origin_point : tuple of float
-        x and y in m of the origin on the board. `coilarray.Design` sets it if `origin` names a
-        coil.
+        x and y in m of the origin on the board, set by `coilarray.Design` for a coil as `origin`.
     step : float or None
         Distance in m of the places that `coilarray.Design` sets. By default it follows from the
         coils.

@@ -21,7 +21,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
-from coilarray.geometry.arcs import SIDES, Arc, Side, rounded_line
+from coilarray.geometry.arcs import SIDES, Arc, rounded_line
 from coilarray.geometry.array import Array, Connector, Placement, Routing
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.copper import disc, drills, trace_outline
@@ -42,26 +42,10 @@ def route_leads(array: Array, connector: Connector) -> Array:
 
     The holes of the connector take the place of the coils' own terminals.
 
-    Parameters
-    ----------
-    array : Array
-        Coils with leads.
-    connector : Connector
-        Connector at which the leads end.
+    In the result each coil of the `array` has a path of its own to its holes of the `connector`,
+    and `Array.routing` holds the array itself. Raises GeometryError if a coil has no leads, pads
+    overlap, or a lead finds no way.
 
-    Returns
-    -------
-    Array
-        The array, in which each coil has a path of its own. `Array.routing` holds the original
-        array.
-
-    Raises
-    ------
-    GeometryError
-        If a coil has no leads, pads overlap, or a lead finds no way.
-
-    Examples
-    --------
     >>> from coilarray.geometry import Lattice, Leads, PlatedHole, RoundedSpiral, Stackup, lattice_array
     >>> via, leads = PlatedHole(0.25e-3, 0.5e-3), Leads(1e-3, 1e-3, PlatedHole(0.8e-3, 1.4e-3))
     >>> coil = RoundedSpiral(12e-3, 12e-3, 8, 0.2e-3, 0.2e-3, 2e-3, via=via, leads=leads)
@@ -88,7 +72,12 @@ def _routed(
     for place in array.placements:
         if place.coil.terminal is None:
             raise GeometryError(f"{place.name} has no leads that could be routed to a connector.")
-    board = _turned(array, connector.side)
+    quarters = (SIDES.index("bottom") - SIDES.index(connector.side)) % 4  # which turn the side to the bottom
+    turned = []
+    for place in array.placements:
+        x, y = (np.array([place.x, place.y]) @ _turn(quarters)).tolist()
+        turned.append(replace(place, x=x, y=y, rotation=place.rotation + quarters * math.pi / 2))
+    board = array.with_placements(turned)
     farthest: NoWayError | None = None
     orders = [_along_the_edge(board, near_first=near_first) for near_first in (True, False)]
     bare = _Grid(board, connector, _pads(board, connector, orders[0]))  # every order has the same pads
@@ -106,9 +95,8 @@ def _routed(
                     break
                 order = [error.coil, *(coil for coil in order if coil != error.coil)]
                 continue
-            back = _turn(-_to_bottom(connector.side))
             return tuple(
-                _with_ways(place, [way @ back for way in ways[k]], grid.width)
+                _with_ways(place, [way @ _turn(-quarters) for way in ways[k]], grid.width)
                 for k, place in enumerate(array.placements)
             )
     assert farthest is not None  # the only way out of the loop
@@ -124,27 +112,10 @@ class NoWayError(GeometryError):
         self.routed = 0
 
 
-def _to_bottom(side: Side) -> int:
-    """Count the quarter turns from a side to the bottom."""
-    return (SIDES.index("bottom") - SIDES.index(side)) % 4
-
-
 def _turn(quarters: int) -> FloatArray:
     """Matrix of counter-clockwise quarter turns of points, free of rounding."""
     c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
     return np.array([[c, s], [-s, c]], dtype=np.float64)
-
-
-def _turned(array: Array, side: Side) -> Array:
-    """Turn the connector's side of an array to the bottom."""
-    quarters = _to_bottom(side)
-    if not quarters:
-        return array
-    turned = []
-    for place in array.placements:
-        x, y = (np.array([place.x, place.y]) @ _turn(quarters)).tolist()
-        turned.append(replace(place, x=x, y=y, rotation=place.rotation + quarters * math.pi / 2))
-    return array.with_placements(turned)
 
 
 def _along_the_edge(array: Array, *, near_first: bool) -> list[int]:
@@ -401,19 +372,8 @@ def _straightened(way: FloatArray) -> FloatArray:
     return way[np.concatenate(([True], turns, [True]))]
 
 
-def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc, ...]]:
-    """Round a line's corners by a radius, or nearly half a piece."""
-    step = np.diff(corners, axis=0)
-    length = np.hypot(*step.T)
-    along = step / length[:, None]
-    cosine = np.clip((along[:-1] * along[1:]).sum(axis=1), -1 + 1e-9, 1)
-    tangent = np.sqrt((1 - cosine) / (1 + cosine))
-    room = _SHARE * np.minimum(length[:-1], length[1:])
-    return rounded_line(corners, np.minimum(radius, room / np.maximum(tangent, 1e-9)).tolist())
-
-
 def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Placement:
-    """Return a coil with ways from its ends to pads."""
+    """Return a coil with rounded ways from its ends to pads."""
     coil = place.coil
     c, s = math.cos(place.rotation), math.sin(place.rotation)
     lines, widths, arcs = list(coil.lines), list(coil.widths), list(coil.arcs) or [()] * len(coil.lines)
@@ -421,7 +381,14 @@ def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Pl
         own = (way - (place.x, place.y)) @ np.array([[c, -s], [s, c]])
         sense = -1 if k == 0 else 1  # the path begins with the first lead's pad
         line = lines[k][::sense]
-        lead, bends = _rounded(np.vstack((line[-2], own)), width / 2)
+        corners = np.vstack((line[-2], own))
+        step = np.diff(corners, axis=0)
+        length = np.hypot(*step.T)
+        along = step / length[:, None]
+        cosine = np.clip((along[:-1] * along[1:]).sum(axis=1), -1 + 1e-9, 1)
+        tangent = np.sqrt((1 - cosine) / (1 + cosine))
+        room = _SHARE * np.minimum(length[:-1], length[1:])
+        lead, bends = rounded_line(corners, np.minimum(width / 2, room / np.maximum(tangent, 1e-9)).tolist())
         outwards = np.vstack((line[:-1], lead[1:]))
         turned = [arc.shifted(len(line) - 2) for arc in bends]
         if k == 0:

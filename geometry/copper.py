@@ -173,7 +173,8 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
     runs = uniform_runs(line, np.broadcast_to(np.asarray(widths, dtype=np.float64), (len(line) - 1,)))
     pieces = [simple_outline(piece, width) or _pieced_outline(piece, width) for piece, width in runs]
     # the joint fills the corner and makes the pieces overlap, so their union is one polygon
-    pieces += [disc(*piece[-1].tolist(), min(width, following)) for (piece, width), (_, following) in pairwise(runs)]
+    for (piece, width), (_, following) in pairwise(runs):
+        pieces.append(disc(float(piece[-1, 0]), float(piece[-1, 1]), min(width, following)))
     return pieces[0] if len(pieces) == 1 else cast(shapely.Polygon, shapely.union_all(pieces))
 
 

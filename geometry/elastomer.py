@@ -25,8 +25,6 @@ KPA_PER_MM = 1e6
 class Sheet:
     """Flat sheet of uniform thickness that covers the board.
 
-    Raises GeometryError if a value is not allowed.
-
     Parameters
     ----------
     name : str
@@ -69,24 +67,11 @@ class Seat:
     """Soft support under the lowest sheet (a Winkler bed).
 
     The pressure at a point is proportional to its displacement. The seat stands for a film, trapped
-    air or the roughness between a sheet and a board on which it was not cast.
+    air or the roughness between a sheet and a board on which it was not cast. `stiffness` is the
+    pressure per displacement normal to the board in Pa/m, `shear` the shear stress per displacement
+    along the board, of which 0 lets the sheet slide. Under large deformations both are forces per
+    undeformed area.
 
-    Parameters
-    ----------
-    stiffness : float
-        Pressure per displacement normal to the board in Pa/m, positive and finite. 4.3 kPa/mm are
-        4.3e6 Pa/m. Under large deformations it is the force per undeformed area, as the shear
-        stress is.
-    shear : float
-        Shear stress per displacement along the board in Pa/m. 0 lets the sheet slide.
-
-    Raises
-    ------
-    GeometryError
-        If a value is not allowed.
-
-    Examples
-    --------
     >>> print(Seat(stiffness=4.3e6))
     seat of 4.3 kPa/mm
     """
@@ -117,8 +102,7 @@ class Unevenness:
     the gap between seat and flat sample along x and y in m per m. A negative gap is set to zero,
     because the sample would tilt. The gap has an effect only if the sample `lifts`: a seat that
     also pulls is a linear spring, whose length at rest changes nothing. `weight` is the pressure in
-    Pa by which its weight holds a sample that can lift. Raises GeometryError if a value is not
-    finite, or the weight is below zero.
+    Pa by which its weight holds a sample that can lift.
     """
 
     stiffness_slope: tuple[float, float] = (0.0, 0.0)
@@ -165,10 +149,7 @@ class _Tip(ABC):
 
     @abstractmethod
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at `height` (m).
-
-        For a plane body it is half the width. It is at most `largest_radius`.
-        """
+        """Radius in m of the cut at `height` (m), half the width if plane."""
 
     @abstractmethod
     def _heights(self, distance: FloatArray) -> FloatArray: ...
@@ -206,15 +187,8 @@ class _Round(_Body):
 
 @dataclass(frozen=True)
 class Hemisphere(_Round):
-    """Lower half of a ball, like a rod's tip.
+    """Lower half of a ball, of a `radius` in m, like a rod's tip.
 
-    Parameters
-    ----------
-    radius : float
-        Radius in m, positive and finite. Otherwise GeometryError is raised.
-
-    Examples
-    --------
     >>> ball = Hemisphere(radius=2.5e-3)
     >>> ball.profile([0.0, 1.5e-3, 2.5e-3, 3e-3])
     array([0.    , 0.0005, 0.0025,    inf])
@@ -227,11 +201,8 @@ class Hemisphere(_Round):
 class Paraboloid(_Body):
     """Paraboloid of revolution, like a ball near its tip.
 
-    `radius` is the radius of curvature at the tip in m, positive and finite. Otherwise
-    GeometryError is raised.
+    `radius` is the radius of curvature at the tip in m.
 
-    Examples
-    --------
     >>> Paraboloid(radius=2.5e-3).profile([0.0, 1e-3])
     array([0.    , 0.0002])
     """
@@ -277,18 +248,11 @@ class _Edged(_Tip):
 
 @dataclass(frozen=True)
 class FlatPunch(_Edged, _Body):
-    """Flat end of a rod.
+    """Flat end of a rod, of a `radius` in m.
 
-    Parameters
-    ----------
-    radius : float
-        Radius in m, positive and finite. Otherwise GeometryError is raised.
-    edge_radius : float, optional
-        Radius in m of its rounded edge under large deformations, at most `radius`. By default it is
-        10 % of `radius`. Linear elasticity and `profile` take the edge as sharp.
+    `edge_radius` is the radius in m of its rounded edge under large deformations, at most `radius`,
+    by default 10 % of it. Linear elasticity and `profile` take the edge as sharp.
 
-    Examples
-    --------
     >>> FlatPunch(radius=1e-3).profile([0.0, 1e-3, 2e-3])
     array([ 0.,  0., inf])
     """
@@ -312,20 +276,9 @@ class FlatPunch(_Edged, _Body):
 class Cone(_Edged):
     """Cone with its tip down.
 
-    Raises GeometryError if an angle or a radius is not allowed.
+    `half_angle` is the angle between the axis and the surface in rad, below π/2. The cone ends at
+    a `radius` in m, by default nowhere, with an `edge_radius` as in `FlatPunch`.
 
-    Parameters
-    ----------
-    half_angle : float
-        Angle between the axis and the surface in rad, between 0 and π/2. Near π/2 the cone is
-        blunt.
-    radius : float, optional
-        Radius in m at which the cone ends, positive. By default the cone is infinite.
-    edge_radius : float, optional
-        Radius in m of the rounded edge there, as in `FlatPunch`.
-
-    Examples
-    --------
     >>> Cone(half_angle=np.pi / 4, radius=1e-3).profile([0.0, 5e-4, 2e-3]).round(6)
     array([0.    , 0.0005,    inf])
     """
@@ -352,13 +305,8 @@ class Cone(_Edged):
 
 @dataclass(frozen=True)
 class CylinderEdge(_Round):
-    """Infinite cylinder along y that lies on the sample.
+    """Infinite cylinder along y of a `radius` in m, in plane strain.
 
-    The deformation is plane strain. `radius` in m must be positive and finite. Otherwise
-    GeometryError is raised.
-
-    Examples
-    --------
     >>> CylinderEdge(radius=2.5e-3).symmetry
     'plane'
     """

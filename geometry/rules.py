@@ -172,18 +172,9 @@ class Margin:
 
 
 def check_rules(array: Array, rules: FabRules, *, progress: Progress | None = None) -> tuple[Margin, ...]:
-    """Measure every fabrication rule on every layer.
+    """Measure every fabrication rule on every layer and on the board.
 
-    The limits of the board as a whole are measured if the rules have any.
-
-    Parameters
-    ----------
-    array : Array
-        The board.
-    rules : FabRules
-        The limits.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
+    `progress` is called with (done, total) as the work on the `array` and its `rules` goes on.
 
     Returns
     -------

@@ -279,14 +279,10 @@ class Spiral(Winding):
     """Polygonal spiral coil, such as a hexagon or a square.
 
     Even layers are wound inwards, odd layers outwards. A layer begins at a corner of the outermost
-    turn. A turn ends on the line of the next turn's first side, one pitch further in, and the next
-    turn begins there. With the rule "corner" it ends at the same corner, one pitch further in.
-    Every layer starts at the corner where the layer before ended, so the current keeps its sense of
-    rotation. The outer ends of two layers lie above each other. The inner ends lie symmetrically
-    about the corner, where a via joins them.
-
-    Raises GeometryError if a size is not positive and finite, if there are fewer than 3 sides, or
-    if the turns do not fit.
+    turn, where the layer before ended, so the current keeps its sense of rotation. The outer ends
+    of two layers lie above each other, the inner ends symmetrically about the corner, where a via
+    joins them. Raises GeometryError if a size is not positive and finite, if there are fewer than 3
+    sides, or if the turns do not fit.
 
     Parameters
     ----------
@@ -303,8 +299,7 @@ class Spiral(Winding):
         Angle in rad of the corner where the outermost turn starts and the leads leave. 0 is the +x
         axis. By default a side faces +x, and it is the corner nearest to +y.
     layers : int
-        Number of copper layers that are wound in series, at least 1. With an odd number the path
-        ends inside.
+        Copper layers that are wound in series. With an odd number the path ends inside.
     via : PlatedHole
         Hole that joins consecutive layers.
     leads : Leads or None
@@ -312,16 +307,13 @@ class Spiral(Winding):
     return_lead : bool
         For an odd number of layers, add a layer with a straight trace from the inner end out to the
         second terminal.
-    stackup : Stackup, optional
-        Board of the coil, `Stackup.usual` by default. The coil lies on its uppermost layers.
-    name : str
-        Name of the shape in a design file.
+    stackup, name
+        As in `Coil`.
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
     winding_rule : {"parallel", "corner"}
         "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in
-        on its last side. If sides are shorter than a step, the turn ends a few sides earlier: for a
-        coil of 100 sides, 40 mm wide with a pitch of 0.5 mm, three sides earlier. "corner": each
+        on its last side, or a few sides earlier if sides are shorter than a step. "corner": each
         corner lies 1/sides of a pitch further in than the corner before. No side is then parallel
         to the enclosing polygon, and only the first corner reaches it.
 
@@ -520,6 +512,8 @@ def _wound(spiral: Winding) -> Coil:
         return _wind(spiral)
     except _NoRoomBesideLeadsError as error:
         message, leads = str(error)[:-1], spiral.leads
+    if leads is None:
+        raise GeometryError(f"{message}.")
 
     def fits(tenths: int) -> bool:
         spacing = tenths * 1e-4
@@ -530,13 +524,12 @@ def _wound(spiral: Winding) -> Coil:
             return False
         return True
 
-    if leads is not None:
-        least = math.ceil(leads.spacing * 1e4)
-        widest = 2 * least + math.ceil(4e4 * spiral.via.pad)
-        if fits(widest):
-            spacing = bisect_left(range(widest), True, lo=least, key=fits) / 10
-            longer = f" with leads.length_mm of {spacing / 2:g}" if spacing * 1e-3 / 2 > leads.length else ""
-            message += f"; leads.spacing_mm of {spacing:g}{longer} makes it"
+    least = math.ceil(leads.spacing * 1e4)
+    widest = 2 * least + math.ceil(4e4 * spiral.via.pad)
+    if fits(widest):
+        spacing = bisect_left(range(widest), True, lo=least, key=fits) / 10
+        longer = f" with leads.length_mm of {spacing / 2:g}" if spacing * 1e-3 / 2 > leads.length else ""
+        message += f"; leads.spacing_mm of {spacing:g}{longer} makes it"
     raise GeometryError(f"{message}.")
 
 

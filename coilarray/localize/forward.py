@@ -158,7 +158,7 @@ class ForwardModel(ResponseSpline):
     @property
     def common_noise(self) -> FloatArray:
         """Standard deviation of δ (states,) by all common causes."""
-        return np.sqrt(np.sum(np.square(self.common), axis=0)) if self.common else np.zeros(len(self.states))
+        return np.sqrt(np.square(np.reshape(self.common, (-1, len(self.states)))).sum(axis=0))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
         """Return the model of δ relative to reference coils.
@@ -270,18 +270,10 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     Returns
     -------
     ForwardModel
-        δ as a function of x, y and depth in m, with its noise.
-
-    Raises
-    ------
-    LocalizeError
-        A dataset without ``delta`` or with other dimensions, values that are not finite,
-        coordinates that do not rise, 2 or 3 positions along x or y, a single position and depth, a
-        depth below 0, states that share a name.
-
-    Notes
-    -----
-    `coilarray.response.interpolation.response_spline` makes the splines.
+        δ as a function of x, y and depth in m, with its noise. LocalizeError is raised for a
+        dataset without ``delta`` or with other dimensions, values that are not finite, coordinates
+        that do not rise, 2 or 3 positions along x or y, a single position and depth, a depth below
+        0, or states that share a name.
 
     Examples
     --------

@@ -62,16 +62,10 @@ def identifiability(
 ) -> xr.Dataset:
     """Map the Cramér–Rao bound over the board.
 
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of the board.
-    depth : float
-        Depth in m, without effect if the model has only one depth.
-    noise : array_like, scalar or shape (states,), optional
-        Standard deviation of δ. By default the noise of the model.
-    x, y : array_like, shape (n,), optional
-        Positions in m. By default the positions of the table.
+    The `depth` in m has no effect if the `model` has only one. `noise`, a number or of shape
+    (states,), is the standard deviation of δ, by default the noise of the model. `x` and `y` are
+    rows of positions in m, by default those of the table. Raises LocalizeError for positions or a
+    depth outside the table.
 
     Returns
     -------
@@ -82,11 +76,6 @@ def identifiability(
         and y in one unit and the depth in its own. It shows how far the unknowns can replace each
         other, and is infinite where singular. The attributes are depth in m, noise and common_noise
         of every state.
-
-    Raises
-    ------
-    LocalizeError
-        Positions or a depth outside the table, noise that is not positive.
     """
     along, across = (
         np.atleast_1d(np.asarray(axis, dtype=np.float64))

@@ -209,14 +209,9 @@ def locate(
     Returns
     -------
     Location
-        Every position that fits the reading, in m, the most likely one first.
-
-    Raises
-    ------
-    LocalizeError
-        A reading with states that are unknown or missing, of another length or with a δ that is not
-        between −1 and 1, noise that is not positive, confidence or alarm outside 0 to 1, a model
-        with fewer states than unknowns.
+        Every position that fits the reading, in m, the most likely one first. LocalizeError is
+        raised for a reading with states that are unknown or missing, of another length or with a δ
+        that is not between −1 and 1, and for a model with fewer states than unknowns.
 
     Examples
     --------
@@ -267,32 +262,11 @@ def deviance(
     """Rise of χ² at points above the best mode.
 
     The points with a deviance up to the quantile of χ² are the likelihood region. It follows curved
-    valleys and holds all modes, so it keeps its confidence even if the ellipsoids of
-    `Mode.contains` do not.
-
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of the board.
-    reading : mapping of str to float, or array_like, shape (states,)
-        δ.
-    location : Location
-        Location from that reading and noise.
-    points : array_like, shape (…, 3)
-        x, y and depth in m.
-    noise : array_like, scalar or shape (states,), optional
-        Standard deviation of δ. By default the noise of the model.
-
-    Returns
-    -------
-    ndarray, shape (…,)
-        Dimensionless deviance. Compare it with the quantile of χ² for as many degrees of freedom as
-        unknowns, 7.81 for three.
-
-    Raises
-    ------
-    LocalizeError
-        Arguments that `locate` and `ForwardModel.delta` refuse, and a location without a mode.
+    valleys and holds all modes, so it keeps its confidence even if the ellipsoids of the
+    modes do not. Compare it with the quantile of χ² for as many degrees of freedom as unknowns,
+    7.81 for three. `location` is that of the `reading`, with `model` and `noise` as in `locate`.
+    The `points` of shape (…, 3) are x, y and depth in m, and the dimensionless deviance has the
+    shape (…). Raises LocalizeError as `locate` and `ForwardModel.delta`, and without a mode.
     """
     row = checked_reading(model.states, reading)
     chi_square = whitening_of(model, noise, row).chi_square(row - model.delta(points))
