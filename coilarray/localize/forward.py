@@ -158,7 +158,7 @@ class ForwardModel(ResponseSpline):
     @property
     def common_noise(self) -> FloatArray:
         """Standard deviation of δ (states,) by all common causes."""
-        return np.sqrt(np.square(np.reshape(self.common, (-1, len(self.states)))).sum(axis=0))
+        return np.asarray(np.sqrt(np.square(np.reshape(self.common, (-1, len(self.states)))).sum(axis=0)))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
         """Return the model of δ relative to reference coils.
