@@ -16,6 +16,9 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+from coilarray.compute.display_units import PER_MILLION, number_text, value_text
+from coilarray.compute.files import write_text
+from coilarray.compute.table import Table, text_table
 from coilarray.errors import ElastomerError, GeometryError, OutputError
 from coilarray.report.drawing import drawing_beside
 
@@ -24,7 +27,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import xarray as xr
 
-    from coilarray.compute.table import Table
     from coilarray.design.model import Design
     from coilarray.response.map import Imperfections, Reach
 
@@ -101,9 +103,6 @@ def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:
     """Short table of the coils."""
     import numpy as np
 
-    from coilarray.compute.display_units import number_text
-    from coilarray.compute.table import text_table
-
     names = coupling.coil.values.tolist()
     distance = np.hypot(*(centres[:, None] - centres[None, :]).transpose(2, 0, 1))
     np.fill_diagonal(distance, np.inf)
@@ -179,15 +178,8 @@ def impedance(
         raise OutputError(f"--out .inp cannot hold [[plate]], which {opened.name} has; write .cir or .sNp.")
     import numpy as np
 
+    from coilarray.circuit import coupling as circuit
     from coilarray.circuit.board_circuit import board_circuit
-    from coilarray.circuit.coupling import (
-        close_channels,
-        couple_design,
-        scan_design,
-        sweep_design,
-        sweep_frequencies,
-        sweep_range,
-    )
     from coilarray.circuit.network import checked_network
     from coilarray.report import tables
 
@@ -195,15 +187,15 @@ def impedance(
         # two coils in one place are refused here, before any circuit
         inductance = checked_network(board_circuit(opened, progress=progress).inductance, 0.0)[0]
     with shared.progress_bar("states") as progress:
-        scan = scan_design(opened, progress=progress)
+        scan = circuit.scan_design(opened, progress=progress)
     errors = board_circuit(opened).plate_error_attributes
-    low, high = (f * 1e-6 for f in sweep_range(scan))
+    low, high = (f * 1e-6 for f in circuit.sweep_range(scan))
     low, high = low if from_mhz is None else from_mhz, high if to_mhz is None else to_mhz
     _require_range(low, high)
     even = np.geomspace(low * 1e6, high * 1e6, points)
-    frequencies = even if plot is None else sweep_frequencies(scan, points, (even[0], even[-1]))
+    frequencies = even if plot is None else circuit.sweep_frequencies(scan, points, (even[0], even[-1]))
     with shared.progress_bar(f"impedance at {frequencies.size} frequencies") as progress:
-        curves = sweep_design(opened, frequencies, progress=progress)
+        curves = circuit.sweep_design(opened, frequencies, progress=progress)
     sweep = curves.sel(frequency=even)
     of_sweep = tables.sweep_table(sweep)
     if suffix in (".nc", ".csv"):
@@ -213,10 +205,10 @@ def impedance(
     shared.draw(plot, lambda: viz.frequency_figure(curves, scan))
     states, windings = tables.state_table(scan), tables.winding_table(scan)
     drives, limits = tables.drive_table(scan), tables.limit_table(scan)
-    close = close_channels(scan.state.values.tolist(), scan.frequency.values)
+    close = circuit.close_channels(scan.state.values.tolist(), scan.frequency.values)
     data: dict[str, object] = {**shared.design_record(opened), "names": list(opened.array.names)}
     if as_json:
-        coupling = couple_design(opened)
+        coupling = circuit.couple_design(opened)
         data |= {
             "inductance_H": inductance.tolist(),
             "coupling": coupling.coupling.values.tolist(),
@@ -260,7 +252,6 @@ def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
     from coilarray.circuit.board_circuit import board_circuit
     from coilarray.circuit.coupling import couple_design
     from coilarray.circuit.network_files import exchange_frequencies, export_network, fasthenry_input
-    from coilarray.compute.files import write_text
 
     if out.suffix.lower() == ".inp":
         frequency = float(couple_design(design).frequency.mean())
@@ -415,7 +406,6 @@ def _print_dent(
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
     from coilarray.circuit.coupling import provenance
-    from coilarray.compute.display_units import value_text
     from coilarray.design.model import load_design_file
     from coilarray.report.response_tables import indentation_table
     from coilarray.response.setup import contact_at, indentation_of
@@ -510,16 +500,8 @@ def target(
     distances = shared.lengths("--distance-mm", distance_mm, positive=True)
     places = [shared.lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm))]
     from coilarray.circuit.converter_limits import reading_lines
-    from coilarray.compute.display_units import PER_MILLION
+    from coilarray.report import response_tables as made
     from coilarray.report.page import map_outlines
-    from coilarray.report.response_tables import (
-        base_table,
-        path_drive_table,
-        range_table,
-        target_coupling_table,
-        target_table,
-        values_table,
-    )
     from coilarray.response.dataset import on_board
     from coilarray.response.target import target_map
 
@@ -532,9 +514,9 @@ def target(
             keep=keep, progress=progress,
         )  # fmt: skip
         shown = on_board(result)
-        shared.write_numbers(out, result, values_table(shown).csv)
-    drive = path_drive_table(shown)
-    tables = base_table(shown), target_table(shown), range_table(shown), *([drive] if drive.rows else [])
+        shared.write_numbers(out, result, made.values_table(shown).csv)
+    drive = made.path_drive_table(shown)
+    tables = made.base_table(shown), made.target_table(shown), made.range_table(shown), *([drive] if drive.rows else [])
     shared.draw(plot, lambda: viz.target_figure(shown))
     shared.draw(maps, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     data = {
@@ -544,7 +526,7 @@ def target(
         "material": result.attrs["material"],
         "noise": result.attrs["sigma"],
         **{key: value for key, value in result.attrs.items() if key.startswith("plate_")},
-        **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
+        **{table.name: table.records() for table in (*tables, made.target_coupling_table(shown))},
     }
     sigma = PER_MILLION.text(result.attrs["sigma"], ".2")
     lines = [

@@ -11,6 +11,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+from coilarray.compute.files import write_text
 from coilarray.compute.table import Column, Table, text_table
 from coilarray.design.export import SUFFIXES, Format
 from coilarray.errors import DesignError, OutputError
@@ -51,7 +52,6 @@ def check(
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
-    from coilarray.compute.files import write_text
     from coilarray.design import fabs
     from coilarray.design.fabs import load_profile
     from coilarray.design.model import load_design_file

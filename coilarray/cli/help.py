@@ -10,6 +10,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.compute.extras import python_command
+from coilarray.compute.table import text_table
 from coilarray.errors import DesignError, MissingDependencyError, OutputError
 
 
@@ -29,7 +30,6 @@ def keys(
 
     Example: coilarray keys trace_width
     """
-    from coilarray.compute.table import text_table
     from coilarray.design.keys import keys_of
     from coilarray.design.tables import Document
 

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 import typer
 
 from coilarray.cli import shared
-from coilarray.compute.files import writing
+from coilarray.compute.display_units import number_text
+from coilarray.compute.files import write_text, writing
+from coilarray.compute.table import Table, text_table
+from coilarray.compute.threads import Progress
 from coilarray.errors import BoardError, CoilarrayError, DesignError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.circuit.converter_limits import Limit
-    from coilarray.compute.table import Table
-    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile
     from coilarray.fabrication.board import BoardCopper
     from coilarray.fabrication.tracing import TracedArray, Tracing
@@ -225,7 +226,6 @@ def _is_board(source: str) -> bool:
 
 def _copy(name: str, target: Path) -> _Told:
     """Write a bundled design."""
-    from coilarray.compute.files import write_text
     from coilarray.design import bundled
 
     if name not in bundled.names():
@@ -258,7 +258,6 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     import numpy as np
 
     from coilarray.circuit.coupling import design_inductance, scan_design
-    from coilarray.compute.display_units import number_text
     from coilarray.geometry.array import copper_words
     from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling
 
@@ -340,8 +339,6 @@ def _resistance(design: Design, scan: xr.Dataset) -> str:
 
 def _import(board: Path, nets: str | None, stackup: str | None, target: Path) -> _Told:
     """Write the design of an existing board."""
-    from coilarray.compute.files import write_text
-    from coilarray.compute.table import text_table
     from coilarray.design.model import Design, parse_design
     from coilarray.design.write import design_text
     from coilarray.fabrication.tracing import trace_coils, traced_array
@@ -408,7 +405,6 @@ def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
 
 
 def _cells(record: dict[str, Any]) -> list[str]:
-    from coilarray.compute.display_units import number_text
 
     widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
     return [

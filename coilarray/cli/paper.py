@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+from coilarray.compute.files import write_text
+from coilarray.compute.table import Table
 from coilarray.errors import LocalizeError
-
-if TYPE_CHECKING:
-    from coilarray.compute.table import Table
 
 
 def fit(
@@ -43,7 +42,6 @@ def fit(
     Example: coilarray paper fit gast2020 --out model.json --plot model.png
     """
     depth = None if depth_mm is None else depth_mm * 1e-3
-    from coilarray.compute.files import write_text
     from coilarray.paper.ellipse import fit_ellipses
     from coilarray.paper.ellipse_model import ellipse_model, model_to_json, published_model
     from coilarray.report.position import fit_table, polynomial_table

@@ -13,7 +13,9 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.compute.files import checked_rows, has_checksums, read_text
+from coilarray.compute.display_units import PER_MILLION
+from coilarray.compute.files import checked_rows, has_checksums, make_folder, read_text, write_text
+from coilarray.compute.store import open_store
 from coilarray.errors import DamagedError, GoalError, LocalizeError, shown
 
 if TYPE_CHECKING:
@@ -265,7 +267,6 @@ _Solution = tuple[Callable[[Sequence[dict[str, float]]], list[Record]], dict[str
 
 def _by_response(response: Any, used: Sequence[str], reference: Sequence[str] | None, noise: float | None) -> _Solution:
     """Solve by maximum likelihood, and describe the assumed noise."""
-    from coilarray.compute.display_units import PER_MILLION
     from coilarray.localize.forward import forward_model
     from coilarray.localize.inverse import locate_all
     from coilarray.report.position import location_record
@@ -359,8 +360,6 @@ def calibrate(
     elastomer.1.relative_permeability=2:4 --out fit
     """
     shared.check_workers(workers, cluster)
-    from coilarray.compute.files import make_folder
-    from coilarray.compute.store import open_store
     from coilarray.report import measurement as report
     from coilarray.studies.calibrate import calibrate as fit_to
 
@@ -423,7 +422,6 @@ def _measured(data: str, calibration: Path | None) -> xr.Dataset | EllipseModel 
 
 def _write_calibration(found: Calibration, out: Path, data: str) -> list[Path]:
     """Write page, numbers, tables and the calibrated design."""
-    from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.design.write import file_text
     from coilarray.report.measurement import calibration_tables, write_calibration_page

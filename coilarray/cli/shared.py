@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from coilarray.compute.files import is_own, write_atomically, write_text, writing
+from coilarray.compute.files import is_own, read_text, write_atomically, write_text, writing
+from coilarray.compute.store import Keep, not_kept, open_store
+from coilarray.compute.table import Table, fill
+from coilarray.compute.threads import Progress, cores
 from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, LocalizeError, NetworkError, OutputError
 
 if TYPE_CHECKING:
@@ -25,9 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from coilarray.compute.arrays import FloatArray
-    from coilarray.compute.store import Keep
-    from coilarray.compute.table import Table
-    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile, Indentation
     from coilarray.geometry import Target
     from coilarray.hardware.record.recording import Recording
@@ -204,8 +204,6 @@ def design_record(design: Design) -> dict[str, str]:
 @contextmanager
 def map_parts(out: Path | None) -> Iterator[Keep]:
     """Keep a map's parts beside its file until written."""
-    from coilarray.compute.store import not_kept, open_store
-
     if out is None:
         yield not_kept
         return
@@ -392,8 +390,6 @@ def terminal_width(*, err: bool = False) -> int | None:
 
 def say(text: str, *, err: bool = False) -> None:
     """Print lines, wrapped at the width of the terminal."""
-    from coilarray.compute.table import fill
-
     typer.echo(fill(text, terminal_width(err=err)), err=err)
 
 
@@ -421,7 +417,6 @@ def progress_bar(text: str) -> Iterator[Progress]:
 @contextmanager
 def chosen_workers(workers: int | None, cluster: str | None, tasks: int | None = None) -> Iterator[int | Executor]:
     """Open the executor of --cluster, or return --workers."""
-    from coilarray.compute.threads import cores
     from coilarray.compute.workers import MOST_WORKERS, dask_executor
 
     if cluster is None:
@@ -523,7 +518,6 @@ def campaign_response(recording: Recording, calibration: Path | None, *, partial
 
 def read_ellipses(path: Path) -> EllipseModel:
     """Read an ellipse model of `coilarray paper fit`."""
-    from coilarray.compute.files import read_text
     from coilarray.paper.ellipse_model import model_from_json
 
     return model_from_json(read_text(path, LocalizeError))
@@ -537,7 +531,6 @@ def kept_table(design: Design) -> xr.Dataset:
 
 def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:
     """Return the response table of a design from the store."""
-    from coilarray.compute.store import open_store
     from coilarray.localize.forward import table_for
 
     store = open_store()

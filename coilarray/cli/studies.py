@@ -6,7 +6,7 @@ import json
 import math
 import shlex
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +15,8 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.compute.display_units import value_text
+from coilarray.compute.files import write_text
+from coilarray.compute.store import open_store
 from coilarray.compute.table import Table, text_table
 from coilarray.errors import GoalError
 
@@ -64,7 +66,6 @@ def sweep(
     Example: coilarray sweep my_board.toml --vary array.pitch_mm=12:16 --goal worst_k
     """
     shared.check_workers(workers, cluster)
-    from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
     from coilarray.studies.optimize.goal import best_points
     from coilarray.studies.sweep import RULES, UNREAD, is_read, keeps_rules, parse_axis, plan_sweep, run_sweep
@@ -230,7 +231,14 @@ def optimize(
     goal.toml
     """
     if list_quantities:
-        _print_quantities(as_json=as_json)
+        from coilarray.studies.quantities import QUANTITIES
+
+        rows = []
+        for one in QUANTITIES.values():
+            options = ", ".join(option.name + (" (needed)" if option.required else "") for option in one.options)
+            rows.append((one.name, one.unit, options, one.cost, one.says))
+        table = text_table(("quantity", "unit", "options", "needs", "what it is"), rows)
+        shared.print_result({"quantities": table.records()}, as_json=as_json, tables=[table])
         return
     if design is None or not (goal or wish):
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
@@ -243,27 +251,26 @@ def optimize(
     axes_of(derived.goal, opened)  # mistakes before anything is made and any process is started
     if template is not None:
         shared.require_new(template, force=force)
-        _write_template(template, derived, design)
+        head = (
+            f"A goal for {design}; every range and bound follows from that design, and can be changed here:\n"
+            f"    coilarray optimize {design} {template}\n"
+            "Quantities: coilarray optimize --list-quantities. An entry is a dotted key of the design file, with low "
+            "and\nhigh (step = 0.1 and log = true are possible too) or choices."
+        )
+        write_text(template, derived.text(head))
+        typer.echo(f"wrote {template}; next: coilarray optimize {design} {template}")
         return
-    from coilarray.compute.store import open_store
     from coilarray.report.studies import write_optimization_report
+    from coilarray.studies.optimize import run
     from coilarray.studies.optimize.derive import keeping_rules
-    from coilarray.studies.optimize.run import (
-        optimize_design,
-        read_studies,
-        require_coils,
-        result_data,
-        study_name,
-        write_optimization,
-    )
 
     wanted = derived.goal
     if trials is not None:
         wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
-    require_coils(opened.design, wanted)
+    run.require_coils(opened.design, wanted)
     wanted = keeping_rules(wanted, opened)
     kept = open_store(cache)
-    found = len(read_studies(out).get(study_name(opened.design, wanted), []))
+    found = len(run.read_studies(out).get(run.study_name(opened.design, wanted), []))
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
     with (
@@ -271,9 +278,9 @@ def optimize(
         shared.chosen_workers(workers, cluster) as used,
         _progress(wanted) as show,
     ):
-        result = optimize_design(opened, wanted, out, used, kept, progress=counting(show))
-    files = (*write_optimization(result, out), write_optimization_report(result, out))
-    data = {**result_data(result), "files": [str(path) for path in files]}
+        result = run.optimize_design(opened, wanted, out, used, kept, progress=counting(show))
+    files = (*run.write_optimization(result, out), write_optimization_report(result, out))
+    data = {**run.result_data(result), "files": [str(path) for path in files]}
     shared.print_result(data, as_json=as_json, lines=[] if as_json else _lines(result), files=files)
     if not result.front:
         raise typer.Exit(1)
@@ -296,42 +303,10 @@ def _goal(
     return adjusted(DerivedGoal(load_goal(named, file), {}), axes, bounds)
 
 
-def _write_template(path: Path, derived: DerivedGoal, design: str) -> None:
-    from coilarray.compute.files import write_text
-
-    head = (
-        f"A goal for {design}; every range and bound follows from that design, and can be changed here:\n"
-        f"    coilarray optimize {design} {path}\n"
-        "Quantities: coilarray optimize --list-quantities. An entry is a dotted key of the design file, with low and\n"
-        "high (step = 0.1 and log = true are possible too) or choices."
-    )
-    write_text(path, derived.text(head))
-    typer.echo(f"wrote {path}; next: coilarray optimize {design} {path}")
-
-
-def _print_quantities(*, as_json: bool) -> None:
-    from coilarray.studies.quantities import QUANTITIES
-
-    rows = []
-    for one in QUANTITIES.values():
-        options = ", ".join(option.name + (" (needed)" if option.required else "") for option in one.options)
-        rows.append((one.name, one.unit, options, one.cost, one.says))
-    headers = ("quantity", "unit", "options", "needs", "what it is")
-    table = text_table(headers, rows)
-    shared.print_result({"quantities": table.records()}, as_json=as_json, tables=[table])
-
-
 def _lines(result: Optimization) -> list[str | Table]:
     """Describe the search, and compare given and best designs."""
     from coilarray.geometry import check_rules
-    from coilarray.report.studies import (
-        at_ends,
-        chosen_designs,
-        none_better,
-        quantity_table,
-        reason_table,
-        variable_table,
-    )
+    from coilarray.report import studies as report
     from coilarray.report.summary import unread_words
 
     searched = sum(trial.kind == "search" for trial in result.trials)
@@ -339,11 +314,13 @@ def _lines(result: Optimization) -> list[str | Table]:
     tried = f"{searched} points tried{f', {refined} more to refine the best' if refined else ''}; "
     tried += f"{sum(trial.feasible for trial in result.trials)} keep all bounds"
     if not result.front:
-        reasons = [f"the most frequent reason why points give no design: {row[0]}" for row in reason_table(result).rows]
-        return [f"{tried}: {none_better(result)}", *reasons[:1]]
-    chosen = chosen_designs(result)
-    lines: list[str | Table] = [tried, "", quantity_table(result, chosen, result.goal.quantities).without("says"), ""]
-    lines += [variable_table(result, chosen), "", *at_ends(result, chosen)]
+        reasons = report.reason_table(result).rows[:1]
+        often = [f"the most frequent reason why points give no design: {row[0]}" for row in reasons]
+        return [f"{tried}: {report.none_better(result)}", *often]
+    chosen = report.chosen_designs(result)
+    quantities = report.quantity_table(result, chosen, result.goal.quantities).without("says")
+    lines: list[str | Table] = [tried, "", quantities, "", report.variable_table(result, chosen), ""]
+    lines += report.at_ends(result, chosen)
     designs = {one.label: one.design for one in chosen}
     broken = [label for label, of in designs.items() if not all(m.kept for m in check_rules(of.array, of.rules))]
     if broken:
@@ -420,10 +397,6 @@ def tolerance(
     Example: coilarray tolerance gast2020 fab.toml
     """
     shared.check_workers(workers, cluster)
-    from contextlib import ExitStack
-
-    from coilarray.compute.files import write_text
-    from coilarray.compute.store import open_store
     from coilarray.report.studies import given_table, sample_table, spread_table, yield_table
     from coilarray.studies.tolerance import analyse, check_analysis, load_tolerances, typical_text
 

@@ -16,15 +16,16 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.board.live_source import LiveOptions, watch_board
+from coilarray.cli.board.live import LiveOptions, watch_board
 from coilarray.cli.board.options import EMULATOR, BoardOptions, SettingsFile, WiringName
+from coilarray.compute.files import write_text
+from coilarray.compute.threads import Progress
 from coilarray.errors import GeometryError, NetworkError, OutputError
 from coilarray.viz.offscreen import require_pyvista
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.viz.scenes.design import Item
     from coilarray.viz.scenes.scene import Scene, Side
@@ -254,7 +255,6 @@ def _write_field(
     import numpy as np
 
     from coilarray.circuit.coupling import couple_design, operating_field
-    from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.viz.datasets.meshes import vtk_text
     from coilarray.viz.datasets.results import field_grid

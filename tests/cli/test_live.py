@@ -22,8 +22,8 @@ from support.quick_recordings import stream_file
 from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design, noise_budget
+from coilarray.cli import shared
 from coilarray.cli.board import live as live_command
-from coilarray.cli.board import live_source
 from coilarray.hardware import emulator
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
@@ -61,7 +61,7 @@ def kept(board):
 
 @pytest.fixture
 def table(kept, monkeypatch):
-    monkeypatch.setattr(live_source, "stored_table", lambda design, progress: kept)
+    monkeypatch.setattr(shared, "stored_table", lambda design, progress: kept)
 
 
 @pytest.fixture(scope="module")
@@ -143,9 +143,9 @@ def test_positions_of_a_recording(capsys, recording, board, table):
 @pytest.mark.slow
 @pytest.mark.usefixtures("virtual_time")
 def test_the_emulator_is_located(capsys, board, table, monkeypatch):
-    monkeypatch.setattr(live_source, "_LOCATE", 0.0)  # each scan: by the board's own clock they come in no time
+    monkeypatch.setattr(live_command, "_LOCATE", 0.0)  # each scan: by the board's own clock they come in no time
     way = ((0.0, 4e-3, 2e-3, 0.0), (0.2, 4e-3, 2e-3, 1e-3))
-    monkeypatch.setattr(live_source, "tour", lambda setup, start: [(start + at, *place) for at, *place in way])
+    monkeypatch.setattr(live_command, "tour", lambda setup, start: [(start + at, *place) for at, *place in way])
     options = ("--rate", "40", "--scans", "40", *settings(baseline_scans=5, noise=2e-6))
     answers = answers_of(capsys, *board, *options)
     assert (len(answers), answers[4]["position"]["status"]) == (40, "nothing pressed")
@@ -160,8 +160,8 @@ def test_the_emulator_is_located(capsys, board, table, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("virtual_time")
 def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
-    begun, tour = [], live_source.tour
-    monkeypatch.setattr(live_source, "tour", lambda setup, start: begun.append(start) or tour(setup, start))
+    begun, tour = [], live_command.tour
+    monkeypatch.setattr(live_command, "tour", lambda setup, start: begun.append(start) or tour(setup, start))
     answers = answers_of(capsys, *board, "--no-locate", "--rate", "30", "--scans", "75", *settings(baseline_scans=3))
     after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in answers[3:]]
     assert all(abs(delta) < 10e-6 for time, delta in after if time < 0.5)  # the finger comes down from then on
@@ -222,7 +222,7 @@ def test_every_end_leaves_the_board_at_rest(capsys, board, monkeypatch, after, f
             quick.reader.scans = failing_scans
             yield quick, configured(quick)
 
-    monkeypatch.setattr(live_source, "opened_board", opened_board)
+    monkeypatch.setattr(live_command, "opened_board", opened_board)
     ended, out, err = run(capsys, board[0], "--no-locate", *arguments)
     assert (ended, len(out.splitlines()), err) == (code, lines, error)
     assert at_rest(quick.emulator, quick.wiring)
@@ -235,7 +235,7 @@ def test_a_reader_that_goes_away(capsys, recording, monkeypatch):
 
     dropped = []
     monkeypatch.setattr(live_command, "_lines", lambda text: written)
-    monkeypatch.setattr(live_command, "drop_output", lambda: dropped.append(True))
+    monkeypatch.setattr(shared, "drop_output", lambda: dropped.append(True))
     assert run(capsys, "--recording", recording, "--no-locate", "--json") == (0, "", "")
     assert dropped == [True]
 
@@ -351,7 +351,7 @@ def test_a_wrong_port_costs_no_table(capsys, monkeypatch, arguments):
     def computed(design, progress):
         raise AssertionError("the table is computed for nothing")
 
-    monkeypatch.setattr(live_source, "stored_table", computed)
+    monkeypatch.setattr(shared, "stored_table", computed)
     assert arguments[1] in refused(capsys, "gast2020", *arguments)
 
 
@@ -362,7 +362,7 @@ def test_a_window_serves_the_board_and_says_what_failed(capsys, board, monkeypat
         services.failed("the board is gone.")
 
     monkeypatch.setattr("coilarray.viz.studio.server.serve", served)
-    monkeypatch.setattr(live_source.webbrowser, "open", lambda url: None)
+    monkeypatch.setattr(live_command.webbrowser, "open", lambda url: None)
     options = (*board, "--no-locate", "--plot", "--out", "touches.sqlite")
     code, out, err = run(capsys, *options)
     assert (code, err) == (2, "coilarray: error: the board is gone.\n")

@@ -18,7 +18,7 @@ from support.command_line import runner
 from support.patience import PATIENCE, until
 
 from coilarray.cli import view as command
-from coilarray.cli.board.live_source import LiveOptions, watch_board
+from coilarray.cli.board.live import LiveOptions, watch_board
 from coilarray.cli.board.options import BoardOptions
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file

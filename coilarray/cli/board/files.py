@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -11,7 +11,6 @@ from coilarray.design.keys import Name, Table
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import HardwareError
 
-_SETTINGS, _PLANS = TomlFiles("settings", HardwareError), TomlFiles("plan", HardwareError)
 _Drive = Annotated[int, Field(ge=0, le=31)]
 _Row = Annotated[list[float], Field(min_length=1, max_length=1000)]
 _Ends = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -71,13 +70,6 @@ class BoardSettings(Table):
         return self
 
 
-def read_settings(path: Path | None) -> BoardSettings:
-    """Read a settings file, by default the default settings."""
-    if path is None:
-        return BoardSettings()
-    return _SETTINGS.check(BoardSettings, _SETTINGS.parse(_SETTINGS.text(path), str(path)), str(path))
-
-
 class StageTable(Table):
     """``[stage]``: a machine for G-code, x and y on the board, z = 0 at contact."""
 
@@ -121,8 +113,10 @@ class CampaignPlan(Table):
     """Mover of the indenter, by default a person with prompts."""
 
 
-def read_plan(path: Path | None) -> CampaignPlan:
-    """Read the plan of a campaign, by default the design's."""
-    if path is None:
-        return CampaignPlan()
-    return _PLANS.check(CampaignPlan, _PLANS.parse(_PLANS.text(path), str(path)), str(path))
+_File = TypeVar("_File", bound=Table)
+
+
+def read_file(model: type[_File], kind: str, path: Path | None) -> _File:
+    """Read a file of --settings or --plan, by default the defaults."""
+    files = TomlFiles(kind, HardwareError)
+    return model() if path is None else files.check(model, files.parse(files.text(path), str(path)), str(path))

@@ -16,11 +16,11 @@ from coilarray.cli import shared
 from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, opened_board
 from coilarray.cli.board.recordings import reading_cells, summary_parts
 from coilarray.compute.display_units import DisplayUnit
+from coilarray.compute.table import Column, Table, text_table
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.cli.board.files import StageTable
-    from coilarray.compute.table import Table
     from coilarray.design.model import Design
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.board.microcontroller import MicrocontrollerReader
@@ -76,13 +76,12 @@ def self_test(
     """
     if only_list and find_drives:
         raise HardwareError("--list cannot be given with --find-drives.")
-    from coilarray.compute.table import text_table
     from coilarray.hardware.board import self_test as tests
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.wire.ports import parse_port
 
     place = parse_port(options.port)
-    opened = options.design(design)
+    opened = options.design_file(design).design
     drives = result = None
     if only_list:
         # ports are listed without a design, which decides on the coils of an emulator
@@ -140,8 +139,6 @@ def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
 
 def _test_parts(result: SelfTest) -> list[str | Table]:
     """Return the table and the findings of a self-test."""
-    from coilarray.compute.table import Column, Table
-
     rise = DisplayUnit("10⁻⁶", 1e6, 1)
     columns = (
         Column("coil"),
@@ -231,7 +228,7 @@ def measure(
         raise HardwareError("--resume is not for --single.")
     path = out or RUN
     shared.check_file("--out", path, None)
-    opened = options.design(design)
+    opened = options.design_file(design).design
     from coilarray.hardware.record.recorder import begin_session, open_recorder, record_stream
 
     with (
@@ -293,7 +290,6 @@ def print_recording(path: Path, *, as_json: bool) -> dict[str, Any]:
 
 
 def _print_scan(raw: RawScan, board: Board, settings: ScanSettings, design: Design, *, as_json: bool) -> None:
-    from coilarray.compute.table import text_table
     from coilarray.hardware.scan.readings import read_scan
 
     scan = read_scan(raw, settings, design.circuit.switches.tank_capacitance)
@@ -357,10 +353,10 @@ def campaign(
 
     Example: coilarray board campaign --port /dev/ttyACM0 --plan plan.toml --resume
     """
-    from coilarray.cli.board.files import read_plan
+    from coilarray.cli.board.files import CampaignPlan, read_file
 
     shared.check_file("--out", out, None)
-    file, opened = read_plan(plan), options.design(design)
+    file, opened = read_file(CampaignPlan, "plan", plan), options.design_file(design).design
     stage = file.stage
     if stage is not None and is_emulator(options.port):
         raise HardwareError(f"{plan}: stage is for a real board; the emulator has its own.")
@@ -388,10 +384,14 @@ def campaign(
         shared.print_result({**grid.to_record(), "least_seconds": grid.seconds}, as_json=as_json, lines=[line])
         return
     asked = not is_emulator(options.port) and stage is None
+
+    def told(done: int, total: int) -> None:
+        typer.echo(f"{done} of {total} positions are measured.", err=True)
+
     with (
         open_recorder(out, resume=resume) as recorder,
         # a bar would overwrite the questions to a person
-        nullcontext(_print_progress) if asked else shared.progress_bar("positions") as progress,
+        nullcontext(told) if asked else shared.progress_bar("positions") as progress,
         opened_board(options, opened, real_time=False, progress=progress) as (board, settings),
         closing(_stage(stage, board, map_origin(opened.indentation), yes=yes)) as moving,
     ):
@@ -411,10 +411,6 @@ def campaign(
             after = self_test(board.reader, board.wiring, settings)
             recorder.add_self_test(after.symptoms, after.findings)
     print_recording(out, as_json=as_json)
-
-
-def _print_progress(done: int, total: int) -> None:
-    typer.echo(f"{done} of {total} positions are measured.", err=True)
 
 
 def _reconnect(board: Board) -> Reader:

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from coilarray.cli.shared import open_design_file
+from coilarray.compute.threads import Progress
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.cli.board.files import BoardSettings
-    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, DesignFile
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.scan.settings import ScanSettings
@@ -79,9 +79,9 @@ class BoardOptions:
     @cached_property
     def file(self) -> BoardSettings:
         """Settings of the board."""
-        from coilarray.cli.board.files import read_settings  # loads pydantic, which no help needs
+        from coilarray.cli.board.files import BoardSettings, read_file  # loads pydantic, which no help needs
 
-        return read_settings(self.settings)
+        return read_file(BoardSettings, "settings", self.settings)
 
     @property
     def given(self) -> list[str]:
@@ -89,12 +89,8 @@ class BoardOptions:
         names = ("port", "wiring", "rate", "emulate")
         return [f"--{name}" for name in names if getattr(self, name) not in (getattr(BoardOptions, name), [])]
 
-    def design(self, name: str | None) -> Design:
-        """Read a design, refused for violations that are not allowed."""
-        return self.design_file(name).design
-
     def design_file(self, name: str | None) -> DesignFile:
-        """As `design`, with what only the file says."""
+        """Read a design, refused for violations that are not allowed."""
         return open_design_file(name, allow_violations=self.file.allow_violations)
 
     def press_on(self, design: Design) -> tuple[float, float, float] | None:
@@ -151,6 +147,7 @@ def opened_board(
     `progress` gets (done, total) while it computes its response table.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
+    from coilarray.hardware.emulator import Conditions, Drift, Oscillator, PacedClock, VirtualClock
     from coilarray.hardware.record.recorder import thermometer
     from coilarray.hardware.wire.ports import parse_port
 
@@ -158,9 +155,16 @@ def opened_board(
     wiring = wiring_of_board(port, design, options.wiring, options.file.coils)
     settings = _scan_settings(options, design, wiring)
     emulated = is_emulator(options.port)
-    emulation = _emulated(options, real_time=real_time) if emulated else {}
-    if emulated and progress is not None:
-        emulation["progress"] = progress
+    emulation: dict[str, Any] = {}
+    if emulated:
+        given, clock = options.emulation, PacedClock() if real_time else VirtualClock()
+        # the board has room temperature now, not when the computer was started
+        drift = Drift(given.get("drift", 0.0))
+        drift = replace(drift, start=drift.start - drift.rate * clock.now())
+        oscillator = Oscillator(given["clock_MHz"] * 1e6) if "clock_MHz" in given else Oscillator()
+        conditions = Conditions(oscillator, drift, given.get("noise"))
+        emulation = {"seed": given.get("seed", 0), "clock": clock, "conditions": conditions}
+        emulation |= {} if progress is None else {"progress": progress}
     with ExitStack() as opened:
         read = None
         if options.file.thermometer is not None and not emulated:
@@ -206,19 +210,6 @@ def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> Sca
         if not str(error).startswith("rate "):
             raise
         raise HardwareError(f"--{error}") from None
-
-
-def _emulated(options: BoardOptions, *, real_time: bool) -> dict[str, Any]:
-    """Return the keyword arguments of `emulated_board`."""
-    from coilarray.hardware.emulator import Conditions, Drift, Oscillator, PacedClock, VirtualClock
-
-    given, clock = options.emulation, PacedClock() if real_time else VirtualClock()
-    # the board has room temperature now, not when the computer was started
-    drift = Drift(given.get("drift", 0.0))
-    drift = replace(drift, start=drift.start - drift.rate * clock.now())
-    oscillator = Oscillator(given["clock_MHz"] * 1e6) if "clock_MHz" in given else Oscillator()
-    conditions = Conditions(oscillator, drift, given.get("noise"))
-    return {"seed": given.get("seed", 0), "clock": clock, "conditions": conditions}
 
 
 def _emulation(texts: Sequence[str]) -> dict[str, Any]:

@@ -13,15 +13,15 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.compute.display_units import PER_MILLION
-from coilarray.compute.files import checked_rows, has_checksums, has_seal, read_text, unsealed
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit
+from coilarray.compute.files import checked_rows, has_checksums, has_seal, make_folder, read_text, unsealed, write_text
+from coilarray.compute.table import Column, Table, text_table
 from coilarray.errors import HardwareError, LocalizeError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.compute.arrays import FloatArray
-    from coilarray.compute.table import Table
     from coilarray.design.model import Design
 
     _Source = tuple[xr.Dataset, Sequence[FloatArray]]  # a response, and the outlines of its coils where they are known
@@ -145,8 +145,6 @@ def _verify(path: Path, *, as_json: bool) -> None:
 
 def summary_parts(summary: Mapping[str, Any]) -> list[str | Table]:
     """Return a recording's summary as lines and a table."""
-    from coilarray.compute.table import text_table
-
     lines: list[str | Table] = [
         "{file}: design {design}, wiring {wiring}, coilarray {coilarray_version}".format_map(summary),
         *map("{started}  {port} ({board}), settings {settings_hash}: {scans} scans".format_map, summary["sessions"]),
@@ -188,13 +186,7 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.stability import stability
     from coilarray.hardware.scan.settings import board_budget
-    from coilarray.report.tables import (
-        allan_table,
-        averages_table,
-        budget_lines,
-        stability_lines,
-        stability_table,
-    )
+    from coilarray.report import tables as report
 
     with open_recording(path) as recording:
         series, design, emulated = recorded_series(recording), recording.design, recording.emulated
@@ -212,7 +204,7 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
         series.time.values[kept], columns, list(delta), expected=[expected.get(name, math.nan) for name in delta]
     )
     shared.draw(plot, lambda: viz.plot_stability(found))
-    tables = (stability_table(found), allan_table(found))
+    tables = (report.stability_table(found), report.allan_table(found))
     data = {
         **shared.design_record(design),
         "emulated": emulated,
@@ -221,8 +213,8 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
         **{table.name: table.records() for table in tables},
         "budget": budget.to_record(),
     }
-    shown = (tables[0], averages_table(found))
-    parts: list[str | Table] = [*shown, *stability_lines(found), *budget_lines(budget)]
+    shown = (tables[0], report.averages_table(found))
+    parts: list[str | Table] = [*shown, *report.stability_lines(found), *report.budget_lines(budget)]
     parts += [] if plot is None else [f"wrote {plot}"]
     shared.print_marked(data, parts, as_json=as_json, emulated=emulated)
 
@@ -295,8 +287,6 @@ def calibrate(
     if given and simulated:
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
     from coilarray.circuit.coupling import part_switches
-    from coilarray.compute.display_units import DisplayUnit
-    from coilarray.compute.table import Column, Table
     from coilarray.hardware.record.calibration import calibrate_board, save_calibration
     from coilarray.hardware.record.recording import iso_time, open_recording
 
@@ -405,7 +395,6 @@ def compare(
     """
     if calibration is not None and not shared.is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is not one.")
-    from coilarray.compute.files import make_folder
     from coilarray.report.measurement import comparison_notes, comparison_tables
     from coilarray.response.dataset import in_ellipse_window
     from coilarray.studies.comparison import compare_responses
@@ -514,7 +503,6 @@ def _write_comparison(
     result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequence[FloatArray]
 ) -> list[Path]:
     """Write the page, or a folder with numbers and tables."""
-    from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.report.measurement import comparison_tables, write_comparison_page
 
