@@ -52,9 +52,8 @@ def export(
     design : Design or DesignFile
         Design of the board.
     path : str or Path
-        File to write. For ``"kicad"`` it is a folder. An existing file is replaced, whole or not at
-        all. In an existing folder the files of the project are replaced, once all of them are
-        written.
+        File to write, or folder for ``"kicad"``. An existing file is replaced, whole or not at all,
+        as are the files of the project in a folder.
     to : {"kicad", "gerber", "dxf", "svg", "step", "stl", "glb"}, optional
         Format. By default it follows from the suffix, and is ``"kicad"`` for a name without a
         suffix.
@@ -73,8 +72,7 @@ def export(
     OutputError
         An unknown format or suffix, or a file that cannot be written.
     RuleViolationError
-        KiCad or Gerber files that were read back and have a coil that is cut or touches another
-        coil.
+        A coil that is cut or touches another in KiCad or Gerber files, read back.
     MissingDependencyError
         A library that the format needs is not installed.
 
@@ -91,7 +89,10 @@ def export(
     if to is not None and to not in SUFFIXES:
         raise OutputError(f"to must be one of {', '.join(SUFFIXES)}; got {to!r}.")
     target = Path(path)
-    kind = to or _format_of(target)
+    kind = to or next((kind for kind, suffixes in SUFFIXES.items() if target.suffix.lower() in suffixes), None)
+    if kind is None:
+        *most, last = (suffix for suffixes in SUFFIXES.values() for suffix in suffixes if suffix)
+        raise OutputError(f"cannot write {target}: the suffix must be {', '.join(most)} or {last}.")
     faults: list[str] = []
 
     def check(board: Path) -> None:
@@ -131,14 +132,6 @@ def export(
 
         write_solids(solids(array, covering), target)
     return Exported(files, tuple(faults))
-
-
-def _format_of(path: Path) -> Format:
-    for kind, suffixes in SUFFIXES.items():
-        if path.suffix.lower() in suffixes:
-            return kind
-    *most, last = (suffix for suffixes in SUFFIXES.values() for suffix in suffixes if suffix)
-    raise OutputError(f"cannot write {path}: the suffix must be {', '.join(most)} or {last}.")
 
 
 def _net_faults(design: Design, board: Path, to: Format) -> list[str]:

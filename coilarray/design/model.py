@@ -25,7 +25,7 @@ from coilarray.design.body_tables import Edges, Positions, array_window, check_p
 from coilarray.design.fabs import load_profile
 from coilarray.design.readout import Readout
 from coilarray.design.scan_states import PartName, Passive, ScanState, Switches, check_state, terminated_state
-from coilarray.design.tables import Document, passive_of
+from coilarray.design.tables import Document, passive_of, switch_entries
 from coilarray.errors import DesignError, GeometryError, NetworkError, UnusualValueWarning, require_finite
 from coilarray.fabrication.drawings import array_picture
 from coilarray.geometry import (
@@ -362,11 +362,10 @@ class Design:
 
     @cached_property
     def digest(self) -> str:
-        """Hexadecimal SHA-256 of all values that enter a result.
+        """Hexadecimal SHA-256 of all values that enter a result, equal for equal designs.
 
-        Name, title and source do not count. The digest is equal for equal designs, wherever they
-        come from. Numbers count to 14 digits, places to 1 pm and angles to 1 prad, so that the
-        rounding of a unit conversion makes no other design.
+        Name, title and source do not count. Numbers count to 14 digits, places to 1 pm and angles
+        to 1 prad, so that the rounding of a unit conversion makes no other design.
         """
         circuit, setup = self.circuit, self.indentation
         pressed: tuple[object, ...] = ()
@@ -424,8 +423,7 @@ class DesignFile:
     values : mapping of str to object
         Every value by its dotted key, defaults included, in the units of the keys.
     text : str
-        The file as it was read, whose comments and layout `coilarray.design.write.save_design`
-        keeps. Empty without a file.
+        The file as it was read, whose layout `coilarray.design.write.save_design` keeps, if any.
     """
 
     design: Design
@@ -520,10 +518,9 @@ def parse_design(text: str, origin: str = "design") -> Design:
 
 
 def parse_design_file(text: str, origin: str = "design") -> DesignFile:
-    """Read a design file from its text.
+    """Read a design file from its text, with warnings about values in a wrong unit.
 
-    `origin` names it in messages. Values that may come from a wrong unit cause an
-    `UnusualValueWarning`.
+    `origin` names it in messages.
     """
     file = build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
     for line in file.unusual:
@@ -543,8 +540,9 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
         with reading():
             design = _build(parsed)
         values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
-        of_part = parsed.circuit.part_entries(design.circuit.switches)
-        values |= {f"circuit.{key}": value for key, value in of_part.items()}
+        entries = switch_entries(design.circuit.switches)
+        for key in parsed.circuit.of_part:
+            values[f"circuit.{key}"] = round(entries[key], 3) if key.endswith("_pF") else entries[key]
         for key in parsed.assumed:
             if key not in values:
                 close = difflib.get_close_matches(key, list(values), n=1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import DesignError, require_finite
@@ -20,23 +19,19 @@ INTERNAL_CLOCK_PER_KELVIN = -13e-6
 """Change of the internal oscillator in 1/K (SNOSCY9A, section 6.5, mean of units)."""
 RESOLUTION_RCOUNT = 0x800
 """RCOUNT for which `Readout.resolution` is given."""
-USUAL: Mapping[str, float] = MappingProxyType(
-    {
-        "resolution": 8e-7,
-        "clock_jitter": 0.0,
-        "capacitor_per_kelvin": 30e-6,
-        "board_per_kelvin": 14e-6,
-        "copper_per_kelvin": COPPER_PER_KELVIN,
-        "switch_per_kelvin": 1.9e-3,
-    }
-)
+USUAL: Mapping[str, float] = {
+    "resolution": 8e-7,
+    "clock_jitter": 0.0,
+    "capacitor_per_kelvin": 30e-6,
+    "board_per_kelvin": 14e-6,
+    "copper_per_kelvin": COPPER_PER_KELVIN,
+    "switch_per_kelvin": 1.9e-3,
+}
 """Sizes for a `Readout` without its own. `coilarray.circuit.noise_budget` has their sources."""
 
 
 def conversion_time(rcount: int, reference: float) -> float:
-    """Return the duration of a conversion in s.
-
-    It is (16·RCOUNT + 4)/f_ref (SNOSCY9A, equation 7), for f_ref in Hz.
+    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (SNOSCY9A, equation 7).
 
     >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
     48.321
@@ -127,15 +122,8 @@ class Readout:
             raise DesignError(f"rcount of a read-out must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {self.rcount}.")
 
     def size(self, name: str) -> float:
-        """Return the given or usual size of a name.
+        """Return the given size of a name, or the usual one, in the unit of `USUAL`.
 
-        Returns
-        -------
-        float
-            Size in the unit of `USUAL`.
-
-        Examples
-        --------
         >>> Readout(board_per_kelvin=16e-6).size("board_per_kelvin"), Readout().size("board_per_kelvin")
         (1.6e-05, 1.4e-05)
         """

@@ -67,8 +67,6 @@ class Switches:
     def beside_q(self) -> str:
         """Description of the switches' resistance beside Q, if any.
 
-        Examples
-        --------
         >>> "quality factor" + Switches(2.5).beside_q, Switches().beside_q
         ('quality factor, with 5 Ω of switches', '')
         """
@@ -76,9 +74,7 @@ class Switches:
 
     @property
     def across_coil(self) -> float:
-        """Capacitance across a measured coil in F.
-
-        It is the tank, and the capacitances of both sides to ground in series.
+        """Capacitance in F across a measured coil: the tank, and both sides to ground in series.
 
         >>> round(Switches(terminal_capacitance=42e-12, bus_capacitance=153e-12).across_coil * 1e12, 1)
         217.5
@@ -115,10 +111,7 @@ class ScanState:
 
 
 def paper_plan(names: Sequence[str]) -> tuple[ScanState, ...]:
-    """Return the plan of Gast & Zimmermann (2020).
-
-    Each coil in turn is measured, all others grounded at both ends.
-    """
+    """Return the plan of Gast & Zimmermann (2020): each coil in turn, all others grounded."""
     return tuple(ScanState(name, ((name, 1),)) for name in names)
 
 
@@ -191,12 +184,12 @@ _FROM_MEMORY = "not verified: the table of the data sheet was not read"
 
 @dataclass(frozen=True)
 class SwitchPart:
-    """Package of eight switches, each closed by one bit.
+    """Package of eight switches, each closed by one bit, with typical values.
 
-    `bits` are the names of the switches from bit 0 to bit 7, and `drains` the common pins, each
-    with its switches. Values are typical. The attenuation by an open switch is in dB, at 10 MHz
-    into 50 Ω. Capacitances to ground are in F, of both pins together for a closed switch.
-    `unverified` has the fields that no public source confirmed, with the reason.
+    `bits` are the switches from bit 0 to bit 7, and `drains` the common pins with theirs. The
+    attenuation by an open switch is in dB, at 10 MHz into 50 Ω. Capacitances to ground are in F, of
+    both pins together for a closed switch. `unverified` has the fields that no public source
+    confirmed, with the reason.
     """
 
     name: PartName
@@ -212,10 +205,7 @@ class SwitchPart:
 
     @property
     def off_capacitance(self) -> float:
-        """Capacitance through an open switch in F.
-
-        An isolation of a into a load R at ω gives C = 10^(−a/20)/(ω R).
-        """
+        """Capacitance through an open switch in F, C = 10^(−a/20)/(ω R) for an isolation of a."""
         return float(10 ** (-self.off_isolation / 20) / (2 * math.pi * _DECADE * _LOAD))
 
     @property
@@ -224,9 +214,7 @@ class SwitchPart:
         return self.on_capacitance - self.source_capacitance - self.drain_capacitance
 
     def capacitances(self, switches: Switches, coils: int) -> Switches:
-        """Return switches with the capacitances of this part.
-
-        Every coil end has a switch to ground and to each side of the bus. Traces are not counted.
+        """Return switches with the capacitances of this part, traces not counted.
 
         >>> counted = PARTS["ADG739"].capacitances(Switches(), 6)
         >>> round(counted.terminal_capacitance * 1e12), round(counted.bus_capacitance * 1e12)

@@ -91,11 +91,6 @@ class CircuitTable(Table):
         left = {} if self.switches is None else _OF_PART
         return {key: f"{self.switches}: {why}" for key, why in left.items() if key not in self.model_fields_set}
 
-    def part_entries(self, switches: Switches) -> dict[str, float]:
-        """Entries of the keys that are left to the part."""
-        entries = _switch_entries(switches)
-        return {key: round(entries[key], 3) if key.endswith("_pF") else entries[key] for key in self.of_part}
-
     def build_switches(self, coils: int) -> Switches:
         """Return switches and tank for a number of coils."""
         given = Switches(on_resistance=self.short_resistance_ohm / 2, **self.in_si(*_OF_SWITCHES))
@@ -110,7 +105,7 @@ class CircuitTable(Table):
     def of(cls, circuit: Circuit, names: Mapping[str, str]) -> dict[str, Any]:
         """Return the entries of a circuit without defaults."""
         table = {
-            **_switch_entries(circuit.switches),
+            **switch_entries(circuit.switches),
             **cls.entries_of(circuit, "resistivity_ohm_m", "elastomer_permittivity"),
             "default_termination": termination_of(circuit.default_termination),
             "terminations": {names[coil]: termination_of(passive) for coil, passive in circuit.terminations.items()},
@@ -136,7 +131,8 @@ _OF_PART = {
 """Keys of ``[circuit]`` that a part replaces, each with the reason why its value is assumed."""
 
 
-def _switch_entries(switches: Switches) -> dict[str, Any]:
+def switch_entries(switches: Switches) -> dict[str, Any]:
+    """Return the entries of switches and tank in ``[circuit]``."""
     return {_SHORT: 2.0 * switches.on_resistance, **CircuitTable.entries_of(switches, *_OF_SWITCHES)}
 
 

@@ -63,21 +63,18 @@ class TomlFiles:
             return text_of_file(path, _MOST_BYTES)
         except FileNotFoundError:
             bundled = f", nor a bundled {self.kind} of that name ({', '.join(self.names())})" if self.package else ""
-            raise self.error(f"there is no {self.kind} file {cut}{bundled}{self._meant(path)}") from None
+            known = {name: name for name in self.names()}
+            with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read, or an impossible name
+                known |= {entry.stem: str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
+            close = [known[name] for name in difflib.get_close_matches(path.name.removesuffix(".toml"), known)]
+            hint = f"; did you mean {close[0][:_LONGEST_NAME]}?" if close else "."
+            raise self.error(f"there is no {self.kind} file {cut}{bundled}{hint}") from None
         except UnicodeDecodeError:
             raise self.error(f"{cut} is not a text file in UTF-8.") from None
         except OSError as error:
             raise self.error(f"cannot read {cut}: {error.strerror}.") from None
         except ValueError as error:  # a name with a zero byte
             raise self.error(f"cannot read {cut!r}: {error}.") from None
-
-    def _meant(self, path: Path) -> str:
-        """End of a message about a missing file: similar names."""
-        names = {name: name for name in self.names()}
-        with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read, or an impossible name
-            names |= {entry.stem: str(path.with_name(entry.name)) for entry in path.parent.glob("*.toml")}
-        close = [names[name] for name in difflib.get_close_matches(path.name.removesuffix(".toml"), names)]
-        return f"; did you mean {close[0][:_LONGEST_NAME]}?" if close else "."
 
     def parse(self, text: str, origin: str) -> dict[str, Any]:
         """Return the tables of a file named `origin` in messages."""

@@ -2,8 +2,7 @@
 
 An entry is a dotted key as in `DesignFile.values`, in the unit of its name, such as
 ``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm`` or ``circuit.terminations.coil2``.
-Its value is any value that the file can have for this key, tables excepted. The changed document is
-checked like a file, so every variation is a design that could be written in a file.
+Its value is any that the file can have, tables excepted. The document is checked like a file.
 """
 
 from __future__ import annotations
@@ -68,12 +67,11 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
 
 
 def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a design file with changed entries.
+    """Return a design file with changed entries, as plain tables that share unchanged parts.
 
-    Workers get such plain tables. Unchanged parts are shared. Numbers of numpy become plain
-    numbers, and a whole number like 3.0 becomes the integer 3, which every numeric entry takes. A
-    key that cannot be an entry raises a DesignError. Other wrong keys and values are found by
-    `coilarray.design.model.build_design`.
+    A whole number like 3.0 becomes the integer 3, which every numeric entry takes. Raises
+    DesignError for a key that cannot be an entry; `coilarray.design.model.build_design` finds other
+    wrong keys and values.
 
     >>> vary_document({"array": {"pitch_mm": 13, "columns": 6}}, {"array.pitch_mm": 12.5})
     {'array': {'pitch_mm': 12.5, 'columns': 6}}
@@ -131,15 +129,9 @@ def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
         return _with_entry({} if present is None else present, parts, value, key)
     tables = present if isinstance(present, list) else [present]
     if any(isinstance(entry, Mapping) for entry in tables):
-        raise DesignError(f"{key} is a table; name one of its entries, such as {key}.{_some_entry(present)}.")
+        first = f"{'0.' if isinstance(present, list) else ''}{next(iter(tables[0]), '…')}"
+        raise DesignError(f"{key} is a table; name one of its entries, such as {key}.{first}.")
     return value
-
-
-def _some_entry(table: Any) -> str:
-    """Return a possible end of the key of a table."""
-    if isinstance(table, list):
-        return f"0.{_some_entry(table[0])}"
-    return next(iter(table), "…")
 
 
 def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:

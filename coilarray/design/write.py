@@ -122,15 +122,23 @@ def as_file(given: Design | DesignFile | CurrentPaths) -> DesignFile:
 
 
 def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
-    """Return the TOML text of a design.
+    """Return the TOML text of a design, to 1 nm and 12 digits.
 
-    Places are rounded to 1 nm, and other numbers to 12 digits. `assumed` has dotted keys with
-    reasons. ``coils.*.KEY`` stands for every shape, and ``coils.NAME.KEY`` for the shape of one
-    coil.
+    `assumed` has dotted keys with reasons. ``coils.*.KEY`` stands for every shape, and
+    ``coils.NAME.KEY`` for the shape of one coil.
     """
     document = _rounded(design_document(design))
-    shapes = shape_names(design.array)
-    reasons = _assumed_table(assumed or {}, dict(zip(design.array.names, shapes, strict=True)), list(document["coils"]))
+    of_coil = dict(zip(design.array.names, shape_names(design.array), strict=True))
+    reasons: dict[str, str] = {}
+    for key, reason in (assumed or {}).items():
+        owners = [name for name in of_coil if key.startswith(f"coils.{name}.")]
+        if key.startswith("coils.*."):
+            reasons |= {f"coils.{shape}.{key.removeprefix('coils.*.')}": reason for shape in document["coils"]}
+        elif owners:
+            name = max(owners, key=len)
+            reasons[f"coils.{of_coil[name]}.{key.removeprefix(f'coils.{name}.')}"] = reason
+        else:
+            reasons[key] = reason
     return document_text(document | ({"assumed": reasons} if reasons else {}))
 
 
@@ -148,7 +156,7 @@ def document_text(document: Mapping[str, Any]) -> str:
             blocks += [f"[[{key}]]\n" + _HEADER.sub(f"[{key}.", tomli_w.dumps(table)) for table in value]
         elif key not in plain:
             blocks.append(tomli_w.dumps({key: value}))
-    return _LISTS_OF_NAMES.sub(_short, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
+    return _LISTS_OF_NAMES.sub(_on_one_line, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
 
 
 def shape_names(array: Array) -> list[str]:
@@ -191,8 +199,8 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     Parameters
     ----------
     design : Design or DesignFile
-        A file keeps its keys, its comments and its layout. For a design made in Python all keys are
-        written, each with its meaning as a comment.
+        A file keeps its keys, comments and layout. Keys of a design made in Python are written with
+        their meanings as comments.
     path : str or Path
         File to write. An existing file is replaced.
 
@@ -256,21 +264,6 @@ def _meanings() -> tuple[dict[str, str], dict[tuple[str, str, str], str]]:
     return titles, meanings
 
 
-def _assumed_table(assumed: Mapping[str, str], of_coil: Mapping[str, str], shapes: list[str]) -> dict[str, str]:
-    """Return the table of assumed values with the file's keys."""
-    table: dict[str, str] = {}
-    for key, reason in assumed.items():
-        owners = [name for name in of_coil if key.startswith(f"coils.{name}.")]
-        if key.startswith("coils.*."):
-            table |= {f"coils.{shape}.{key.removeprefix('coils.*.')}": reason for shape in shapes}
-        elif owners:
-            name = max(owners, key=len)
-            table[f"coils.{of_coil[name]}.{key.removeprefix(f'coils.{name}.')}"] = reason
-        else:
-            table[key] = reason
-    return table
-
-
 def _rounded(value: Any, key: str = "") -> Any:
     """Round places to 1 nm and numbers to 12 digits."""
     if isinstance(value, dict):
@@ -283,20 +276,17 @@ def _rounded(value: Any, key: str = "") -> Any:
 
 
 def _on_one_line(match: re.Match[str]) -> str:
-    text = "[" + ", ".join(item.strip() for item in match[1].split(",\n")) + "]"
+    """Write a list of values or short lists on one line, values that do not fit on several."""
+    text = "[" + " ".join(line.strip() for line in match[0].splitlines()[1:-1]).rstrip(",") + "]"
+    if "[" in text[1:]:
+        return text if len(text) <= _LONGEST_LINE // 2 else match[0]
     return text if len(text) <= _LONGEST_LINE else "\n".join(textwrap.wrap(text, _LONGEST_LINE))
 
 
-def _short(match: re.Match[str]) -> str:
-    text = "[" + " ".join(line.strip() for line in match[0].splitlines()[1:-1]).rstrip(",") + "]"
-    return text if len(text) <= _LONGEST_LINE // 2 else match[0]
-
-
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
-    r"""Return the text of a TOML file changed to `document`.
+    r"""Return the text of a TOML file changed to `document`, None if it needs a new text.
 
-    Items of a list are identified by their name, or content. New entries are added at the end of
-    their table. The result is None if the change needs a new text.
+    Items of a list are known by their name, or content. New entries end their table.
 
     >>> text = "# mine\n[board]\nmargin_mm = 2.0  # as wide as the seal\n"
     >>> print(edited_text(text, {"board": {"margin_mm": 3.5}}), end="")
@@ -374,10 +364,7 @@ def _known_by(item: Any) -> str:
 
 
 def _is_other(before: Any, after: Any) -> bool:
-    """Check whether a value has changed.
-
-    23.0 is 23, but 1 is not true.
-    """
+    """Check whether a value has changed: 23.0 is 23, but 1 is not true."""
     return bool(before != after) or isinstance(before, bool) != isinstance(after, bool)
 
 

@@ -283,19 +283,15 @@ class Flash:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Filled outline, in m."""
+    """Filled outline in m, or any clear shape, which removes what was drawn before."""
 
     shape: BaseGeometry
     net: str | None
     where: str
+    clear: bool = False
 
 
-@dataclass(frozen=True)
-class Clear:
-    """Shape, in m, that removes copper drawn before it."""
-
-    shape: BaseGeometry
-    where: str
+Drawn = Stroke | Flash | Region
 
 
 @dataclass(frozen=True)
@@ -314,7 +310,7 @@ class DrilledHole:
     where: str
 
 
-def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
+def parse_gerber(file: DataFile) -> list[Drawn]:
     """Read the objects of a Gerber file, or raise BoardError."""
     repeated = next((match for match in _STEP_REPEAT.finditer(file.text) if match.groups() != ("1", "1")), None)
     if repeated:
@@ -328,11 +324,11 @@ def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
     _refusing(file.label, lambda: parser.parse(text, filename=file.label))
     if parser.file_settings.is_incremental:
         raise BoardError(f"{file.label}: incremental coordinates are not supported.")
-    objects: list[Stroke | Flash | Region | Clear] = []
+    objects: list[Drawn] = []
     for (line, attributes), item in found.records:
         where = f"{file.label}:{line}"
         read = _object(item, attributes, where)
-        objects.append(read if item.polarity_dark else Clear(read.shape, where))
+        objects.append(read if item.polarity_dark else Region(read.shape, None, where, clear=True))
     return objects
 
 
@@ -361,7 +357,20 @@ def parse_drills(file: DataFile) -> list[DrilledHole]:
         elif current and (tool := _TOOL.fullmatch(line)):
             functions[int(tool[1])] = current
     by_tool = {id(tool): functions.get(index, ()) for index, tool in parser.tools.items()}
-    return [_hole(item, by_tool.get(id(item.tool), ()), f"{file.label}:{line}") for line, item in found.records]
+    holes = []
+    for line, item in found.records:
+        where, tool, function = f"{file.label}:{line}", item.tool, by_tool.get(id(item.tool), ())
+        if item.unit is None or tool.unit is None:
+            raise BoardError(f"{where}: the file does not say its unit, METRIC or INCH.")
+        if not tool.diameter:
+            raise BoardError(f"{where}: the tool has no diameter.")
+        if isinstance(item, gerbonara("graphic_objects").Flash):
+            x, y = item.x / _in_metre(item.unit), item.y / _in_metre(item.unit)
+        else:
+            x, y = _middle(tuple(_way(item)))
+        plated = {"Plated": True, "NonPlated": False}.get("".join(function[:1]), tool.plated)
+        holes.append(DrilledHole(x, y, _diameter(tool, where), "".join(function[-1:]), plated, where))
+    return holes
 
 
 class _Recorder(list[Any]):
@@ -398,7 +407,7 @@ def _refusing(label: str, parse: Callable[[], None]) -> None:
         raise BoardError(f"{label}{at}: {known or reason}{f' ({statement})' if statement else ''}.")
 
 
-def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Stroke | Flash | Region:
+def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Drawn:
     """Convert gerbonara's object to a stroke, flash or region."""
     objects, apertures = gerbonara("graphic_objects"), gerbonara("apertures")
     net = _ESCAPE.sub(lambda match: chr(int(match[1], 16)), attributes.get(".N", ("",))[0])
@@ -482,21 +491,6 @@ def _region(item: Any) -> BaseGeometry:
     return shapely.Polygon(points).buffer(0)
 
 
-def _hole(item: Any, function: tuple[str, ...], where: str) -> DrilledHole:
-    """Convert a hole of gerbonara."""
-    tool = item.tool
-    if item.unit is None or tool.unit is None:
-        raise BoardError(f"{where}: the file does not say its unit, METRIC or INCH.")
-    if not tool.diameter:
-        raise BoardError(f"{where}: the tool has no diameter.")
-    if isinstance(item, gerbonara("graphic_objects").Flash):
-        x, y = item.x / _in_metre(item.unit), item.y / _in_metre(item.unit)
-    else:
-        x, y = _middle(tuple(_way(item)))
-    plated = {"Plated": True, "NonPlated": False}.get(function[0], tool.plated) if function else tool.plated
-    return DrilledHole(x, y, _diameter(tool, where), function[-1] if function else "", plated, where)
-
-
 def _middle(points: tuple[Point, ...]) -> Point:
     (x1, y1), (x2, y2) = points[0], points[-1]
     return (x1 + x2) / 2, (y1 + y2) / 2
@@ -544,7 +538,8 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         solid = [(k, item.shape) for k, item in enumerate(objects) if isinstance(item, Stroke | Flash)]
         tree = shapely.STRtree([shape for _, shape in solid])
         for k, item in enumerate(objects):
-            if isinstance(item, Clear) and any(solid[index][0] < k for index in tree.query(item.shape, "intersects")):
+            clear = isinstance(item, Region) and item.clear
+            if clear and any(solid[index][0] < k for index in tree.query(item.shape, "intersects")):
                 raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
     tracks = tuple(
         Track(layer, start, end, item.width, item.net, item.where)
@@ -555,51 +550,18 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     )
     areas = tuple(area for layer, objects in drawn.items() for area in _areas(layer, objects))
     lands = [(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
-    bores = _bores(files, board, lands)
     masks = [item for file in files if file.function[:1] == ("Soldermask",) for item in parse_gerber(file)]
     openings = [(item.x, item.y) for item in masks if isinstance(item, Flash)]
-    for bore in (bore for bore in bores if not bore.pads):
-        centre, within = (bore.hole.x, bore.hole.y), bore.hole.diameter / 2
-        for track in tracks:
-            near = min(math.dist(track.start, centre), math.dist(track.end, centre)) <= within
-            if near and track.layer in bore.layers:
-                raise BoardError(
-                    f"{bore.hole.where}: the plated hole has no pad; the track at {track.where} ends in it."
-                )
-    holes = [_plated_hole(bore, openings) for bore in bores if bore.pads]
+    holes, bored, bare = _holes(files, board, tracks, lands, openings)
     if len(copper) > 1 and not holes:
         raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole to connect them.")
-    bored = {id(flash) for bore in bores for _, flash in bore.lands}
     pads = tuple(
         SurfacePad(pad.x, pad.y, layer, pad.net, pad.where, pad.pin, pad.size, pad.shape)
         for layer, pad in lands
         if id(pad) not in bored
     )
-    bare = len(bores) - len(holes)
     notes = (f"{bare} plated hole{'s' if bare > 1 else ''} without a pad left out.",) if bare else ()
     return BoardCopper(str(path), board, tracks, tuple(holes), pads, assumed, areas, _edge(files), notes)
-
-
-_Land = tuple[str, Flash]
-"""Flash with the copper layer on which it lies."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Bore:
-    """Plated hole with its layers and the flashes around it."""
-
-    hole: DrilledHole
-    layers: tuple[str, ...]
-    lands: tuple[_Land, ...]
-
-    @property
-    def pads(self) -> dict[str, list[Flash]]:
-        """Flashes by layer that are wider than the hole."""
-        found: dict[str, list[Flash]] = {}
-        for layer, flash in self.lands:
-            if flash.size > self.hole.diameter:
-                found.setdefault(layer, []).append(flash)
-        return found
 
 
 def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
@@ -624,31 +586,71 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
     return [numbered[number] for number in sorted(numbered)]
 
 
-def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> Iterator[CopperArea]:
+def _areas(layer: str, objects: Sequence[Drawn]) -> Iterator[CopperArea]:
     """Yield the regions, cut by the clear shapes after them."""
     for k, item in enumerate(objects):
-        if isinstance(item, Region):
-            cuts = [later.shape for later in objects[k + 1 :] if isinstance(later, Clear)]
+        if isinstance(item, Region) and not item.clear:
+            cuts = [later.shape for later in objects[k + 1 :] if isinstance(later, Region) and later.clear]
             shape = item.shape - shapely.union_all(cuts) if cuts else item.shape
             if not shape.is_empty:
                 yield CopperArea(layer, shape, item.net, "a region", item.where)
 
 
-def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) -> list[_Bore]:
-    """Collect the plated holes with the flashes around them."""
+def _holes(
+    files: Iterable[DataFile],
+    board: Stackup,
+    tracks: Sequence[Track],
+    lands: Sequence[tuple[str, Flash]],
+    openings: Sequence[Point],
+) -> tuple[list[Hole], set[int], int]:
+    """Make the plated holes with pads.
+
+    `lands` are flashes with their layers, `openings` places without solder mask. Returns also the
+    ids of the flashes that are drilled through, and the number of holes without a pad.
+    """
     tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
-    bores = []
-    for file in files:
-        if file.function[:1] not in (("Plated",), ("MixedPlating",)):
+    holes: list[Hole] = []
+    bored: set[int] = set()
+    bare = 0
+    bores = [
+        (layers, bore)
+        for file in files
+        if file.function[:1] in (("Plated",), ("MixedPlating",))
+        for layers in [_span(file, board)]
+        for bore in parse_drills(file)
+        if bore.plated is not False
+    ]
+    for layers, bore in bores:
+        centre, radius = (bore.x, bore.y), bore.diameter / 2
+        pads: dict[str, list[Flash]] = {}
+        for k in sorted(tree.query(shapely.Point(centre), predicate="dwithin", distance=radius).tolist()):
+            layer, flash = lands[k]
+            if layer in layers:
+                bored.add(id(flash))
+                if flash.size > bore.diameter:
+                    pads.setdefault(layer, []).append(flash)
+        if not pads:
+            bare += 1
+            for track in tracks:
+                near = min(math.dist(track.start, centre), math.dist(track.end, centre)) <= radius
+                if near and track.layer in layers:
+                    raise BoardError(
+                        f"{bore.where}: the plated hole has no pad; the track at {track.where} ends in it."
+                    )
             continue
-        layers = _span(file, board)
-        for hole in parse_drills(file):
-            if hole.plated is False:
-                continue
-            near = tree.query(shapely.Point(hole.x, hole.y), predicate="dwithin", distance=hole.diameter / 2)
-            around = tuple(lands[k] for k in sorted(near.tolist()) if lands[k][0] in layers)
-            bores.append(_Bore(hole, layers, around))
-    return bores
+        flashes = [flash for on_layer in pads.values() for flash in on_layer]
+        net = next((flash.net for flash in flashes if flash.net is not None), None)
+        pin = next((flash.pin for flash in flashes if flash.pin), "")
+        at = flashes[0].x, flashes[0].y  # less rounded than the drill file
+        size = min(max(flash.size for flash in on_layer) for on_layer in pads.values())
+        functions = {bore.function, *(flash.function for flash in flashes)}
+        terminal = bool(pin or functions & {"ComponentDrill", "ComponentPad"})
+        if not terminal and not functions & {"ViaDrill", "ViaPad"}:
+            terminal = any(math.dist(at, opening) <= radius for opening in openings)
+        shapes = {layer: shapely.union_all([flash.shape for flash in on_layer]) for layer, on_layer in pads.items()}
+        kind: Literal["via", "pad"] = "pad" if terminal else "via"
+        holes.append(Hole(*at, bore.diameter, size, layers, net, kind, bore.where, pin, shapes))
+    return holes, bored, bare
 
 
 def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
@@ -663,30 +665,6 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
             f"{','.join(file.function)}."
         )
     return board.names[first - 1 : last]
-
-
-def _plated_hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
-    """Make the hole of a bore with pads and kind."""
-    pads = bore.pads
-    flashes = [flash for on_layer in pads.values() for flash in on_layer]
-    net = next((flash.net for flash in flashes if flash.net is not None), None)
-    pin = next((flash.pin for flash in flashes if flash.pin), "")
-    x, y = flashes[0].x, flashes[0].y  # less rounded than the drill file
-    size = min(max(flash.size for flash in on_layer) for on_layer in pads.values())
-    kind = "pad" if pin else _kind(bore.hole, flashes, openings)
-    shapes = {layer: shapely.union_all([flash.shape for flash in on_layer]) for layer, on_layer in pads.items()}
-    return Hole(x, y, bore.hole.diameter, size, bore.layers, net, kind, bore.hole.where, pin, shapes)
-
-
-def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -> Literal["via", "pad"]:
-    """Kind of a plated hole by attributes or solder mask."""
-    functions = {hole.function, *(pad.function for pad in pads)}
-    if functions & {"ComponentDrill", "ComponentPad"}:
-        return "pad"
-    if functions & {"ViaDrill", "ViaPad"}:
-        return "via"
-    at = (pads[0].x, pads[0].y)
-    return "pad" if any(math.dist(at, opening) <= hole.diameter / 2 for opening in openings) else "via"
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:

@@ -18,7 +18,7 @@ from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.copper import Drill, disc, drills, groups, segment_rectangles, trace_outline
 
 if TYPE_CHECKING:
-    from coilarray.fabrication.board import BoardCopper
+    from coilarray.fabrication.board import BoardCopper, Copper
 
 # Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
 _TOUCHING = 1e-8
@@ -99,7 +99,8 @@ def connected_pieces(
 def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
     """Copper and holes of a board, as input of `check_nets`."""
     layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
-    for item in (*board.tracks, *board.holes, *board.pads, *board.areas):
+    items: list[Copper] = [*board.tracks, *board.holes, *board.pads, *board.areas]
+    for item in items:
         for layer, shape in item.copper.items():
             layers[layer].append(shape)
     return layers, [Barrel(hole.x, hole.y, hole.drill, hole.layers) for hole in board.holes]
