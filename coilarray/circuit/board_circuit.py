@@ -25,7 +25,7 @@ from coilarray.design.scan_states import ScanState, Switches
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix
-from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix, shape_key
+from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import Array, FinitePlate, Plate, Sheet
 from coilarray.metal.finite_plates import PlateError, moving_plate, outlined_inductance, worst_attributes
@@ -80,27 +80,22 @@ def _kept(array: Array, accuracy: Accuracy, parts: Sequence[Any], compute: Calla
     return kept_dataset(parts, compute) if few else compute()
 
 
-Owner = TypeVar("Owner", bound="_Locked")
 Result = TypeVar("Result")
 
 
-class _computed_once(Generic[Owner, Result]):  # noqa: N801
+class _computed_once(Generic[Result]):  # noqa: N801
     """Property that one thread computes while the others wait."""
 
-    def __init__(self, compute: Callable[[Owner], Result]) -> None:
-        self._compute = compute
-        self.__doc__ = compute.__doc__
+    def __init__(self, compute: Callable[[Any], Result]) -> None:
+        self._compute, self.__doc__ = compute, compute.__doc__
 
-    def __set_name__(self, owner: type[Owner], name: str) -> None:
-        self._name = name
-
-    def __get__(self, instance: Owner, owner: type[Owner]) -> Result:
+    def __get__(self, instance: _Locked, owner: type[_Locked]) -> Result:
         with instance.lock:
-            known = instance.__dict__
-            if self._name not in known:
+            known, name = instance.__dict__, self._compute.__name__
+            if name not in known:
                 with serial_algebra():
-                    known[self._name] = self._compute(instance)
-            return known[self._name]  # type: ignore[no-any-return]
+                    known[name] = self._compute(instance)
+            return known[name]  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -140,63 +135,62 @@ class Windings(_Locked):
         In an array of more than 24 coils each coil is computed alone, without losses in the copper
         of others.
         """
-        if len(self.array.names) > _MOST_TOGETHER:
-            return _own_resistance(self.array, frequencies, resistivity)
+        alone = len(self.array.names) > _MOST_TOGETHER
         parts = ("resistance", digest_of(self.array, frequencies.tolist(), resistivity))
-        return _kept(self.array, self.accuracy, parts, lambda: resistance_matrix(self.array, frequencies, resistivity))
+        return _kept(
+            self.array,
+            self.accuracy,
+            parts,
+            lambda: resistance_matrix(self.array, frequencies, resistivity, alone=alone),
+        )
 
-    def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> PlateEffect:
-        """Effect of plates between two frequencies in Hz."""
+    def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> Plates:
+        """Effect of plates between two frequencies in Hz, working in their middle."""
         band, paths = FrequencyBand(low, high), self.array.conductors()
         infinite = [plate for plate in plates if isinstance(plate, Plate)]
         change = plate_inductance(paths, infinite, band.nodes, self.sheets, accuracy=self.accuracy)
         if len(infinite) < len(plates):
             change = change + outlined_inductance(paths, plates, band.nodes, self.sheets)
-        return PlateEffect(band, change)
+        return Plates(band, change, math.sqrt(low * high))
 
 
 @dataclass(frozen=True, eq=False)
-class PlateEffect:
-    """Change of the impedance over jω by plates in H."""
+class Plates:
+    """Change of the impedance over jω by plates in H, at the nodes of a band.
+
+    `working` is the frequency in Hz for which the inductance of the circuit holds.
+    """
 
     band: FrequencyBand
     samples: ComplexArray
+    working: float
 
     def at(self, frequencies: FloatArray) -> ComplexArray:
         """Change (f, n, n) in H at frequencies in Hz."""
         return np.asarray(np.tensordot(self.band.shares(frequencies), self.samples, axes=1))
 
-    def dispersion(self, frequencies: FloatArray, working: float) -> SampledMatrix:
-        """Inductance less its value at the working frequency, in H."""
-        own = self.at(np.array([working])).real
-        return SampledMatrix(frequencies, self.at(frequencies).real - own)
-
-    def resistance(self, frequencies: FloatArray) -> FloatArray:
-        """Resistance matrices (f, n, n) in Ω at frequencies."""
+    def losses(self, frequencies: FloatArray) -> FloatArray:
+        """Resistance matrices (f, n, n) in Ω at frequencies in Hz."""
         return -2 * np.pi * frequencies[:, None, None] * self.at(frequencies).imag
 
-
-@dataclass(frozen=True, eq=False)
-class Plates:
-    """Effect of plates, and the working frequency in Hz."""
-
-    effect: PlateEffect
-    working: float
+    def dispersion(self, frequencies: FloatArray) -> SampledMatrix:
+        """Inductance less its value at the working frequency, in H."""
+        return SampledMatrix(frequencies, self.at(frequencies).real - self.inductance)
 
     @property
     def inductance(self) -> FloatArray:
         """Change of the inductance in H at the working frequency."""
-        return np.asarray(self.effect.at(np.array([self.working]))[0].real)
+        return np.asarray(self.at(np.array([self.working]))[0].real)
 
     @property
     def resistance(self) -> FloatArray:
         """Resistance matrix in Ω at the working frequency."""
-        return np.asarray(self.effect.resistance(np.array([self.working]))[0])
+        return self.losses(np.array([self.working]))[0]
 
     @property
     def grid(self) -> FloatArray:
         """Frequencies in Hz between which the effect is nearly linear."""
-        return _close_together(self.effect.band.low, self.effect.band.high)
+        return _close_together(self.band.low, self.band.high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,8 +230,9 @@ class BoardCircuit(_Locked):
         middle = math.sqrt(math.prod(_band(bare, plan, 0.0)))
         # a guess needs no more than screening
         guess = replace(self.windings, accuracy="screen").plate_effect(self.design.plates, middle, middle)
-        effect, network = self._followed(bare, guess)
-        return Plates(effect, float(np.exp(np.log([one.frequency for one in resonances(network, plan)]).mean())))
+        plates, network = self._followed(bare, guess)
+        logarithms = np.log([one.frequency for one in resonances(network, plan)])
+        return replace(plates, working=float(np.exp(logarithms.mean())))
 
     @_computed_once
     def ideal(self) -> Network:
@@ -254,21 +249,19 @@ class BoardCircuit(_Locked):
     @_computed_once
     def _direct(self) -> tuple[Network, Plates | None]:
         """Network of direct-current copper with strays, and its plates."""
-        names = self.design.array.names
-        winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
         capacitance, problem = self.windings.capacitance
+        left_out = (LEFT_OUT[0], *([problem] if problem else []), *(_PLATES_LEFT_OUT if self.plates else ()))
+        network = replace(
+            self._bare(self.windings.inductance), switches=self.design.circuit.switches, left_out=left_out
+        )
         if capacitance is not None:
             winding, between = capacitance.coil_capacitance.values, -capacitance.capacitance.values
             between = np.maximum(0.5 * (between + between.T), 0.0)  # removes rounding
-        left_out = (LEFT_OUT[0], *([problem] if problem else []), *(_PLATES_LEFT_OUT if self.plates else ()))
-        constant = SampledMatrix(np.ones(1), np.diag(self.direct_resistance)[None])
-        network = Network(
-            names, self.windings.inductance, constant, winding, between, self.design.circuit.switches, left_out
-        )
+            network = replace(network, winding_capacitance=winding, mutual_capacitance=between)
         if self.plates is None:
             return network, None
-        effect, network = self._followed(network, self.plates.effect, self.plates.working)
-        return network, replace(self.plates, effect=effect)
+        plates, network = self._followed(network, self.plates, self.plates.working)
+        return network, plates
 
     @property
     def direct(self) -> Network:
@@ -287,10 +280,7 @@ class BoardCircuit(_Locked):
             lowest, highest = _band(direct, tuple(apart.values()), 0.0)
             if lowest < low or highest > high:  # coils by themselves far from the states of the plan
                 low, high = min(low, (1 - _MARGIN) * lowest), max(high, (1 + _MARGIN) * highest)
-        return self._resistance_at(np.geomspace(low, high, _RESISTANCE_POINTS))
-
-    def _resistance_at(self, frequencies: FloatArray) -> xr.Dataset:
-        return self.windings.resistance(frequencies, self.design.circuit.resistivity)
+        return self.windings.resistance(np.geomspace(low, high, _RESISTANCE_POINTS), design.circuit.resistivity)
 
     @_computed_once
     def network(self) -> Network:
@@ -300,10 +290,16 @@ class BoardCircuit(_Locked):
         network = replace(direct, left_out=(*others, *direct.left_out[1:]))
         return _sampled(network, self.resistance.frequency.values, self.resistance.resistance.values, plates)
 
-    def swept(self, frequencies: FloatArray) -> Network:
-        """Network sampled at rising frequencies (f,) in Hz."""
-        R = self._resistance_at(frequencies).resistance.values
-        return _sampled(self.network, frequencies, R, self._plates_at(frequencies))
+    def swept(self, frequencies: FloatArray, network: Network | None = None) -> Network:
+        """Network, by default `network`, sampled at rising frequencies (f,) in Hz."""
+        network = network or self.network
+        R, plates = np.diag(self.direct_resistance)[None], self.plates
+        if LEFT_OUT[0] not in network.left_out:
+            R = self.windings.resistance(frequencies, self.design.circuit.resistivity).resistance.values
+        if plates is not None:
+            low, high = (extreme(*frequencies[[0, -1]].tolist(), plates.working) for extreme in (min, max))
+            plates = replace(self.windings.plate_effect(self.design.plates, low, high), working=plates.working)
+        return _sampled(network, frequencies, R, plates)
 
     def widened(self, network: Network, low: float, high: float) -> Network:
         """Add samples of resistance and plates between frequencies in Hz."""
@@ -316,42 +312,31 @@ class BoardCircuit(_Locked):
         more = np.concatenate((below, above))
         if not len(more):
             return network
-        ideal = LEFT_OUT[0] in network.left_out
-        R = np.diag(self.direct_resistance)[None] if ideal else self._resistance_at(more).resistance.values
-        beyond = _sampled(network, more, R, self._plates_at(more))
+        beyond = self.swept(more, network)
+        assert isinstance(beyond.resistance, SampledMatrix)
         dispersion = beyond.dispersion
         if dispersion is not None and network.dispersion is not None:
             dispersion = _joined(network.dispersion, dispersion)
-        assert isinstance(beyond.resistance, SampledMatrix)
         return replace(network, resistance=_joined(own, beyond.resistance), dispersion=dispersion)
 
-    def _plates_at(self, frequencies: FloatArray) -> Plates | None:
-        """Plates over a band of rising frequencies in Hz."""
-        if self.plates is None:
-            return None
-        low, high = (extreme(*frequencies[[0, -1]].tolist(), self.plates.working) for extreme in (min, max))
-        return replace(self.plates, effect=self.windings.plate_effect(self.design.plates, low, high))
-
-    def _followed(
-        self, network: Network, effect: PlateEffect, working: float | None = None
-    ) -> tuple[PlateEffect, Network]:
+    def _followed(self, network: Network, plates: Plates, working: float | None = None) -> tuple[Plates, Network]:
         """Compute the plates around the resonances beside them.
 
-        `effect` is a first guess. The network gets the inductance of the plates at the working
-        frequency in Hz, by default in the middle of the band.
+        `plates` are a first guess. The network gets their inductance at the working frequency in
+        Hz, by default in the middle of the band.
         """
         states = (*self.design.plan, *self.design.coils_in_turn)
         for _ in range(_ROUNDS):
-            plates = Plates(effect, math.sqrt(effect.band.low * effect.band.high) if working is None else working)
-            dispersion = effect.dispersion(plates.grid, plates.working)
+            dispersion = plates.dispersion(plates.grid)
             beside = replace(network, inductance=network.inductance + plates.inductance, dispersion=dispersion)
             low, high = _band(beside, states)
             if working is not None:
                 low, high = min(low, working), max(high, working)
-            if effect.band.holds(np.array([low, high])):
-                return effect, beside
+            if plates.band.holds(np.array([low, high])):
+                return plates, beside
             low, high = (1 - _PLATES_MARGIN) * low, (1 + _PLATES_MARGIN) * high
-            effect = self.windings.plate_effect(self.design.plates, low, high)
+            plates = self.windings.plate_effect(self.design.plates, low, high)
+            plates = plates if working is None else replace(plates, working=working)
         raise NetworkError(
             f"beside the plates the coils oscillate at {low:.6g} to {high:.6g} Hz, outside the {_ROUNDS} bands of "
             "frequency in which the plates were computed."
@@ -393,8 +378,8 @@ def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: P
         return replace(network, resistance=SampledMatrix(frequencies, R), dispersion=None)
     return replace(
         network,
-        resistance=SampledMatrix(frequencies, R + plates.effect.resistance(frequencies)),
-        dispersion=plates.effect.dispersion(frequencies, plates.working),
+        resistance=SampledMatrix(frequencies, R + plates.losses(frequencies)),
+        dispersion=plates.dispersion(frequencies),
     )
 
 
@@ -417,26 +402,6 @@ def _joined(one: SampledMatrix, other: SampledMatrix) -> SampledMatrix:
     frequencies = np.concatenate((one.frequencies, other.frequencies))
     order = frequencies.argsort()
     return SampledMatrix(frequencies[order], np.concatenate((one.matrices, other.matrices))[order])
-
-
-def _own_resistance(array: Array, grid: FloatArray, resistivity: float) -> xr.Dataset:
-    """Resistance matrix without losses in the copper of others."""
-    known: dict[bytes, xr.Dataset] = {}
-    own = []
-    for conductor in array.conductors():
-        key = shape_key(conductor)
-        if key not in known:
-            known[key] = resistance_matrix([conductor], grid, resistivity)
-        own.append(known[key])
-    R = np.zeros((len(grid), len(own), len(own)))
-    number = np.arange(len(own))
-    R[:, number, number] = np.concatenate([one.resistance.values[:, 0] for one in own], axis=1)
-    model = np.concatenate([one.model.values for one in own], axis=1)
-    names = list(array.names)
-    return xr.Dataset(
-        {"resistance": (("frequency", "coil", "other"), R), "model": (("frequency", "coil"), model)},
-        coords={"frequency": grid, "coil": names, "other": names},
-    )
 
 
 def _key_of(state: ScanState) -> Hashable:

@@ -30,7 +30,6 @@ REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the typical 43.4 MHz by the divider 2 that one channel needs."""
 AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
 """Allowed peak voltage in V: the sensor measures poorly below it, the input clamps act above it."""
-_KILOHM, _KILOHERTZ = DisplayUnit("kΩ", 1e-3), DisplayUnit("kHz", 1e-3)
 DRIVE_WINDOW = "R_p (Ω)"
 """Name of the limit of `check_channel` by `RESISTANCE`."""
 RESISTANCE = (1e3, 100e3)
@@ -125,9 +124,9 @@ class Limit:
 
 def shown_unit(unit: str, value: float) -> DisplayUnit:
     """Return the customary unit of a value."""
-    if unit == "Ω":
-        return _KILOHM
-    return _KILOHERTZ if unit == "Hz" and value < 1e6 else display_unit(unit)
+    if unit == "Ω" or (unit == "Hz" and value < 1e6):
+        return DisplayUnit(f"k{unit}", 1e-3)
+    return display_unit(unit)
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from importlib import metadata
 from itertools import combinations
 from typing import Literal
@@ -17,7 +18,6 @@ from coilarray.circuit.board_circuit import BoardCircuit, bare_network, board_ci
 from coilarray.circuit.converter_limits import LARGEST_SHARE_OF_SELF_RESONANCE, RESONATOR, readability
 from coilarray.circuit.network import (
     Network,
-    Resonance,
     StateResult,
     checked_network,
     impedances,
@@ -115,8 +115,7 @@ def couple_design(
     Parameters
     ----------
     design : Design, DesignFile, Array, Coil or Spiral
-        Design of the board, for example from `coilarray.load_design`. Coils alone have the usual
-        circuit.
+        Design of the board. Coils alone have the usual circuit.
     ideal : bool
         Leave out alternating-current resistance of the copper and all strays, see `design_circuit`.
     progress : callable, optional
@@ -125,20 +124,16 @@ def couple_design(
     Returns
     -------
     xarray.Dataset
-        The variables of `couple`, under the flat sheets and as the converter sees them, and
+        The variables of `couple`, under the flat sheets and as the converter sees them. Over (coil)
+        also ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz, the same with the
+        direct-current resistance of the copper and without strays, and the centres ``x`` and ``y``
+        in m. ``sheet_inductance`` (coil, other) in H is the part due to the magnetic sheets.
 
-        - ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil): the same with
-          the direct-current resistance of the copper and without strays,
-        - ``sheet_inductance`` (coil, other): in H, the part of the inductance due to the magnetic
-          sheets,
-        - ``x`` and ``y`` (coil): centres in m,
-        - with plates, ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other): the
-          contribution of the plates at the attribute ``working_frequency_Hz``, for which inductance
-          and coupling then hold,
-        - with plates that have an outline, the attributes ``plate_error_inductance`` and
-          ``plate_error_resistance``, relative errors of ΔL and ΔR by mesh and model, and
-          ``plate_skin_depths``, the thickness in skin depths,
-        - the attributes of `provenance`.
+        With plates, ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other) are their
+        contribution at the attribute ``working_frequency_Hz``, for which inductance and coupling
+        then hold. Of plates with an outline, the attributes ``plate_error_inductance`` and
+        ``plate_error_resistance`` are relative errors of ΔL and ΔR by mesh and model, and
+        ``plate_skin_depths`` is the thickness in skin depths.
 
     Raises
     ------
@@ -158,19 +153,15 @@ def couple_design(
     result = _coupled(network, design.coils_in_turn, terminations_of(design), circuit.direct_resistance)
     without = resonances(circuit.ideal, design.coils_in_turn)
     single, centres = ("coil",), design.array.centres
+    meaning = "ideal: direct-current copper, no strays"
+    L, f = np.array([(one.effective_inductance, one.frequency) for one in without]).T
     rows = [
-        ("ideal_effective_inductance", single, [one.effective_inductance for one in without], "H",
-         "effective inductance, ideal: direct-current copper, no strays"),
-        ("ideal_frequency", single, [one.frequency for one in without], "Hz",
-         "resonance frequency, ideal: direct-current copper, no strays"),
+        ("ideal_effective_inductance", single, L, "H", f"effective inductance, {meaning}"),
+        ("ideal_frequency", single, f, "Hz", f"resonance frequency, {meaning}"),
         ("sheet_inductance", ("coil", "other"), circuit.sheet_inductance, "H", "inductance due to the sheets"),
-    ]  # fmt: skip
-    places = (
-        ("x", single, centres[:, 0], "m", "centre of the coil, x"),
-        ("y", single, centres[:, 1], "m", "centre of the coil, y"),
-    )
-    plates = circuit.plates
-    if plates is not None:
+    ]
+    places = [(axis, single, at, "m", f"centre of the coil, {axis}") for axis, at in zip("xy", centres.T, strict=True)]
+    if (plates := circuit.plates) is not None:
         rows += [
             ("plate_inductance", ("coil", "other"), plates.inductance, "H", "inductance due to the plates"),
             ("plate_resistance", ("coil", "other"), plates.resistance, "ohm", "resistance due to the plates"),
@@ -232,29 +223,20 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])
     currents = np.array([state.currents for state in solved])
     contributions = np.real(L * currents) * (1 - np.eye(len(L)))
-
-    def each(name: str, states: Sequence[Resonance] = solved) -> FloatArray:
-        return np.array([getattr(state, name) for state in states])
-
-    effective, unchanged = each("effective_inductance"), each("effective_inductance", alone)
+    each = partial(_of_each, solved)
+    effective, unchanged = each("effective_inductance"), _of_each(alone, "effective_inductance")
     pair, single = ("coil", "other"), ("coil",)
     rows = (
         ("inductance", pair, L, "H", "inductance matrix"),
         ("coupling", pair, coupling_matrix(L), "1", "coupling coefficient"),
         ("resistance", single, R, "ohm", "DC resistance"),
-        (
-            "open_inductance",
-            single,
-            np.diag(L).copy(),
-            "H",
-            "inductance, all other coils open" if len(L) > 1 else "inductance",
-        ),
+        ("open_inductance", single, np.diag(L).copy(), "H", f"inductance{', all other coils open' * (len(L) > 1)}"),
         ("effective_inductance", single, effective, "H", "effective inductance"),
         ("open_effective_inductance", single, unchanged, "H", "effective inductance, others open"),
         ("inductance_change", single, effective / unchanged - 1, "1", "change by the others"),
         ("effective_resistance", single, each("effective_resistance"), "ohm", "effective resistance"),
         ("quality_factor", single, each("quality_factor"), "1", f"quality factor{network.switches.beside_q}"),
-        ("open_frequency", single, each("frequency", alone), "Hz", "resonance frequency, others open"),
+        ("open_frequency", single, _of_each(alone, "frequency"), "Hz", "resonance frequency, others open"),
         ("frequency", single, each("frequency"), "Hz", "resonance frequency"),
         ("current_real", pair, currents.real, "A/A", "in-phase current"),
         ("current_imag", pair, currents.imag, "A/A", "quadrature current"),
@@ -272,31 +254,19 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
     )
 
 
+def _of_each(results: Sequence[StateResult], name: str) -> FloatArray:
+    """Attribute of each of several solved states."""
+    return np.array([getattr(one, name) for one in results])
+
+
 def operating_currents(
     design: Design | DesignFile, coupling: xr.Dataset, active: str, *, terminated: bool = True
 ) -> ComplexArray:
-    """Compute the currents per ampere of the measured coil.
+    """Compute the currents (coils,) in A per A of the measured coil.
 
-    Parameters
-    ----------
-    design : Design or DesignFile
-        The array.
-    coupling : xarray.Dataset
-        Its coupling, from `couple_design`.
-    active : str
-        Name of the measured coil.
-    terminated : bool
-        If False, all other coils are open.
-
-    Returns
-    -------
-    ndarray of complex, shape (coils,)
-        Currents in A per A: 1 for the active coil.
-
-    Raises
-    ------
-    GeometryError
-        No coil of that name.
+    `coupling` is the result of `coilarray.couple_design` for the design, and `active` names the
+    measured coil. Without `terminated` all other coils are open. A coil that the design does not
+    have raises a GeometryError.
     """
     design = design_of(design)
     names = design.array.names
@@ -338,8 +308,8 @@ def operating_field(
     Parameters
     ----------
     design, coupling, active, terminated
-        Design, coupling, measured coil and whether the others are terminated. See
-        `operating_currents`.
+        Design, its coupling from `couple_design`, name of the measured coil, and whether the others
+        are terminated or open.
     x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
         Grid in m. z = 0 is the top of the board.
     current : float
@@ -368,11 +338,10 @@ def operating_field(
     endless = require_endless(design)
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)
+    axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
     conductors = design.array.conductors()
     if endless:
-        frequency = float(coupling.frequency.sel(coil=active))
-        along, across, up = (np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z))
-        beside = plate_field(conductors, currents, endless, frequency, along, across, up)
+        beside = plate_field(conductors, currents, endless, float(coupling.frequency.sel(coil=active)), *axes)
         in_phase, quadrature = beside.real, beside.imag
     else:
         in_phase, quadrature = (
@@ -380,17 +349,14 @@ def operating_field(
             for k, part in enumerate((currents.real, currents.imag))
         )
     dims = ("x", "y", "z", "component")
-    axes = {
-        name: (name, np.atleast_1d(np.asarray(axis, dtype=np.float64)), {"units": "m"})
-        for name, axis in zip("xyz", (x, y, z), strict=True)
-    }
+    places = {name: (name, axis, {"units": "m"}) for name, axis in zip("xyz", axes, strict=True)}
     rows = (
         ("B", dims, in_phase, "T", "flux density in phase with the active current"),
         ("B_quadrature", dims, quadrature, "T", "flux density 90 degrees ahead"),
     )
     return xr.Dataset(
         variables(*rows),
-        coords={**axes, "component": ["x", "y", "z"]},
+        coords={**places, "component": ["x", "y", "z"]},
         attrs={
             **provenance(design),
             "active_coil": active,
@@ -438,29 +404,21 @@ def scan_design(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``state`` and ``coil``, units in the attributes. For each state
+        Dimensions ``state`` and ``coil``, units in the attributes. For each state ``frequency``,
+        ``effective_inductance`` (1/(ω²C)), ``effective_resistance`` (Re Z),
+        ``parallel_resistance``, ``quality_factor`` (Im Z/Re Z, without the tank),
+        ``loaded_quality_factor`` of the resonator, ``state_self_resonance`` without the tank, and
+        ``resistance_ratio``, R_eff relative to the same with DC resistances. For a design with a
+        converter also ``readable`` and the others of
+        `coilarray.circuit.converter_limits.readability`. ``current_real`` and ``current_imag``
+        (state, coil) are in A per A of the first measured coil.
 
-        - ``frequency``,
-        - ``effective_inductance``: 1/(ω²C),
-        - ``effective_resistance``: Re Z,
-        - ``parallel_resistance``,
-        - ``quality_factor``: Im Z/Re Z, without the tank,
-        - ``loaded_quality_factor``: quality factor of the resonator,
-        - ``state_self_resonance``: without the tank,
-        - ``resistance_ratio``: R_eff relative to the same with DC resistances,
-        - ``readable`` and the others of `coilarray.circuit.converter_limits.readability`, for a design
-          with a converter,
-        - ``current_real`` and ``current_imag`` (state, coil): in A per A of the first measured
-          coil.
-
-        For each coil
-
-        - ``winding_capacitance`` and ``self_resonance``,
-        - ``ac_resistance``, at the mean frequency of the states, and its ``resistance_model``,
-        - the effect of the elastomer's permittivity, if requested: ``bare_winding_capacitance``,
-          without the elastomer, ``elastomer_delta``, the apparent change of L when it is laid on,
-          and ``dent_delta_bound``, an upper bound for any dent through the topmost sheet
-          (`coilarray.electromagnetics.capacitance.elastomer_effect`).
+        For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` at the mean
+        frequency of the states and its ``resistance_model``. If requested, the effect of the
+        elastomer's permittivity: ``bare_winding_capacitance`` without the elastomer,
+        ``elastomer_delta``, the apparent change of L when it is laid on, and ``dent_delta_bound``,
+        an upper bound for any dent through the topmost sheet
+        (`coilarray.electromagnetics.capacitance.elastomer_effect`).
 
         ``capacitance`` (coil, other) is the Maxwell matrix. If a coil has no capacitance model
         (`coilarray.electromagnetics.capacitance.coil_capacitance`), all capacitances of the
@@ -485,33 +443,30 @@ def scan_design(
     network, ac, (capacitance, _) = circuit.network, circuit.resistance, circuit.windings.capacitance
     tell(1)
     results = []
-    for k, state in enumerate(plan):
+    for state in plan:
         results.append(resonate(network, state))
-        tell(k + 2)
-    direct = [solve_state(circuit.direct, r.state, r.frequency).effective_resistance for r in results]
+        tell(len(results) + 1)
+    direct = [solve_state(circuit.direct, one.state, one.frequency).effective_resistance for one in results]
     grid = ac.frequency.values
     middle = float(np.sqrt(grid[0] * grid[-1]))
-    nearest = int(np.abs(grid - middle).argmin())
+    model = ac.model.values[np.abs(grid - middle).argmin()]
     states, pair, coil = ("state",), ("state", "coil"), ("coil",)
     currents, beside_q = np.array([r.currents for r in results]), network.switches.beside_q
+    found, loaded = partial(_of_each, results), [loaded_quality(network, one) for one in results]
     rows = [
-        ("frequency", states, [r.frequency for r in results], "Hz", "resonance frequency"),
-        ("effective_inductance", states, [r.effective_inductance for r in results], "H", "effective inductance"),
-        ("effective_resistance", states, [r.effective_resistance for r in results], "ohm", "effective resistance"),
-        ("quality_factor", states, [r.quality_factor for r in results], "1",
-         f"quality factor of the coil{beside_q}"),
-        ("loaded_quality_factor", states, [loaded_quality(network, r) for r in results], "1",
-         f"quality factor with the tank{beside_q}"),
-        ("state_self_resonance", states, _self_resonances(circuit, results), "Hz",
-         "self-resonance without the tank"),
-        ("parallel_resistance", states, [r.parallel_resistance for r in results], "ohm", "parallel resistance"),
-        ("resistance_ratio", states, [r.effective_resistance / d for r, d in zip(results, direct, strict=True)], "1",
-         "effective resistance, AC over DC"),
+        ("frequency", states, found("frequency"), "Hz", "resonance frequency"),
+        ("effective_inductance", states, found("effective_inductance"), "H", "effective inductance"),
+        ("effective_resistance", states, found("effective_resistance"), "ohm", "effective resistance"),
+        ("quality_factor", states, found("quality_factor"), "1", f"quality factor of the coil{beside_q}"),
+        ("loaded_quality_factor", states, loaded, "1", f"quality factor with the tank{beside_q}"),
+        ("state_self_resonance", states, _self_resonances(circuit, results), "Hz", "self-resonance without the tank"),
+        ("parallel_resistance", states, found("parallel_resistance"), "ohm", "parallel resistance"),
+        ("resistance_ratio", states, found("effective_resistance") / direct, "1", "effective resistance, AC over DC"),
         ("current_real", pair, currents.real, "A/A", "in-phase current"),
         ("current_imag", pair, currents.imag, "A/A", "quadrature current"),
         ("ac_resistance", coil, np.diag(network.resistance(middle)), "ohm", "AC resistance"),
-        ("resistance_model", coil, ac.model.values[nearest].astype(object), "", "model of the AC resistance"),
-    ]  # fmt: skip
+        ("resistance_model", coil, model.astype(object), "", "model of the AC resistance"),
+    ]
     if capacitance is not None:
         own = self_resonance(np.diag(network.inductance), network.winding_capacitance)
         rows += [
@@ -534,8 +489,7 @@ def scan_design(
             ("elastomer_delta", coil, effect.apparent_delta.values, "1", "apparent δ of the elastomer"),
             ("dent_delta_bound", coil, effect.dent_bound.values, "1", "largest apparent δ of a dent"),
         ]
-    names = list(network.names)
-    at = {name: np.array([getattr(one, name) for one in results]) for name in RESONATOR}
+    names, at = list(network.names), {name: found(name) for name in RESONATOR}
     scan = xr.Dataset(
         variables(*rows) | readability(design, states, at, at),
         coords={"state": [state.name for state in plan], "coil": names, "other": names},
@@ -569,15 +523,15 @@ def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
     """
     network = board_circuit(design, accuracy=accuracy).network
     results = [resonate(network, state) for state in design.plan]
-    at = {name: np.array([getattr(one, name) for one in results]) for name in RESONATOR}
+    at = {name: _of_each(results, name) for name in RESONATOR}
     states, within = ("state",), 1 / LARGEST_SHARE_OF_SELF_RESONANCE
+    own = [self_resonance_of(network, one, within) for one in results]
     rows = variables(
         ("frequency", states, at["frequency"], "Hz", "resonance frequency"),
         ("parallel_resistance", states, at["parallel_resistance"], "ohm", "parallel resistance"),
         ("loaded_quality_factor", states, [loaded_quality(network, one) for one in results], "1", "quality factor"),
-        ("state_self_resonance", states, [self_resonance_of(network, one, within) for one in results], "Hz",
-         "self-resonance without the tank"),
-    )  # fmt: skip
+        ("state_self_resonance", states, own, "Hz", "self-resonance without the tank"),
+    )
     return xr.Dataset(rows | readability(design, states, at, at), {"state": [state.name for state in design.plan]})
 
 

@@ -190,11 +190,12 @@ def _octaves(side: float, delta: FloatArray) -> int:
 
 @serial_algebra()
 def resistance_matrix(
-    source: Source, frequencies: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
+    source: Source, frequencies: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER, *, alone: bool = False
 ) -> xr.Dataset:
     """Compute the resistance matrix R(f) of coils in Ω.
 
-    It contains the losses of the coils and their eddy losses in each other's copper. ``resistance``
+    It contains the losses of the coils and, unless each counts `alone`, their eddy losses in each
+    other's copper. ``resistance``
     (frequency, coil, other) is symmetric and positive definite: ½ Re(iᴴ R i) is the loss in W in
     all copper for peak currents i, open and grounded coils included. ``model`` (frequency, coil) is
     an element of `MODELS`:
@@ -245,8 +246,13 @@ def resistance_matrix(
     first = {shapes[c]: c for c in reversed(horizontal)}  # one coil of each shape
     prepared = run_blocks(lambda c: _traces(conductors[c], shapes[c], f, resistivity, wide[:, c]), first.values())
     traces = dict(zip(first, prepared, strict=True))
+    if alone:
+        own = {shape: _trace_losses([conductors[c]], [shape], 0, traces[shape])[:, 0, 0] for shape, c in first.items()}
     for c in horizontal:
-        R += _trace_losses(conductors, shapes, c, traces[shapes[c]])
+        if alone:
+            R[:, c, c] += own[shapes[c]]
+        else:
+            R += _trace_losses(conductors, shapes, c, traces[shapes[c]])
     names = [conductor.name for conductor in conductors]
     model = np.array(MODELS)[wide.astype(int)]
     rows = (

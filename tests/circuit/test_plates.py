@@ -15,7 +15,7 @@ import pytest
 
 import coilarray as ca
 from coilarray.circuit import board_circuit as making
-from coilarray.circuit.board_circuit import PlateEffect, Windings, board_circuit
+from coilarray.circuit.board_circuit import Plates, Windings, board_circuit
 from coilarray.circuit.coupling import design_circuit, design_inductance, scan_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of, solve_state
 from coilarray.circuit.network_files import export_network
@@ -96,9 +96,9 @@ def test_plates_are_computed_where_the_coils_oscillate(
     def samples(frequencies: np.ndarray) -> np.ndarray:
         return (factor - 1) * L * np.exp(-0.01 * np.log(frequencies / 3e6) ** 2)[:, None, None] * (1 - 0.01j)
 
-    def effect(self: Windings, plates: object, low: float, high: float) -> PlateEffect:
+    def effect(self: Windings, plates: object, low: float, high: float) -> Plates:
         band = FrequencyBand(low, high)
-        return PlateEffect(band, samples(band.nodes))
+        return Plates(band, samples(band.nodes), np.sqrt(low * high))
 
     monkeypatch.setattr(Windings, "plate_effect", effect)
     # another digest for each: what is kept in memory is of no other test
@@ -109,7 +109,7 @@ def test_plates_are_computed_where_the_coils_oscillate(
         k = design.array.names.index(one.state.name)
         own = L[k, k] + samples(np.array([one.frequency]))[0, k, k].real
         assert one.effective_inductance == pytest.approx(own, rel=1e-3)  # losses of 1 %, and 13 nodes a decade
-        assert plates.effect.band.holds(np.array([one.frequency]))
+        assert plates.band.holds(np.array([one.frequency]))
 
 
 def test_many_coils_together_and_one_by_one(shielded: ca.Design) -> None:
