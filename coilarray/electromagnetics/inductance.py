@@ -51,11 +51,10 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     (l1,), (l2,) = first.lengths, second.lengths
     u = (first.vertices[1] - first.vertices[0]) / l1
     v = (second.vertices[1] - second.vertices[0]) / l2
-    arguments = [*first.vertices[0], *u, l1, *second.vertices[0], *v, l2]
     short, long = sorted((first, second), key=lambda path: float(path.lengths[0]))
     if short.lengths[0] < _SHORT * _distance(short, long):
         return float(_SCALE * (u @ v) * _short_filament(short, long))
-    integral = filament_pair(*arguments)
+    integral = filament_pair(tuple(u), l1, tuple(second.vertices[0] - first.vertices[0]), tuple(v), l2)
     if not np.isfinite(integral):
         raise GeometryError("the two filaments overlap on one line: their mutual inductance is infinite.")
     return float(_SCALE * integral)

@@ -44,7 +44,8 @@ def corner_by_brute_force(one, other):
         for t, of_t in zip(other[10] / 2 * x, weight / 2, strict=True):
             at = apart + t * other[7:10] - s * one[7:10]
             for h, of_h in zip((1 + z) / 2, of_z, strict=True):  # density 1 − h of two layers' offset
-                pair = filament_pair(0, 0, 0, *one[3:7], *at[:2], at[2] + one[11] * h, *other[3:7])
+                start = at[0], at[1], at[2] + one[11] * h
+                pair = filament_pair(tuple(one[3:6]), one[6], start, tuple(other[3:6]), other[6])
                 total += of_s * of_t * of_h * (1 - h) * pair
     return total
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 from numba import boolean, float64, int64, njit
 from numba.core.registry import CPUDispatcher
-from numba.core.types import Array
+from numba.core.types import Array, UniTuple
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -36,20 +36,22 @@ def compile_kernels() -> list[Any]:
     from coilarray.electromagnetics.kernels import bars, paths, sections, segments
 
     row, table, indices = float64[::1], float64[:, ::1], int64[::1]
+    vector = UniTuple(float64, 3)
+    pair = (vector, float64, vector, vector, float64)
     constants = Array(float64, 1, "C", readonly=True)
     kernels: tuple[tuple[Any, tuple[Any, ...]], ...] = (
         (paths._corner_rule, (row, row, boolean, int64, table)),
         (paths._angled_rule, (row, row, float64, boolean, int64, table)),
-        (bars.filament_pair, (float64,) * 14),
+        (bars.filament_pair, pair),
         (bars.parallel_bars, (float64,) * 9),
-        (paths._touching_parallel_bars, (row, row, *(float64,) * 4)),
+        (paths._touching_parallel_bars, (row, row, vector, float64)),
         (paths.batch_sum, (row, int64, table)),
         (sections.transverse_fields, (table, indices, *(table,) * 4)),
         (paths.add_node_sums, (*(table,) * 5, row)),
         (segments.add_magnetic_field, (row, row, row, table, indices, *(row,) * 5)),
         (bars.bar_self, (float64,) * 3),
-        (paths._parallel_rule, (row, row, *(float64,) * 3, boolean, int64, table)),
-        (bars.filament_pair_far, (*(float64,) * 14, constants, constants)),
+        (paths._parallel_rule, (row, row, vector, boolean, int64, table)),
+        (bars.filament_pair_far, (*pair, constants, constants)),
         (sections.pair_logs, (table, table, float64, float64, table)),
     )
     for made, arguments in kernels:

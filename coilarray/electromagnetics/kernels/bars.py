@@ -19,19 +19,15 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels import kernel
-from coilarray.electromagnetics.kernels.segments import log_of_ratio
-
-Point = tuple[float, float, float]
+from coilarray.electromagnetics.kernels.segments import Vector, cross, dot, log_of_ratio, moved, norm
 
 PARALLEL_SIN2 = 1e-9  # sin² of the angle below which the panel rule replaces the skew form, which errs like 1e-17/sin²
 COLLINEAR = 1e-13  # of the lengths: distance of parallel lines that count as one
 _NEAR = 1e-3  # of the distances to the ends; nearer, r1 + r2 − length would lose more than three digits
 _ON_LINE = 1e-32  # of the distances to the ends; least r1 + r2 − length, so that its logarithm is finite
 
-_GAUSS_12 = np.polynomial.legendre.leggauss(12)
-_NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAUSS_12[1])
-_GAUSS_16 = np.polynomial.legendre.leggauss(16)
-_NODES_16, _WEIGHTS_16 = np.ascontiguousarray(_GAUSS_16[0]), np.ascontiguousarray(_GAUSS_16[1])
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_NODES_16, _WEIGHTS_16 = np.polynomial.legendre.leggauss(16)
 
 
 @kernel
@@ -42,25 +38,20 @@ def _second_integral(z: float, rho2: float) -> float:
 
 
 @kernel
-def _second_integral_on_the_line(z: float) -> float:
+def _on_the_line(z: float) -> float:
     """Second antiderivative for ρ → 0 without the cancelling terms."""
-    return abs(z) * math.log(abs(z)) - abs(z) if z != 0.0 else 0.0
+    return z * math.log(z) - z if z != 0.0 else 0.0
 
 
 @kernel
 def parallel_filaments(rho: float, offset: float, length_1: float, length_2: float) -> float:
     """Integral ∬ dz dz'/R over [0, length_1] and `offset` + [0, length_2], `rho` apart."""
-    z0, z1, z2, z3 = offset + length_2, offset, offset + length_2 - length_1, offset - length_1
+    z0, z1, z2, z3 = abs(offset + length_2), abs(offset), abs(offset + length_2 - length_1), abs(offset - length_1)
     if rho == 0.0:
-        return (
-            _second_integral_on_the_line(z0) - _second_integral_on_the_line(z1)
-            - _second_integral_on_the_line(z2) + _second_integral_on_the_line(z3)
-        )  # fmt: skip
+        return _on_the_line(z0) - _on_the_line(z1) - _on_the_line(z2) + _on_the_line(z3)
     rho2 = rho * rho
-    return (
-        _second_integral(abs(z0), rho2) - _second_integral(abs(z1), rho2)
-        - _second_integral(abs(z2), rho2) + _second_integral(abs(z3), rho2)
-    )  # fmt: skip
+    first, second = _second_integral(z0, rho2) - _second_integral(z1, rho2), _second_integral(z2, rho2)
+    return first - second + _second_integral(z3, rho2)
 
 
 @kernel
@@ -77,15 +68,15 @@ def _line_potential(r1: float, r2: float, length: float) -> float:
 
 
 @kernel
-def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: float, length: float) -> float:
+def _near_potential(at: Vector, u: Vector, length: float) -> float:
     """Potential ∫ dl/R of a segment at a point near or on it.
 
     With ρ from the line and a, b along it from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is
     a sum of positive parts ρ²/(r + a) for a > 0, so nothing cancels.
     """
-    cx, cy, cz = uy * z - uz * y, uz * x - ux * z, ux * y - uy * x
-    rho2 = cx * cx + cy * cy + cz * cz
-    a = ux * x + uy * y + uz * z
+    across = cross(u, at)
+    rho2 = dot(across, across)
+    a = dot(u, at)
     b = length - a
     r1, r2 = math.sqrt(a * a + rho2), math.sqrt(b * b + rho2)
     gap = (rho2 / (r1 + a) if a > 0.0 else r1 - a) + (rho2 / (r2 + b) if b > 0.0 else r2 - b)
@@ -95,15 +86,8 @@ def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: floa
 
 
 @kernel
-def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
-    return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz))
-
-
-@kernel
-def _graded(
-    p0: Point, u: Point, length_1: float, q0: Point, v: Point, start: float, end: float, finest: float
-) -> float:
-    """Integrate a filament's potential along q0 + t v from `start` to `end`.
+def _graded(u: Vector, length_1: float, q0: Vector, v: Vector, start: float, end: float, finest: float) -> float:
+    """Integrate the potential of a filament from the origin along q0 + t v from `start` to `end`.
 
     The panels halve towards `start`, the last at most `finest` long.
     """
@@ -115,14 +99,10 @@ def _graded(
             near = start
         half, middle = 0.5 * (far - near), 0.5 * (far + near)
         for g in range(_NODES.shape[0]):
-            t = middle + half * _NODES[g]
-            x, y, z = q0[0] - p0[0] + t * v[0], q0[1] - p0[1] + t * v[1], q0[2] - p0[2] + t * v[2]
-            r1 = math.sqrt(x * x + y * y + z * z)
-            r2 = _distance(x, y, z, length_1 * u[0], length_1 * u[1], length_1 * u[2])
+            at = moved(q0, middle + half * _NODES[g], v)
+            r1, r2 = norm(at), norm(moved(at, -length_1, u))
             value = (
-                _near_potential(x, y, z, u[0], u[1], u[2], length_1)
-                if _is_near(r1, r2, length_1)
-                else _line_potential(r1, r2, length_1)
+                _near_potential(at, u, length_1) if _is_near(r1, r2, length_1) else _line_potential(r1, r2, length_1)
             )
             total += abs(half) * _WEIGHTS[g] * value
         far = near
@@ -130,33 +110,30 @@ def _graded(
 
 
 @kernel
-def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2: float) -> float:
-    """Neumann's integral ∬ dl dl'/R of nearly parallel filaments.
+def _panels(u: Vector, length_1: float, q0: Vector, v: Vector, length_2: float) -> float:
+    """Neumann's integral ∬ dl dl'/R of nearly parallel filaments, the first from the origin.
 
     Closed inner integral, and a Gauss rule on panels that halve towards the places where the outer
     point passes an end of the inner filament, and where the lines cross.
     """
-    dx, dy, dz = q0[0] - p0[0], q0[1] - p0[1], q0[2] - p0[2]
-    at_0 = -(dx * v[0] + dy * v[1] + dz * v[2])
-    at_1 = at_0 + length_1 * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+    cosine = dot(u, v)
+    at_0 = -dot(q0, v)
+    at_1 = at_0 + length_1 * cosine
     # across the first line: from it to the start of the second, and the drift of the second
-    offset, cosine = dx * u[0] + dy * u[1] + dz * u[2], u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-    ex, ey, ez = dx - offset * u[0], dy - offset * u[1], dz - offset * u[2]
-    wx, wy, wz = v[0] - cosine * u[0], v[1] - cosine * u[1], v[2] - cosine * u[2]
-    w2 = wx * wx + wy * wy + wz * wz
-    crossing = -(ex * wx + ey * wy + ez * wz) / w2 if w2 > 0.0 else 0.0
+    apart, drift = moved(q0, -dot(q0, u), u), moved(v, -cosine, u)
+    drift2 = dot(drift, drift)
+    crossing = -dot(apart, drift) / drift2 if drift2 > 0.0 else 0.0
     low, high = min(max(min(at_0, at_1), 0.0), length_2), min(max(at_0, at_1, 0.0), length_2)
     crossing = min(max(crossing, 0.0), length_2)
     places = (0.0, min(low, crossing), max(low, min(high, crossing)), max(high, crossing), length_2)
     total = 0.0
     # The distance to the line is least at the crossing. Nothing varies faster than on its scale.
-    rx, ry, rz = ex + crossing * wx, ey + crossing * wy, ez + crossing * wz
-    finest = max(math.sqrt(rx * rx + ry * ry + rz * rz), 1e-15 * length_2)
+    finest = max(norm(moved(apart, crossing, drift)), 1e-15 * length_2)
     for k in range(4):
         start, end = places[k], places[k + 1]
         between = start if k == 0 else end if k == 3 else 0.5 * (start + end)
-        total += _graded(p0, u, length_1, q0, v, start, between, finest)
-        total += _graded(p0, u, length_1, q0, v, end, between, finest)
+        total += _graded(u, length_1, q0, v, start, between, finest)
+        total += _graded(u, length_1, q0, v, end, between, finest)
     return total
 
 
@@ -167,53 +144,36 @@ def _angle_between(x1: float, y1: float, x2: float, y2: float) -> float:
 
 
 @kernel
-def filament_pair(
-    p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
-    q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
-) -> float:  # fmt: skip
-    """Neumann's integral of p0 + s u and q0 + t v, inf if they overlap."""
-    cosine = ux * vx + uy * vy + uz * vz
-    wx = uy * vz - uz * vy
-    wy = uz * vx - ux * vz
-    wz = ux * vy - uy * vx
-    sine2 = wx * wx + wy * wy + wz * wz
-    dx, dy, dz = q0x - p0x, q0y - p0y, q0z - p0z
+def filament_pair(u: Vector, length_1: float, q: Vector, v: Vector, length_2: float) -> float:
+    """Neumann's integral of the filaments s u and q + t v, inf if they overlap."""
+    cosine = dot(u, v)
+    w = cross(u, v)
+    sine2 = dot(w, w)
     if sine2 < PARALLEL_SIN2:
-        return _nearly_parallel(p0x, p0y, p0z, ux, uy, uz, length_1, q0x, q0y, q0z, vx, vy, vz, length_2, cosine, sine2)
-    # feet of the common perpendicular, measured along u from p0 and along v from q0
-    cx = dy * vz - dz * vy
-    cy = dz * vx - dx * vz
-    cz = dx * vy - dy * vx
-    foot_1 = (cx * wx + cy * wy + cz * wz) / sine2
-    cx = dy * uz - dz * uy
-    cy = dz * ux - dx * uz
-    cz = dx * uy - dy * ux
-    foot_2 = (cx * wx + cy * wy + cz * wz) / sine2
+        return _nearly_parallel(u, length_1, q, v, length_2, cosine, sine2)
+    # from the feet of the common perpendicular to the ends, along u and along v
+    a1, b1 = -dot(cross(q, v), w) / sine2, -dot(cross(q, u), w) / sine2
+    a2, b2 = length_1 + a1, length_2 + b1
     sine = math.sqrt(sine2)
-    height = abs(dx * wx + dy * wy + dz * wz) / sine
-    a1, a2 = -foot_1, length_1 - foot_1
-    b1, b2 = -foot_2, length_2 - foot_2
-    p1x, p1y, p1z = p0x + length_1 * ux, p0y + length_1 * uy, p0z + length_1 * uz
-    q1x, q1y, q1z = q0x + length_2 * vx, q0y + length_2 * vy, q0z + length_2 * vz
-    r11 = _distance(p0x, p0y, p0z, q0x, q0y, q0z)
-    r12 = _distance(p0x, p0y, p0z, q1x, q1y, q1z)
-    r21 = _distance(p1x, p1y, p1z, q0x, q0y, q0z)
-    r22 = _distance(p1x, p1y, p1z, q1x, q1y, q1z)
+    height = abs(dot(q, w)) / sine
+    end = moved(q, length_2, v)
+    r11, r12, r21, r22 = norm(q), norm(end), norm(moved(q, -length_1, u)), norm(moved(end, -length_1, u))
     if (
-        _is_near(r21, r22, length_2) or _is_near(r11, r12, length_2)
-        or _is_near(r12, r22, length_1) or _is_near(r11, r21, length_1)
-    ):  # fmt: skip
+        _is_near(r21, r22, length_2)
+        or _is_near(r11, r12, length_2)
+        or _is_near(r12, r22, length_1)
+        or _is_near(r11, r21, length_1)
+    ):
+        start = (-q[0], -q[1], -q[2])
         total = (
-            a2 * _near_potential(p1x - q0x, p1y - q0y, p1z - q0z, vx, vy, vz, length_2)
-            - a1 * _near_potential(p0x - q0x, p0y - q0y, p0z - q0z, vx, vy, vz, length_2)
-            + b2 * _near_potential(q1x - p0x, q1y - p0y, q1z - p0z, ux, uy, uz, length_1)
-            - b1 * _near_potential(q0x - p0x, q0y - p0y, q0z - p0z, ux, uy, uz, length_1)
+            a2 * _near_potential(moved(start, length_1, u), v, length_2)
+            - a1 * _near_potential(start, v, length_2)
+            + b2 * _near_potential(end, u, length_1)
+            - b1 * _near_potential(q, u, length_1)
         )
     else:
-        total = (
-            a2 * _line_potential(r21, r22, length_2) - a1 * _line_potential(r11, r12, length_2)
-            + b2 * _line_potential(r12, r22, length_1) - b1 * _line_potential(r11, r21, length_1)
-        )  # fmt: skip
+        total = a2 * _line_potential(r21, r22, length_2) - a1 * _line_potential(r11, r12, length_2)
+        total += b2 * _line_potential(r12, r22, length_1) - b1 * _line_potential(r11, r21, length_1)
     if height > COLLINEAR * (length_1 + length_2):
         h2c = height * height * cosine
         hs = height * sine
@@ -226,59 +186,44 @@ def filament_pair(
 
 @kernel
 def _nearly_parallel(
-    p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
-    q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
-    cosine: float, sine2: float,
-) -> float:  # fmt: skip
+    u: Vector, length_1: float, q: Vector, v: Vector, length_2: float, cosine: float, sine2: float
+) -> float:
     """Neumann's integral of parallel or nearly parallel filaments."""
     sign = 1.0
     if cosine < 0.0:  # turn the second filament round
-        q0x, q0y, q0z = q0x + length_2 * vx, q0y + length_2 * vy, q0z + length_2 * vz
-        vx, vy, vz = -vx, -vy, -vz
+        q, v = moved(q, length_2, v), (-v[0], -v[1], -v[2])
         sign = -1.0
-    dx, dy, dz = q0x - p0x, q0y - p0y, q0z - p0z
-    offset = dx * ux + dy * uy + dz * uz
-    ex, ey, ez = dx - offset * ux, dy - offset * uy, dz - offset * uz
-    rho = math.sqrt(ex * ex + ey * ey + ez * ez)
+    offset = dot(q, u)
+    apart = moved(q, -offset, u)
+    rho = norm(apart)
     extent = length_1 + length_2
     one_line = COLLINEAR * extent
-    along = length_2 * abs(cosine)
-    ex, ey, ez = ex + length_2 * vx - along * ux, ey + length_2 * vy - along * uy, ez + length_2 * vz - along * uz
-    if max(rho, math.sqrt(ex * ex + ey * ey + ez * ez)) < one_line:  # at both ends of the second filament
+    at_end = moved(moved(apart, length_2, v), -length_2 * abs(cosine), u)
+    if max(rho, norm(at_end)) < one_line:  # at both ends of the second filament
         overlap = min(length_1, offset + length_2) - max(0.0, offset)
         if overlap > one_line:
             return sign * math.inf
         return sign * parallel_filaments(0.0, offset, length_1, length_2)
     if sine2 * extent * extent < COLLINEAR * COLLINEAR * rho * rho:
         return sign * parallel_filaments(rho, offset, length_1, length_2)
-    return (
-        sign * abs(cosine) * _panels((p0x, p0y, p0z), (ux, uy, uz), length_1, (q0x, q0y, q0z), (vx, vy, vz), length_2)
-    )
+    return sign * abs(cosine) * _panels(u, length_1, q, v, length_2)
 
 
 @kernel
 def filament_pair_far(
-    p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
-    q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
-    nodes: FloatArray, weights: FloatArray,
-) -> float:  # fmt: skip
+    u: Vector, length_1: float, q: Vector, v: Vector, length_2: float, nodes: FloatArray, weights: FloatArray
+) -> float:
     """Compute `filament_pair` by Gauss rules, at distances above both lengths."""
-    cosine = ux * vx + uy * vy + uz * vz
     h1, h2 = 0.5 * length_1, 0.5 * length_2
-    dx = q0x + h2 * vx - p0x - h1 * ux
-    dy = q0y + h2 * vy - p0y - h1 * uy
-    dz = q0z + h2 * vz - p0z - h1 * uz
+    middles = moved(moved(q, h2, v), -h1, u)
     total = 0.0
     for i in range(nodes.shape[0]):
-        s = h1 * nodes[i]
-        ex, ey, ez = dx - s * ux, dy - s * uy, dz - s * uz
+        apart = moved(middles, -h1 * nodes[i], u)
         inner = 0.0
         for j in range(nodes.shape[0]):
-            t = h2 * nodes[j]
-            rx, ry, rz = ex + t * vx, ey + t * vy, ez + t * vz
-            inner += weights[j] / math.sqrt(rx * rx + ry * ry + rz * rz)
+            inner += weights[j] / norm(moved(apart, h2 * nodes[j], v))
         total += weights[i] * inner
-    return cosine * h1 * h2 * total
+    return dot(u, v) * h1 * h2 * total
 
 
 @kernel

@@ -28,13 +28,12 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels import kernel
 from coilarray.electromagnetics.kernels.bars import filament_pair, filament_pair_far, parallel_bars
-from coilarray.electromagnetics.kernels.segments import log_of_ratio
+from coilarray.electromagnetics.kernels.segments import Vector, cross, dot, log_of_ratio, moved, norm
 
 MOST_NODES = 32  # along one segment; pairs that need more are left to the closed forms
 APART = 7.6  # distance in widths from which two nodes across suffice, for each width: ln ρ ≥ 3.45 in `kernels.paths`
 CAPACITY = 4096  # nodes that are evaluated together, whose four arrays fit the caches
 _LANES = 8
-Vector = tuple[float, float, float]
 MAX_NODES = 16  # of the Gauss rules in the tables
 # most filament pairs of a pair of bars, from three Gauss rules, and four signs or pieces
 RULE_SIZE = 4 * MAX_NODES**2 * MAX_NODES
@@ -114,16 +113,12 @@ def node_count(distance: float, length: float, least: FloatArray) -> int:
 
 
 @kernel
-def add_nodes(
-    count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
-) -> int:
-    """Collect a segment's nodes from (dx, dy, dz) in `batch` (x, y, z, weight)."""
+def add_nodes(count: int, b: FloatArray, start: Vector, weight: float, n: int, batch: FloatArray) -> int:
+    """Collect a segment's nodes from `start` in `batch` (x, y, z, weight)."""
     half = 0.5 * b[6]
     for k in range(n):
         t = half * (1.0 + _NODES[n, k])
-        batch[0, count] = dx + t * b[3]
-        batch[1, count] = dy + t * b[4]
-        batch[2, count] = dz + t * b[5]
+        batch[0, count], batch[1, count], batch[2, count] = moved(start, t, _along(b))
         batch[3, count] = weight * half * _WEIGHTS[n, k]
         count += 1
     return count
@@ -179,32 +174,35 @@ _TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 
 @kernel
-def _normal(a: FloatArray) -> Vector:
-    """Direction across the thickness of a bar."""
-    return a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+def _along(a: FloatArray) -> Vector:
+    """Direction of a bar."""
+    return a[3], a[4], a[5]
+
+
+@kernel
+def _lateral(a: FloatArray) -> Vector:
+    """Direction across the width of a bar."""
+    return a[7], a[8], a[9]
 
 
 @kernel
 def _same_side(a: FloatArray, b: FloatArray) -> float:
     """Return 1 if the lateral directions of two bars agree, else −1."""
-    return 1.0 if a[7] * b[7] + a[8] * b[8] + a[9] * b[9] > 0.0 else -1.0
+    return 1.0 if dot(_lateral(a), _lateral(b)) > 0.0 else -1.0
 
 
 @kernel
-def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
+def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[Vector, float]:
     """Vector between the starts of a bar and a moved bar, and distance of their middles."""
-    dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
-    first, second = 0.5 * a[6], 0.5 * b[6]
-    mx, my, mz = dx + second * b[3] - first * a[3], dy + second * b[4] - first * a[4], dz + second * b[5] - first * a[5]
-    return dx, dy, dz, math.sqrt(mx * mx + my * my + mz * mz)
+    apart = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
+    return apart, norm(moved(moved(apart, 0.5 * b[6], _along(b)), -0.5 * a[6], _along(a)))
 
 
 @kernel
-def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> Vector:
-    """Shortest vector between segments whose starts are (dx, dy, dz) apart."""
-    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
-    du = dx * a[3] + dy * a[4] + dz * a[5]
-    dv = dx * b[3] + dy * b[4] + dz * b[5]
+def closest_offset(apart: Vector, a: FloatArray, b: FloatArray) -> Vector:
+    """Shortest vector between segments whose starts are `apart`."""
+    u, v = _along(a), _along(b)
+    cosine, du, dv = dot(u, v), dot(apart, u), dot(apart, v)
     sine2 = 1.0 - cosine * cosine
     s = (du - cosine * dv) / sine2 if sine2 > 1e-12 else 0.5 * a[6]
     s = min(max(s, 0.0), a[6])
@@ -212,15 +210,14 @@ def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray
     t = min(max(t, 0.0), b[6])
     s = min(max(cosine * t + du, 0.0), a[6])
     t = min(max(cosine * s - dv, 0.0), b[6])
-    return (dx + t * b[3] - s * a[3], dy + t * b[4] - s * a[4], dz + t * b[5] - s * a[5])
+    return moved(moved(apart, t, v), -s, u)
 
 
 @kernel
 def _log_bernstein(x: float, y: float) -> float:
     """Logarithm ln ρ of the Bernstein ellipse through x + iy, where n nodes err like ρ^(−2n)."""
-    return math.log(0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) + math.sqrt(
-        max(0.25 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) ** 2 - 1.0, 0.0)
-    ))  # fmt: skip
+    mean = 0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y))
+    return math.log(mean + math.sqrt(max(mean * mean - 1.0, 0.0)))
 
 
 @kernel
@@ -229,27 +226,22 @@ def _set_offset(
 ) -> None:
     """Write row k: filaments s and t beside two bars' middles, h apart."""
     rule[k, 0] = weight
-    rule[k, 1] = t * b[7] - s * a[7] + h * normal[0]
-    rule[k, 2] = t * b[8] - s * a[8] + h * normal[1]
-    rule[k, 3] = t * b[9] - s * a[9] + h * normal[2]
+    for axis in range(3):
+        rule[k, 1 + axis] = t * b[7 + axis] - s * a[7 + axis] + h * normal[axis]
 
 
 @kernel
-def _parallel_rule(
-    a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
-) -> int:  # fmt: skip
+def _parallel_rule(a: FloatArray, b: FloatArray, nearest: Vector, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of equal parallel bars, none if they touch.
 
-    The nearest places are (gx, gy, gz) apart. The lateral offset has a triangular density on
+    `nearest` is between the nearest places. The lateral offset has a triangular density on
     [−width, width], and likewise across the thickness. Its direction is the mean of both bars, so
     that a tilt counts in second order. Bars `level` with each other have equal offsets up and down.
     """
     width, thickness = a[10], a[11]
-    normal = _normal(a)
+    normal = cross(_along(a), _lateral(a))
     side = 0.5 * _same_side(a, b)
-    lateral = abs(gx * a[7] + gy * a[8] + gz * a[9])
-    above = abs(gx * normal[0] + gy * normal[1] + gz * normal[2])
-    axial = abs(gx * a[3] + gy * a[4] + gz * a[5])
+    lateral, above, axial = abs(dot(nearest, _lateral(a))), abs(dot(nearest, normal)), abs(dot(nearest, _along(a)))
     # The nearest singularities, in the plane of the complex offset.
     log_w = _log_bernstein(lateral / width, math.hypot(above, axial) / width)
     beside = math.hypot(max(lateral - width, 0.0), axial)
@@ -278,20 +270,11 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     Across the bars the kernel is harmonic, so only the difference of both variances counts.
     """
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
-    step = math.sqrt(abs(variance))
-    side = _same_side(a, b)
-    across = (0.5 * (a[7] + side * b[7]), 0.5 * (a[8] + side * b[8]), 0.5 * (a[9] + side * b[9]))
-    direction = across if variance > 0.0 else _normal(a)
-    return step * direction[0], step * direction[1], step * direction[2]
-
-
-@kernel
-def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
-    """Offsets of distant parallel bars, see `_two_node_offset`."""
-    offset = _two_node_offset(a, b)
-    for k in range(2):
-        _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
-    return 2
+    if variance > 0.0:
+        across, side = moved(_lateral(a), _same_side(a, b), _lateral(b)), 0.5
+    else:
+        across, side = cross(_along(a), _lateral(a)), 1.0
+    return moved((0.0, 0.0, 0.0), side * math.sqrt(abs(variance)), across)
 
 
 @kernel
@@ -304,7 +287,7 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
     n = min(math.ceil(-_LOG_TOLERANCE_ANGLED / (2.0 * log_rho)) + extra, MAX_NODES)
     half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
-    normal = _normal(a)
+    normal = cross(_along(a), _lateral(a))
     sides = 1 if level or half == 0.0 else 2
     count = 0
     for k in range(n):
@@ -342,7 +325,7 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)
     thickness = 0.5 * (a[11] + b[11])
-    normal = _normal(a)
+    normal = cross(_along(a), _lateral(a))
     sides = 1 if level else 2
     same = 1.0 if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > 0.0 else -1.0
     count = 0
@@ -370,7 +353,7 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
     n = min(5 + extra, _WIDE_NODES)
     n_z = min(3 + extra, _WIDE_LAYERS)
     thickness = 0.5 * (a[11] + b[11])
-    normal = _normal(a)
+    normal = cross(_along(a), _lateral(a))
     sides = 1 if level else 2
     edge, other = 0.5 * a[10], 0.5 * b[10]
     near, far = min(abs(cosine) * other, edge), min(other / abs(cosine), edge)
@@ -397,61 +380,52 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
 
 
 @kernel
-def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
-    """Exact integral of touching parallel bars, starts (dx, dy, dz) apart."""
-    sign = 1.0 if cosine > 0.0 else -1.0
+def _touching_parallel_bars(a: FloatArray, b: FloatArray, apart: Vector, cosine: float) -> float:
+    """Exact integral of touching parallel bars, whose starts are `apart`."""
     # The start of the second bar that comes first along the first bar, and its middle.
-    ex = dx + (0.0 if cosine > 0.0 else b[6] * b[3])
-    ey = dy + (0.0 if cosine > 0.0 else b[6] * b[4])
-    ez = dz + (0.0 if cosine > 0.0 else b[6] * b[5])
-    half = 0.5 * b[6] * sign
-    cx, cy, cz = ex + half * b[3], ey + half * b[4], ez + half * b[5]
-    normal = _normal(a)
-    return cosine * parallel_bars(
-        a[6], a[10], a[11], b[6], b[10], b[11],
-        cx * a[7] + cy * a[8] + cz * a[9] + 0.5 * (a[10] - b[10]),
-        cx * normal[0] + cy * normal[1] + cz * normal[2] + 0.5 * (a[11] - b[11]),
-        ex * a[3] + ey * a[4] + ez * a[5],
-    )  # fmt: skip
+    first = apart if cosine > 0.0 else moved(apart, b[6], _along(b))
+    middle = moved(apart, 0.5 * b[6], _along(b))
+    across = dot(middle, _lateral(a)) + 0.5 * (a[10] - b[10])
+    up = dot(middle, cross(_along(a), _lateral(a))) + 0.5 * (a[11] - b[11])
+    return cosine * parallel_bars(a[6], a[10], a[11], b[6], b[10], b[11], across, up, dot(first, _along(a)))
 
 
 @kernel
-def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, tolerance: float) -> bool:
+def _ends_meet(apart: Vector, a: FloatArray, b: FloatArray, tolerance: float) -> bool:
     """Check whether ends of two segments are within `tolerance`."""
     for i in range(2):
         for j in range(2):
-            s, t = i * a[6], j * b[6]
-            x = dx + t * b[3] - s * a[3]
-            y = dy + t * b[4] - s * a[4]
-            z = dz + t * b[5] - s * a[5]
-            if x * x + y * y + z * z < tolerance * tolerance:
+            if norm(moved(moved(apart, j * b[6], _along(b)), -i * a[6], _along(a))) < tolerance:
                 return True
     return False
 
 
 @kernel
 def _offsets(
-    a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float, centre_distance: float,
-    near_widths: float, extra: int, rule: FloatArray,
+    a: FloatArray, b: FloatArray, apart: Vector, cosine: float, middles: float, near_widths: float, extra: int,
+    rule: FloatArray,
 ) -> int:  # fmt: skip
     """Write two bars' offsets, zero for centre lines, none for touching parallel bars."""
     rule[0, 0], rule[0, 1], rule[0, 2], rule[0, 3] = 1.0, 0.0, 0.0, 0.0
     size = max(a[10], b[10], a[11], b[11])
-    if size == 0.0 or centre_distance - 0.5 * (a[6] + b[6]) >= near_widths * size:
+    if size == 0.0 or middles - 0.5 * (a[6] + b[6]) >= near_widths * size:
         return 1
-    gx, gy, gz = closest_offset(dx, dy, dz, a, b)
-    distance = math.sqrt(gx * gx + gy * gy + gz * gz)
+    nearest = closest_offset(apart, a, b)
+    distance = norm(nearest)
     if distance >= near_widths * size:
         return 1
     parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
-    level = dz == 0.0 and a[5] == 0.0 and b[5] == 0.0
+    level = apart[2] == 0.0 and a[5] == 0.0 and b[5] == 0.0
     if parallel and a[10] == b[10] and a[11] == b[11]:
         if distance > NODE_PAIR * size:
-            return _two_node_rule(a, b, rule)
-        return _parallel_rule(a, b, gx, gy, gz, level, extra, rule)
+            offset = _two_node_offset(a, b)
+            for k in range(2):
+                _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
+            return 2
+        return _parallel_rule(a, b, nearest, level, extra, rule)
     if parallel and distance < size:
         return 0
-    if distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
+    if distance < TOUCHING * size and _ends_meet(apart, a, b, TOUCHING * size):
         if abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size:
             return _wide_corner_rule(a, b, cosine, level, extra, rule)
         return _corner_rule(a, b, level, extra, rule)
@@ -467,30 +441,28 @@ def bar_pair(
     Bars farther apart than `near_widths` widths are taken as their centre lines, which leaves out
     about (1/near_widths)²/12 of the pair. `extra` adds nodes to every rule, `rule` is scratch.
     """
-    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    u, v = _along(a), _along(b)
+    cosine = dot(u, v)
     if abs(cosine) < 1e-15:
         return 0.0
-    dx, dy, dz, centre_distance = _between(a, b, shift)
-    count = _offsets(a, b, dx, dy, dz, cosine, centre_distance, near_widths, extra, rule)
+    apart, middles = _between(a, b, shift)
+    count = _offsets(a, b, apart, cosine, middles, near_widths, extra, rule)
     if count == 0:
-        return _touching_parallel_bars(a, b, dx, dy, dz, cosine)
+        return _touching_parallel_bars(a, b, apart, cosine)
     longest = max(a[6], b[6])
     nodes = 0  # along distant filaments
-    if centre_distance > 2.0 * longest:
-        log_rho = _log_bernstein(2.0 * centre_distance / longest - 1.0, 0.0)
+    if middles > 2.0 * longest:
+        log_rho = _log_bernstein(2.0 * middles / longest - 1.0, 0.0)
         tolerance = _LOG_TOLERANCE_FILAMENTS if max(a[10], b[10], a[11], b[11]) == 0.0 else _LOG_TOLERANCE
         nodes = min(math.ceil(-tolerance / (2.0 * log_rho)) + extra, MAX_NODES)
     total = 0.0
     weights = 0.0
     for k in range(count):
-        qx, qy, qz = dx + rule[k, 1], dy + rule[k, 2], dz + rule[k, 3]
+        q = (apart[0] + rule[k, 1], apart[1] + rule[k, 2], apart[2] + rule[k, 3])
         if nodes > 0:
-            value = filament_pair_far(
-                0.0, 0.0, 0.0, a[3], a[4], a[5], a[6], qx, qy, qz, b[3], b[4], b[5], b[6],
-                _NODES[nodes, :nodes], _WEIGHTS[nodes, :nodes],
-            )  # fmt: skip
+            value = filament_pair_far(u, a[6], q, v, b[6], _NODES[nodes, :nodes], _WEIGHTS[nodes, :nodes])
         else:
-            value = filament_pair(0.0, 0.0, 0.0, a[3], a[4], a[5], a[6], qx, qy, qz, b[3], b[4], b[5], b[6])
+            value = filament_pair(u, a[6], q, v, b[6])
         total += rule[k, 0] * value
         weights += rule[k, 0]
     return total / weights
@@ -504,38 +476,31 @@ def _collect(
 
     Two lateral offsets of each bar stand for the cross-sections, of parallel bars two in all.
     """
-    dx, dy, dz, centre_distance = _between(a, b, shift)
+    apart, middles = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])
-    distance = centre_distance - 0.5 * (a[6] + b[6])
+    distance = middles - 0.5 * (a[6] + b[6])
     if distance < max(b[6], near_widths * size):
-        gx, gy, gz = closest_offset(dx, dy, dz, a, b)
-        distance = math.sqrt(gx * gx + gy * gy + gz * gz)
+        distance = norm(closest_offset(apart, a, b))
         if distance < APART * size or distance < 0.01 * b[6] or distance < 0.01 * a[6]:
             return -1
     nodes = node_count(distance, b[6], _LEAST_FILAMENTS if size == 0.0 else _LEAST) + extra
     if nodes > MOST_NODES:
         return -1
-    # Offsets across the bars are ±s of the first and ±t of the second. One loop lets `add_nodes` be
-    # compiled once.
-    sx, sy, sz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
-    sides = 1
+    # Offsets across the bars are ±s along the first and ±t along `across`. One loop lets `add_nodes`
+    # be compiled once.
+    s, across, sides = 0.0, (0.0, 0.0, 0.0), 1
+    cosine = dot(_along(a), _along(b))
     if distance < near_widths * size:
         if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
             if distance < NODE_PAIR * size:
                 return -1
-            sides = 2
-            tx, ty, tz = _two_node_offset(a, b)
+            sides, across = 2, _two_node_offset(a, b)
         else:
-            sides = 4
-            sx, sy, sz = INNER * a[10] * a[7], INNER * a[10] * a[8], INNER * a[10] * a[9]
-            tx, ty, tz = INNER * b[10] * b[7], INNER * b[10] * b[8], INNER * b[10] * b[9]
+            sides, s, across = 4, INNER * a[10], moved((0.0, 0.0, 0.0), INNER * b[10], _lateral(b))
     for side in range(sides):
-        s = 1.0 if side < 2 else -1.0
-        t = 1.0 if side % 2 == 0 else -1.0
-        count = add_nodes(
-            count, b, dx + t * tx - s * sx, dy + t * ty - s * sy, dz + t * tz - s * sz, cosine / sides, nodes, batch
-        )
+        of_second = moved(apart, 1.0 if side % 2 == 0 else -1.0, across)
+        start = moved(of_second, -s if side < 2 else s, _lateral(a))
+        count = add_nodes(count, b, start, cosine / sides, nodes, batch)
     return count
 
 

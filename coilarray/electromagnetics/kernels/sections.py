@@ -32,7 +32,7 @@ import numpy as np
 
 from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from coilarray.electromagnetics.kernels import kernel
-from coilarray.electromagnetics.kernels.segments import log_of_ratio
+from coilarray.electromagnetics.kernels.segments import cross, dot, log_of_ratio, moved, norm
 
 NEAR = 6.0  # sides of the larger cell up to which the closed form is used
 Trace = tuple[float, float, float, float]  # centre x and z, width and thickness
@@ -142,31 +142,28 @@ def transverse_fields(
     `out` (n, 2) receives H·lateral and H·normal, by the formula of `kernels.segments`.
     """
     for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        hx, hy, hz = 0.0, 0.0, 0.0
-        vx, vy, vz = x - vertices[0, 0], y - vertices[0, 1], z - vertices[0, 2]
-        b = math.sqrt(vx * vx + vy * vy + vz * vz)
+        at = points[i, 0], points[i, 1], points[i, 2]
+        field = (0.0, 0.0, 0.0)
+        v = moved(at, -1.0, (vertices[0, 0], vertices[0, 1], vertices[0, 2]))
+        b = norm(v)
         for s in range(vertices.shape[0] - 1):
-            ux, uy, uz, a = vx, vy, vz, b
-            vx, vy, vz = x - vertices[s + 1, 0], y - vertices[s + 1, 1], z - vertices[s + 1, 2]
-            b = math.sqrt(vx * vx + vy * vy + vz * vz)
+            u, a = v, b
+            v = moved(at, -1.0, (vertices[s + 1, 0], vertices[s + 1, 1], vertices[s + 1, 2]))
+            b = norm(v)
             if s == own[i]:
                 continue
-            dot = ux * vx + uy * vy + uz * vz
-            cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # u × v = d × u
-            if dot < 0.0:
-                c2 = cx * cx + cy * cy + cz * cz
+            along, normal_to = dot(u, v), cross(u, v)  # u × v = d × u
+            if along < 0.0:
+                c2 = dot(normal_to, normal_to)
                 if c2 == 0.0:
                     continue
-                factor = (a + b) * (a * b - dot) / (a * b * c2)
+                factor = (a + b) * (a * b - along) / (a * b * c2)
             else:
-                factor = (a + b) / (a * b * (a * b + dot))
-            hx += factor * cx
-            hy += factor * cy
-            hz += factor * cz
+                factor = (a + b) / (a * b * (a * b + along))
+            field = moved(field, factor, normal_to)
         scale = 1.0 / (4.0 * math.pi)
-        out[i, 0] = scale * (hx * lateral[i, 0] + hy * lateral[i, 1] + hz * lateral[i, 2])
-        out[i, 1] = scale * (hx * normal[i, 0] + hy * normal[i, 1] + hz * normal[i, 2])
+        out[i, 0] = scale * dot(field, (lateral[i, 0], lateral[i, 1], lateral[i, 2]))
+        out[i, 1] = scale * dot(field, (normal[i, 0], normal[i, 1], normal[i, 2]))
 
 
 def cosine_edges(size: float, count: int) -> FloatArray:

@@ -21,17 +21,42 @@ from coilarray.electromagnetics.kernels import kernel
 
 ON_WIRE = 1e-12  # of the segment's length: a point nearer than this counts as on the segment, which then adds nothing
 _LN_2 = math.log(2.0)
+Vector = tuple[float, float, float]
+
+
+@kernel
+def dot(u: Vector, v: Vector) -> float:
+    """Scalar product."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@kernel
+def cross(u: Vector, v: Vector) -> Vector:
+    """Vector product."""
+    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+
+
+@kernel
+def moved(p: Vector, t: float, u: Vector) -> Vector:
+    """Point p + t u."""
+    return p[0] + t * u[0], p[1] + t * u[1], p[2] + t * u[2]
+
+
+@kernel
+def norm(u: Vector) -> float:
+    """Length of a vector."""
+    return math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
 
 
 @kernel
 def add_magnetic_field(
     x: FloatArray, y: FloatArray, z: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray,
-    bx: FloatArray, by: FloatArray, bz: FloatArray, norm: FloatArray,
+    bx: FloatArray, by: FloatArray, bz: FloatArray, away: FloatArray,
 ) -> None:  # fmt: skip
     """Add the B of polylines at a block of points.
 
     `vertices` (m, 3) holds all polylines in sequence, polyline c being rows starts[c]:starts[c + 1]
-    with the weight µ0 I/4π. `norm` is scratch.
+    with the weight µ0 I/4π. `away` is scratch.
     """
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
@@ -39,7 +64,7 @@ def add_magnetic_field(
         first = starts[c]
         for i in range(n):
             ux, uy, uz = x[i] - vertices[first, 0], y[i] - vertices[first, 1], z[i] - vertices[first, 2]
-            norm[i] = math.sqrt(ux * ux + uy * uy + uz * uz)
+            away[i] = math.sqrt(ux * ux + uy * uy + uz * uz)
         for s in range(first, starts[c + 1] - 1):
             px, py, pz = vertices[s, 0], vertices[s, 1], vertices[s, 2]
             dx, dy, dz = vertices[s + 1, 0] - px, vertices[s + 1, 1] - py, vertices[s + 1, 2] - pz
@@ -48,9 +73,9 @@ def add_magnetic_field(
             for i in range(n):
                 ux, uy, uz = x[i] - px, y[i] - py, z[i] - pz
                 vx, vy, vz = ux - dx, uy - dy, uz - dz
-                a = norm[i]
+                a = away[i]
                 b = math.sqrt(vx * vx + vy * vy + vz * vz)
-                norm[i] = b
+                away[i] = b
                 ab = a * b
                 dot = ux * vx + uy * vy + uz * vz
                 cx, cy, cz = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux
@@ -88,7 +113,7 @@ def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
 @kernel
 def add_vector_potential(
     x: FloatArray, y: FloatArray, z: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray,
-    ax: FloatArray, ay: FloatArray, az: FloatArray, norm: FloatArray,
+    ax: FloatArray, ay: FloatArray, az: FloatArray, away: FloatArray,
 ) -> None:  # fmt: skip
     """Add the A of polylines, with the arguments of `add_magnetic_field`."""
     n = x.shape[0]
@@ -97,7 +122,7 @@ def add_vector_potential(
         first = starts[c]
         for i in range(n):
             ux, uy, uz = x[i] - vertices[first, 0], y[i] - vertices[first, 1], z[i] - vertices[first, 2]
-            norm[i] = math.sqrt(ux * ux + uy * uy + uz * uz)
+            away[i] = math.sqrt(ux * ux + uy * uy + uz * uz)
         for s in range(first, starts[c + 1] - 1):
             px, py, pz = vertices[s, 0], vertices[s, 1], vertices[s, 2]
             dx, dy, dz = vertices[s + 1, 0] - px, vertices[s + 1, 1] - py, vertices[s + 1, 2] - pz
@@ -108,9 +133,9 @@ def add_vector_potential(
             for i in range(n):
                 ux, uy, uz = x[i] - px, y[i] - py, z[i] - pz
                 vx, vy, vz = ux - dx, uy - dy, uz - dz
-                a = norm[i]
+                a = away[i]
                 b = math.sqrt(vx * vx + vy * vy + vz * vz)
-                norm[i] = b
+                away[i] = b
                 ab = a * b
                 dot = ux * vx + uy * vy + uz * vz
                 cx, cy, cz = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux

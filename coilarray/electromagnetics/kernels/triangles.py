@@ -18,21 +18,15 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels import kernel
+from coilarray.electromagnetics.kernels.segments import Vector, cross, dot, moved, norm
 
 _NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of a pair
 _A, _B = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0
 _WA, _WB = (155.0 - math.sqrt(15.0)) / 1200.0, (155.0 + math.sqrt(15.0)) / 1200.0
 # Radon's rule of degree 5: barycentric coordinates and weight
 _RULE = np.array(
-    [
-        [1 / 3, 1 / 3, 1 / 3, 9 / 40],
-        [_A, _A, 1 - 2 * _A, _WA],
-        [_A, 1 - 2 * _A, _A, _WA],
-        [1 - 2 * _A, _A, _A, _WA],
-        [_B, _B, 1 - 2 * _B, _WB],
-        [_B, 1 - 2 * _B, _B, _WB],
-        [1 - 2 * _B, _B, _B, _WB],
-    ]
+    [[1 / 3, 1 / 3, 1 / 3, 9 / 40]]
+    + [[*np.roll((1 - 2 * a, a, a), k), weight] for a, weight in ((_A, _WA), (_B, _WB)) for k in (2, 1, 0)]
 )
 
 
@@ -68,18 +62,30 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
 
 
 @kernel
-def _normal(t: FloatArray) -> tuple[float, float, float, float]:
+def _corner(t: FloatArray, k: int) -> Vector:
+    """Corner k of a triangle."""
+    return t[k, 0], t[k, 1], t[k, 2]
+
+
+@kernel
+def _place(t: FloatArray, q: int) -> Vector:
+    """Node q of the rule on a triangle."""
+    a, b, c = _RULE[q, 0], _RULE[q, 1], _RULE[q, 2]
+    return moved(moved(moved((0.0, 0.0, 0.0), a, _corner(t, 0)), b, _corner(t, 1)), c, _corner(t, 2))
+
+
+@kernel
+def _normal(t: FloatArray) -> tuple[Vector, float]:
     """Return a triangle's unit normal and twice its area."""
-    ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
-    vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    double = math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx / double, ny / double, nz / double, double
+    first = _corner(t, 0)
+    n = cross(moved(_corner(t, 1), -1.0, first), moved(_corner(t, 2), -1.0, first))
+    double = norm(n)
+    return (n[0] / double, n[1] / double, n[2] / double), double
 
 
 @kernel
 def _area(t: FloatArray) -> float:
-    return 0.5 * _normal(t)[3]
+    return 0.5 * _normal(t)[1]
 
 
 @kernel
@@ -105,50 +111,40 @@ def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
     """Integral of 1/r of two near triangles in m³."""
     total = 0.0
     for q in range(_RULE.shape[0]):
-        a, b, c = _RULE[q, 0], _RULE[q, 1], _RULE[q, 2]
-        x = a * outer[0, 0] + b * outer[1, 0] + c * outer[2, 0]
-        y = a * outer[0, 1] + b * outer[1, 1] + c * outer[2, 1]
-        z = a * outer[0, 2] + b * outer[1, 2] + c * outer[2, 2]
-        total += _RULE[q, 3] * _potential(inner, x, y, z)
+        total += _RULE[q, 3] * _potential(inner, _place(outer, q))
     return total * _area(outer)
 
 
 @kernel
-def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
+def _potential(t: FloatArray, at: Vector) -> float:
     """Potential ∫ dA'/|x − x'|, Σ p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (angles) over edges."""
-    nx, ny, nz, _ = _normal(t)
-    d = abs((x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz)
+    normal, _ = _normal(t)
+    d = abs(dot(moved(at, -1.0, _corner(t, 0)), normal))
     total = 0.0
     for k in range(3):
-        _, _, _, p, logarithm, angle = _edge(t, k, x, y, z, nx, ny, nz, d)
+        _, p, logarithm, angle = _edge(t, k, at, normal, d)
         total += p * logarithm - d * angle
     return total
 
 
 @kernel
-def _edge(
-    t: FloatArray, k: int, x: float, y: float, z: float, nx: float, ny: float, nz: float, d: float
-) -> tuple[float, float, float, float, float, float]:
+def _edge(t: FloatArray, k: int, at: Vector, normal: Vector, d: float) -> tuple[Vector, float, float, float]:
     """Return normal, distance, ∫ dl/r and angle of an edge.
 
     The normal is outward, in the plane, the distance of the point along it. `d` is its distance
     from the plane. The angles of all edges add up to the solid angle.
     """
-    m = (k + 1) % 3
-    ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z
-    bx, by, bz = t[m, 0] - x, t[m, 1] - y, t[m, 2] - z
-    sx, sy, sz = bx - ax, by - ay, bz - az
-    length = math.sqrt(sx * sx + sy * sy + sz * sz)
-    sx, sy, sz = sx / length, sy / length, sz / length
-    start, stop = ax * sx + ay * sy + az * sz, bx * sx + by * sy + bz * sz
-    mx, my, mz = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
-    p = ax * mx + ay * my + az * mz
-    ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
+    a, b = moved(_corner(t, k), -1.0, at), moved(_corner(t, (k + 1) % 3), -1.0, at)
+    side = moved(b, -1.0, a)
+    length = norm(side)
+    s = (side[0] / length, side[1] / length, side[2] / length)
+    start, stop, outward = dot(a, s), dot(b, s), cross(s, normal)
+    p, ra, rb = dot(a, outward), norm(a), norm(b)
     away2 = p * p + d * d  # of the line
     if away2 < 1e-24 * length * length:
-        return mx, my, mz, p, 0.0, 0.0  # on the line of the edge, with p ln → 0
+        return outward, p, 0.0, 0.0  # on the line of the edge, with p ln → 0
     angle = math.atan2(p * stop, away2 + d * rb) - math.atan2(p * start, away2 + d * ra) if d > 0.0 else 0.0
-    return mx, my, mz, p, _along(start, stop, ra, rb, away2), angle
+    return outward, p, _along(start, stop, ra, rb, away2), angle
 
 
 @kernel
@@ -186,32 +182,27 @@ def double_layers(
             near = _NEAR * (moments[9] + radii[j])
             far = dx * dx + dy * dy + dz * dz > near * near
             for q in range(1 if far else _RULE.shape[0]):  # the first node of the rule is the centroid
-                a, b, c = _RULE[q, 0], _RULE[q, 1], _RULE[q, 2]
-                x = a * t[0, 0] + b * t[1, 0] + c * t[2, 0]
-                y = a * t[0, 1] + b * t[1, 1] + c * t[2, 1]
-                z = a * t[0, 2] + b * t[1, 2] + c * t[2, 2]
-                _layer(other[j], x, y, z, part)
+                _layer(other[j], _place(t, q), part)
                 share = area if far else area * _RULE[q, 3]
                 for corner in range(3):
                     integrals[i, nodes[j, corner]] += share * part[corner]
 
 
 @kernel
-def _layer(t: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
+def _layer(t: FloatArray, at: Vector, out: FloatArray) -> None:
     """Integrals ∫ λ_c n·(x − x')/|x − x'|³ dA' of a triangle's linear functions, 0 in its plane."""
-    nx, ny, nz, double = _normal(t)
-    d = (x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz
+    normal, double = _normal(t)
+    d = dot(moved(at, -1.0, _corner(t, 0)), normal)
     out[0] = out[1] = out[2] = 0.0
     if abs(d) < 1e-9 * math.sqrt(double):
         return
-    angle, sx, sy, sz = 0.0, 0.0, 0.0, 0.0  # solid angle, and Σ m ∫ dl/|x − x'|
+    angle, sum_ = 0.0, (0.0, 0.0, 0.0)  # solid angle, and Σ m ∫ dl/|x − x'|
     for k in range(3):
-        mx, my, mz, _, logarithm, turn = _edge(t, k, x, y, z, nx, ny, nz, abs(d))
-        sx, sy, sz, angle = sx + mx * logarithm, sy + my * logarithm, sz + mz * logarithm, angle + turn
+        outward, _, logarithm, turn = _edge(t, k, at, normal, abs(d))
+        sum_, angle = moved(sum_, logarithm, outward), angle + turn
     angle = angle if d > 0.0 else -angle
     for k in range(3):
-        m, o = (k + 1) % 3, (k + 2) % 3  # the opposite side
-        ex, ey, ez = t[o, 0] - t[m, 0], t[o, 1] - t[m, 1], t[o, 2] - t[m, 2]
-        gx, gy, gz = (ny * ez - nz * ey) / double, (nz * ex - nx * ez) / double, (nx * ey - ny * ex) / double
-        at = gx * (x - t[m, 0]) + gy * (y - t[m, 1]) + gz * (z - t[m, 2])  # λ at the foot of x in the plane
-        out[k] = at * angle - d * (gx * sx + gy * sy + gz * sz)
+        corner = _corner(t, (k + 1) % 3)  # of the opposite side
+        slope = cross(normal, moved(_corner(t, (k + 2) % 3), -1.0, corner))
+        at_foot = dot(slope, moved(at, -1.0, corner))  # λ at the foot of x in the plane, times `double`
+        out[k] = (at_foot * angle - d * dot(slope, sum_)) / double

@@ -14,7 +14,6 @@ Errors are about 1e-5 of the own inductance of a winding of 30 turns, less betwe
 
 from __future__ import annotations
 
-import math
 from functools import cache
 
 import numpy as np
@@ -22,6 +21,7 @@ import numpy as np
 from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.electromagnetics.kernels import kernel
 from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, closest_offset
+from coilarray.electromagnetics.kernels.segments import norm
 
 _MEMBERS, _CHECK = 5, 4  # members that represent a series, and those in the rule that checks them
 _APART = 0.3  # of a series' width; distance from which two series are taken as a whole
@@ -101,18 +101,16 @@ def series_members(
 
 @kernel
 def _distance(a: FloatArray, b: FloatArray, shift: FloatArray) -> float:
-    x, y, z = closest_offset(b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2], a, b)
-    return math.sqrt(x * x + y * y + z * z)
+    apart = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
+    return norm(closest_offset(apart, a, b))
 
 
 @kernel
 def _width(path: FloatArray, series: IntArray) -> float:
     """Distance from the first to the last of a series."""
     last = series[0] + (series[2] - 1) * series[1]
-    square = 0.0
-    for axis in range(3):
-        square += (path[last, axis] - path[series[0], axis]) ** 2
-    return math.sqrt(square)
+    p, q = path[series[0]], path[last]
+    return norm((q[0] - p[0], q[1] - p[1], q[2] - p[2]))
 
 
 @kernel
