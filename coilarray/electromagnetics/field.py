@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias, get_args
 
@@ -185,6 +185,17 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
     count = math.prod(axis.size for axis in axes)
     require_memory(_BYTES_A_GRID_POINT * count, f"a grid of {count} points", _IN_PIECES)
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+def first_of_each(keys: Iterable[Hashable]) -> tuple[list[int], IntArray]:
+    """Places of the first of all equal keys, and their number for each key.
+
+    >>> first_of_each("abcab")
+    ([0, 1, 2], array([0, 1, 2, 0, 1]))
+    """
+    known: dict[Hashable, int] = {}
+    number = np.array([known.setdefault(key, len(known)) for key in keys], dtype=np.int64)
+    return np.unique(number, return_index=True)[1].tolist(), number
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from typing import Literal
 
@@ -27,6 +27,7 @@ import numpy as np
 
 from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, ranges, run_blocks
+from coilarray.electromagnetics.field import first_of_each
 from coilarray.electromagnetics.kernels.bars import bar_self
 from coilarray.electromagnetics.kernels.paths import INNER, add_node_sums, mutual_sum, own_mutual_sum
 from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules, series_sum
@@ -50,11 +51,11 @@ _NEAR_WIDTHS = {"full": (MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS), "screen": (4.0, 1
 _SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
 _FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
 _TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with a part of another path, of its own path, or itself
-Sums = tuple[IntArray, FloatArray]  # numbers of pairs, and values to add to their sums
+# Task: pairs of paths, their weights, and the sum that each gets times its weight
+_Block = tuple[IntArray, FloatArray | float, Callable[[], FloatArray | float]]
 MOST_NODES = 16  # along a side of the box; nearer pairs need more and are left to the sums over segments
 _LOG_TOLERANCE = math.log(1e-7)  # of ρ^−n times (gap/half + 1)², as M of two windings falls faster than M of pieces
 _NONE = 1e-9  # of the box; smaller extents count as zero
-_Block = Callable[[], Sums]
 BYTES_A_PAIR = 400.0  # peak memory per pair of paths
 _THIN = 200.0  # winding extent in widths; beyond it the widths change distant pairs by less than 3e-7 of L
 _SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are equal
@@ -62,14 +63,6 @@ _SAME_SHAPE = 1e-8  # of a path itself at most, in arrays that are far larger th
 _LEAST_STEP = 1e-18  # of the paths' extent; offsets are counted in 64 bits
 _NODE_PAIRS = 20_000_000  # in a block of far pairs, some 20 ms
 _NODE_PAIRS_A_BAR_PAIR = 20  # node pairs that take as long as a pair of bars; with fewer bars, the bars are summed
-
-
-@dataclass(frozen=True, eq=False)
-class EquivalentCurrents:
-    """Currents ∫ L I dl of a path in A m at nodes in m, (n, 3) each."""
-
-    nodes: FloatArray
-    currents: FloatArray
 
 
 def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
@@ -101,8 +94,10 @@ def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> I
     return np.asarray(np.minimum(count, MOST_NODES + 1.0), dtype=np.int64)
 
 
-def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
-    """Currents of segments (m, 2, 3) in m at Chebyshev nodes of their box.
+def equivalent_currents(
+    segments: FloatArray, count: int, count_z: int, current: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Chebyshev nodes in m of the box of segments (m, 2, 3), and currents ∫ L I dl in A m there.
 
     There are `count` nodes along x and y. Polynomials along a segment are integrated exactly.
     """
@@ -118,7 +113,7 @@ def equivalent_currents(segments: FloatArray, count: int, count_z: int, current:
     across = (along_y[:, :, None] * upwards[:, None, :]).reshape(len(places), -1)
     axes = [centre[axis] + extent[axis] * _chebyshev(n) for axis, n in enumerate(counts)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return EquivalentCurrents(nodes, (along_x.T @ across).reshape(-1, 3))
+    return nodes, (along_x.T @ across).reshape(-1, 3)
 
 
 def _chebyshev(n: int) -> FloatArray:
@@ -154,8 +149,10 @@ def path_sums(
             )
     extent = float(np.ptp(np.concatenate([conductor.vertices for conductor in conductors]), axis=0).max())
     own = np.array([np.ptp(conductor.vertices, axis=0).max() for conductor in conductors])
-    quanta = _tolerances(extent, own)
-    shapes, of_path, origin = _shapes(conductors, quanta)
+    rounded = 2.0 ** np.round(np.log2(own))  # copies that differ by rounding then have the same
+    quanta = np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded)  # largest difference of equal paths
+    shapes, of_path = _shapes(conductors, quanta)
+    origin = np.array([conductor.vertices[0] for conductor in conductors])
     shift = origin[second] - origin[first]
     quantum = max(float(quanta.min()), _LEAST_STEP * extent)
     classes, of_pair = _classes(of_path[first], of_path[second], shift, quantum)
@@ -170,15 +167,10 @@ def path_sums(
     blocks = _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)  # first, as they take long
     blocks += _near_blocks(shapes, classes, np.flatnonzero(near), quantum, accuracy)
     sums = np.zeros(len(classes.shift))
-    for numbers, values in run_blocks(lambda block: block(), blocks, progress=progress):
-        np.add.at(sums, numbers, values)
+    values = run_blocks(lambda block: block[2](), blocks, progress=progress)
+    for (numbers, weights, _), value in zip(blocks, values, strict=True):
+        np.add.at(sums, numbers, weights * value)
     return np.asarray(sums[of_pair])
-
-
-def _tolerances(extent: float, own: FloatArray) -> FloatArray:
-    """Largest difference in m of equal paths, by size `own` and `extent`."""
-    rounded = 2.0 ** np.round(np.log2(own))  # copies that differ by rounding then have the same
-    return np.asarray(np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded))
 
 
 def segment_table(conductor: Conductor) -> FloatArray:
@@ -197,13 +189,14 @@ def segment_table(conductor: Conductor) -> FloatArray:
     )
 
 
+@dataclass(frozen=True, eq=False)
 class _Shape:
     """Path that starts at the origin, shared by its copies."""
 
-    def __init__(self, conductor: Conductor, table: FloatArray, quantum: float) -> None:
-        self.table, self.quantum = table, quantum
-        self.is_filament = conductor.is_filament
-        self.currents = cache(self._currents)
+    table: FloatArray
+    quantum: float
+    is_filament: bool
+    known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
     @cached_property
     def seen_from_afar(self) -> FloatArray:
@@ -216,9 +209,12 @@ class _Shape:
         aside = (INNER * self.table[:, 10:11] * self.table[:, 7:10])[:, None]
         return np.concatenate((lines - aside, lines + aside))
 
-    def _currents(self, count: int, count_z: int) -> EquivalentCurrents:
-        lines = self.seen_from_afar
-        return equivalent_currents(lines, count, count_z, len(self.table) / len(lines))
+    def currents(self, count: int, count_z: int) -> tuple[FloatArray, FloatArray]:
+        """Return the `equivalent_currents`."""
+        key, lines = (count, count_z), self.seen_from_afar
+        if key not in self.known:
+            self.known[key] = equivalent_currents(lines, count, count_z, len(self.table) / len(lines))
+        return self.known[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,22 +226,17 @@ class _Classes:
     shift: FloatArray
 
 
-def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_Shape], IntArray, FloatArray]:
-    """Distinct shapes to `quanta` in m, shape numbers and starts of paths."""
-    shapes: list[_Shape] = []
-    known: dict[tuple[float, bytes], int] = {}
-    of_path = []
-    for conductor, quantum in zip(conductors, quanta.tolist(), strict=True):
-        table = segment_table(conductor)
+def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_Shape], IntArray]:
+    """Distinct shapes to `quanta` in m, and the shape of each path."""
+    tables = [segment_table(conductor) for conductor in conductors]
+    keys = []
+    for conductor, table, quantum in zip(conductors, tables, quanta.tolist(), strict=True):
         columns = np.column_stack((table[:, :3], table[:, 6:7], table[:, 10:12]))
         end = conductor.vertices[-1] - conductor.vertices[0]
         steps = np.round(np.append(columns.ravel(), end) / quantum) + 0.0  # widths may be more than an integer holds
-        key = quantum, steps.tobytes()
-        if key not in known:
-            known[key] = len(shapes)
-            shapes.append(_Shape(conductor, table, quantum))
-        of_path.append(known[key])
-    return shapes, np.array(of_path), np.array([conductor.vertices[0] for conductor in conductors])
+        keys.append((quantum, steps.tobytes()))
+    examples, of_path = first_of_each(keys)
+    return [_Shape(tables[k], float(quanta[k]), conductors[k].is_filament) for k in examples], of_path
 
 
 def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tuple[_Classes, IntArray]:
@@ -260,20 +251,38 @@ def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tup
 def _near_blocks(
     shapes: list[_Shape], classes: _Classes, near: IntArray, quantum: float, accuracy: Accuracy
 ) -> list[_Block]:
-    """Tasks for the pairs that are summed segment by segment."""
+    """Tasks for the pairs that are summed segment by segment.
+
+    Pairs of parts of all paths that mirror each other are summed once. `quantum` is the largest
+    difference in m between equal shifts.
+    """
+    if not len(near):
+        return []
     numbers, paths = np.unique(np.concatenate((classes.first[near], classes.second[near])), return_inverse=True)
     wanted = [shapes[number] for number in numbers.tolist()]
-    first, second = paths[: len(near)], paths[len(near) :]
-    quanta = np.array([shape.quantum for shape in wanted])
-    blocks = part_blocks(
-        [shape.table for shape in wanted], quanta, first, second, classes.shift[near], quantum, accuracy
-    )
-    return [partial(_near_block, near, block) for block in blocks]
-
-
-def _near_block(near: IntArray, block: _Block) -> Sums:
-    numbers, values = block()
-    return near[numbers], values
+    found = find_parts([shape.table for shape in wanted], np.array([shape.quantum for shape in wanted]))
+    pairs = _pairs(found, paths[: len(near)], paths[len(near) :], classes.shift[near])
+    if not len(pairs.of):
+        return []
+    pairs, example, number = _part_classes(found, pairs, quantum)
+    members = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
+    pieces = _BLOCKS_A_PAIR if accuracy == "full" and len(example) <= _FEW else 1
+    series = cache(lambda part: find_series(found.tables[part]))
+    blocks: list[_Block] = []
+    for k, of_class in zip(example.tolist(), members, strict=True):
+        a, b = int(pairs.first[k]), int(pairs.second[k])
+        table, other, kind = found.tables[a], found.tables[b], pairs.kind[k]
+        near_widths = _NEAR_WIDTHS[accuracy][0 if kind == _TWO_PATHS else 1]
+        of_both = None if accuracy == "full" else (series(a), series(b))
+        work: Callable[[int, int], float]
+        if kind == _ITSELF:
+            work = partial(_own_sum, table, of_both, near_widths)
+        else:
+            work = _pair_sum(table, other, pairs.mirror[k], pairs.shift[k], near_widths, of_both)
+        edges = np.linspace(0, len(table), min(len(table), pieces) + 1).round().astype(int).tolist()
+        of, weight = near[pairs.of[of_class]], pairs.weight[of_class]
+        blocks += [(of, weight, partial(work, *part)) for part in itertools.pairwise(edges)]
+    return blocks
 
 
 def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: IntArray) -> list[_Block]:
@@ -290,23 +299,23 @@ def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: I
             gathered.append(group[start:stop])
             work += size * (stop - start)
             if work >= _NODE_PAIRS:
-                blocks.append(partial(_far_block, shapes, classes, gathered, nodes))
+                work_of = partial(_far_block, shapes, classes, gathered, nodes)
+                blocks.append((np.concatenate(gathered), 1.0, work_of))
                 gathered, work = [], 0
     if gathered:
-        blocks.append(partial(_far_block, shapes, classes, gathered, nodes))
+        work_of = partial(_far_block, shapes, classes, gathered, nodes)
+        blocks.append((np.concatenate(gathered), 1.0, work_of))
     return blocks
 
 
-def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], nodes: IntArray) -> Sums:
+def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], nodes: IntArray) -> FloatArray:
     """Sum groups of far pairs over their nodes."""
     values = [np.zeros(len(group)) for group in groups]
     for group, sums in zip(groups, values, strict=True):
-        count, count_z = nodes[group[0]].tolist()
-        a = shapes[classes.first[group[0]]].currents(count, count_z)
-        b = shapes[classes.second[group[0]]].currents(count, count_z)
-        others = np.ascontiguousarray(b.nodes.T), np.ascontiguousarray(b.currents.T)
-        add_node_sums(a.nodes, a.currents, *others, np.ascontiguousarray(classes.shift[group]), sums)
-    return np.concatenate(groups), np.concatenate(values)
+        counts, shift = nodes[group[0]].tolist(), np.ascontiguousarray(classes.shift[group])
+        a, b = (shapes[kind[group[0]]].currents(*counts) for kind in (classes.first, classes.second))
+        add_node_sums(*a, *(np.ascontiguousarray(part.T) for part in b), shift, sums)
+    return np.concatenate(values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,18 +410,6 @@ def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatA
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """Distinct part, shared by all its images."""
-
-    table: FloatArray
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Sides of successive turns, see `kernels.turns.find_series`."""
-        return find_series(self.table)
-
-
-@dataclass(frozen=True, eq=False)
 class _Pairs:
     """Pairs of distinct parts, the second mirrored and moved by `shift` in m.
 
@@ -426,52 +423,6 @@ class _Pairs:
     second: IntArray
     mirror: FloatArray
     shift: FloatArray
-
-
-def part_blocks(
-    tables: Sequence[FloatArray],
-    quanta: FloatArray,
-    first: IntArray,
-    second: IntArray,
-    shift: FloatArray,
-    quantum: float,
-    accuracy: Accuracy,
-) -> list[Callable[[], Sums]]:
-    """Prepare the sums ∬ dl·dl'/R in m over near pairs.
-
-    The results of the returned pieces, which threads may call at once, add up. `quanta` are the
-    largest differences in m between equal paths, `quantum` between equal shifts. Pair k is the
-    paths `first[k]` and `second[k]`, the second moved by `shift[k]` in m (0 for a path with
-    itself).
-    """
-    if not len(first):
-        return []
-    found = find_parts(tables, quanta)
-    parts = [_Part(table) for table in found.tables]
-    pairs = _pairs(found, first, second, shift)
-    if not len(pairs.of):
-        return []
-    pairs, example, number = _part_classes(found, pairs, quantum)
-    members = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
-    pieces = _BLOCKS_A_PAIR if accuracy == "full" and len(example) <= _FEW else 1
-    blocks: list[Callable[[], Sums]] = []
-    for k, of_class in zip(example.tolist(), members, strict=True):
-        a, b = parts[pairs.first[k]], parts[pairs.second[k]]
-        rows = len(a.table)
-        edges = np.linspace(0, rows, min(rows, pieces) + 1).round().astype(int).tolist()
-        work: Callable[[int, int], float]
-        if pairs.kind[k] == _ITSELF:
-            work = partial(_own_sum, a, accuracy)
-        else:
-            near_widths = _NEAR_WIDTHS[accuracy][int(pairs.kind[k] == _ONE_PATH)]
-            work = _pair_sum(a, b, pairs.mirror[k], pairs.shift[k], near_widths, accuracy)
-        of, weight = pairs.of[of_class], pairs.weight[of_class]
-        blocks += [partial(_weighted, of, weight, partial(work, *part)) for part in itertools.pairwise(edges)]
-    return blocks
-
-
-def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Sums:
-    return of, weight * work()
 
 
 def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArray) -> _Pairs:
@@ -536,48 +487,43 @@ def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, B
     return np.unique(number, return_index=True)[1], number, turn
 
 
-def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
+def _own_sum(
+    table: FloatArray, series: tuple[IntArray, IntArray] | None, near_widths: float, start: int, stop: int
+) -> float:
     """Sum a part's rows start:stop with the part itself."""
-    if not part.table[:, 10].all():
+    if not table[:, 10].all():
         return np.inf  # of a thin filament
-    if accuracy == "full":
-        rows = np.arange(start, stop)
-        mutual = own_mutual_sum(part.table, start, stop, OWN_NEAR_WIDTHS, 0)
-        return float(mutual + _bars_alone(part.table[rows], np.ones(len(rows))))
-    rules = series_rules(int(part.series[:, 2].max()))
-    rows, weights = series_members(part.series, *rules)
-    table, series = part.table, part.series
-    mutual = series_sum(table, table, np.zeros(3), series, series, True, _NEAR_WIDTHS["screen"][1], *rules)
-    return float(2.0 * mutual + _bars_alone(part.table[rows], weights))
+    if series is None:
+        mutual = own_mutual_sum(table, start, stop, near_widths, 0)
+        return float(mutual + _bars_alone(table[start:stop], np.ones(stop - start)))
+    rules = series_rules(int(series[0][:, 2].max()))
+    rows, weights = series_members(series[0], *rules)
+    mutual = series_sum(table, table, np.zeros(3), *series, True, near_widths, *rules)
+    return float(2.0 * mutual + _bars_alone(table[rows], weights))
 
 
 def _pair_sum(
-    a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, near_widths: float, accuracy: Accuracy
-) -> Callable[[int, int], float]:
+    table: FloatArray, other: FloatArray, mirror: FloatArray, shift: FloatArray, near_widths: float,
+    series: tuple[IntArray, IntArray] | None,
+) -> Callable[[int, int], float]:  # fmt: skip
     """Sum function of rows start:stop with a mirrored and moved part."""
-    second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
+    second = other if (mirror > 0).all() else mirrored(other, mirror)
 
     def between(start: int, stop: int) -> float:
-        return float(mutual_sum(a.table, second, shift, start, stop, near_widths, 0))
+        return float(mutual_sum(table, second, shift, start, stop, near_widths, 0))
 
     def above(start: int, stop: int) -> float:
-        alike = [(a.table[i : i + 1], second[i : i + 1]) for i in range(start, stop)]
-        facing = sum(mutual_sum(one, other, shift, 0, 1, near_widths, 0) for one, other in alike)
-        return float(facing + own_mutual_sum(a.table, start, stop, near_widths, 0, shift))
+        alike = [(table[i : i + 1], second[i : i + 1]) for i in range(start, stop)]
+        facing = sum(mutual_sum(*bars, shift, 0, 1, near_widths, 0) for bars in alike)
+        return float(facing + own_mutual_sum(table, start, stop, near_widths, 0, shift))
 
-    def by_series(start: int, stop: int) -> float:  # of all rows, in one piece
-        rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
-        return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
-
-    if accuracy != "full":
-        return by_series
-    return above if a is b and _is_straight_above(a, mirror, shift) else between
-
-
-def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:
-    """Check for a flat part above its copy (rows i, j relate as j, i)."""
-    flat = not part.table[:, 5].any() and not np.ptp(part.table[:, 2])
-    return flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
+    if series is not None:  # of all rows, in one piece
+        rules = series_rules(int(max(one[:, 2].max() for one in series)))
+        return lambda start, stop: float(series_sum(table, second, shift, *series, False, near_widths, *rules))
+    # of a flat part above its copy, rows i, j relate as j, i
+    flat = not table[:, 5].any() and not np.ptp(table[:, 2])
+    straight = flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
+    return above if table is other and straight else between
 
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:

@@ -50,8 +50,8 @@ def needed(first, second):
 
 
 def by_nodes(first, second, count, count_z):
-    a, b = (equivalent_currents(sides(path), count, count_z) for path in (first, second))
-    return 1e-7 * np.sum(a.currents @ b.currents.T / np.linalg.norm(a.nodes[:, None] - b.nodes, axis=2))
+    (p, a), (q, b) = (equivalent_currents(sides(path), count, count_z) for path in (first, second))
+    return 1e-7 * np.sum(a @ b.T / np.linalg.norm(p[:, None] - q, axis=2))
 
 
 @pytest.mark.slow
