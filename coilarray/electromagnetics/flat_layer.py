@@ -37,7 +37,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.field import Source, as_conductors
+from coilarray.electromagnetics.field import Source, as_conductors, first_of_each
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance, representative_segments
 from coilarray.electromagnetics.kernels.sections import lateral_axes
 from coilarray.errors import ElastomerError, GeometryError
@@ -101,27 +101,20 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
 
 
 def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accuracy = "full") -> FloatArray:
-    """Compute the change of inductance by flat sheets in H.
+    """Compute the change of inductance (paths, paths) by flat sheets in H.
 
-    The sheets lie above the current paths.
+    It is symmetric, to be added to the matrix without sheets, and zero if no sheet is magnetic.
 
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.field.as_conductors`. The paths lie below the magnetic
-        sheet. Thin filaments are allowed.
+        Current paths below the magnetic sheet, also thin filaments.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see
         `magnetic_slab`.
     accuracy : {"full", "screen"}
         Accuracy as in `coilarray.inductance_matrix`. ``screen`` errs by up to 1e-3 of the change
         itself.
-
-    Returns
-    -------
-    ndarray, shape (paths, paths)
-        Inductance in H, symmetric, to be added to the matrix without sheets. Zero if no sheet is
-        magnetic.
 
     Raises
     ------
@@ -134,9 +127,8 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], with β = (μr − 1)/(μr + 1), Z the sum of both
     paths' distances from the sheet's lower face and M their mutual inductance in free space at that
     distance. For circles see Hurley & Duffy, IEEE Trans. Magn. 33, 2282 (1997). The current density
-    is uniform in every bar. Vertical bars count as thin. The result is exact to 1e-10 of the
-    largest entry. Near images need `mutual_inductance` and are exact to its 1e-6 of L. Closed paths
-    with any currents I have IᵀΔM I > 0.
+    is uniform in every bar, and vertical bars count as thin. The result is exact to 1e-10 of the
+    largest entry, near images to 1e-6 of L. Closed paths with any currents I have IᵀΔM I > 0.
 
     Paths with open ends are taken as they are, as in `inductance_matrix`, so that the pieces of a
     path add up to the whole. Closing the coils of the reference board by a straight line between
@@ -165,10 +157,17 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
         require_below(path, slab.lower)
     board = board_below(paths, slab.lower, accuracy)
     near = _near_images(board, slab)
-    k, weights = np.array(_wavenumbers(board, slab, near)).T
+    # Waves count up to the k at which e^{−kh} is below the tolerance. Panels that double keep their
+    # distance from the poles of 1/(1 − β² e^{−2kt}), the nearest of which is at k = ln β/t < 0.
+    nearest = board.gap + 2 * near * slab.thickness
+    highest = board.digits / nearest
+    pole = math.log1p(2 / (slab.relative_permeability - 1)) / slab.thickness
+    lowest = min(pole, 0.5 / slab.thickness, highest / 8)
+    k, weights = np.array(wavenumbers(board, lowest, highest, nearest)).T
     require_few_waves(board, k.tolist())
     for n in range(near):
-        change += _weight(slab, n) * mutual_inductance(paths, _images(paths, slab, n), accuracy=accuracy)
+        images = [mirrored(path, slab.lower + n * slab.thickness) for path in paths]
+        change += _weight(slab, n) * mutual_inductance(paths, images, accuracy=accuracy)
     shares = np.array([_remainder(slab, near, one) for one in k.tolist()])
     change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None])[0].real
     return (change + change.T) / 2
@@ -178,11 +177,6 @@ def _weight(slab: Slab, n: int) -> float:
     """Weight of F(2nt) in the series."""
     beta = slab.reflection
     return beta if n == 0 else float(-slab.transmission * beta ** (2 * n - 1))
-
-
-def _images(paths: Sequence[Conductor], slab: Slab, n: int) -> list[Conductor]:
-    """Paths mirrored at the lower face and lifted by 2nt."""
-    return [mirrored(path, slab.lower + n * slab.thickness) for path in paths]
 
 
 def mirrored(path: Conductor, height: float) -> Conductor:
@@ -205,22 +199,8 @@ def require_below(path: Conductor, face: float) -> None:
 def _near_images(board: Board, slab: Slab) -> int:
     """Count the images that are taken individually."""
     spectrum = board.digits / DIGITS["full"] * board.extent  # fewer digits take fewer waves
-    cheapest = float(np.cbrt(_BALANCE * slab.thickness * spectrum**2))
-    least = max(min(_NEAR * spectrum, cheapest), _WIDTHS * board.size)
+    least = max(min(_NEAR * spectrum, math.cbrt(_BALANCE * slab.thickness * spectrum**2)), _WIDTHS * board.size)
     return max(math.ceil((least - board.gap) / (2 * slab.thickness)), 0)
-
-
-def _wavenumbers(board: Board, slab: Slab, near: int) -> list[tuple[float, float]]:
-    """Nodes and weights in 1/m of the integral over k.
-
-    It reaches up to the k at which e^{−kh} is below the tolerance. Panels that double keep their
-    distance from the poles of 1/(1 − β² e^{−2kt}), the nearest of which is at k = ln β/t < 0.
-    """
-    nearest = board.gap + 2 * near * slab.thickness
-    highest = board.digits / nearest
-    pole = math.log1p(2 / (slab.relative_permeability - 1)) / slab.thickness
-    lowest = min(pole, 0.5 / slab.thickness, highest / 8)
-    return wavenumbers(board, lowest, highest, nearest)
 
 
 def _remainder(slab: Slab, near: int, k: float) -> float:
@@ -274,22 +254,18 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
     corners = np.concatenate([path.vertices for path in paths])
     span = np.ptp(corners, axis=0)
     origins = np.array([[*path.vertices[0, :2], path.vertices[:, 2].max()] for path in paths])
-    shapes: list[_Shape] = []
-    known: dict[bytes, int] = {}
-    shape_of = []
+    grain = _SAME_SHAPE * span.max()
+    keys = []
     for path, origin in zip(paths, origins, strict=True):
         table = np.concatenate([part.ravel() for part in (path.vertices - origin, path.widths, path.thicknesses)])
-        key = np.round(table / (_SAME_SHAPE * span.max())).astype(np.int64).tobytes()
-        if key not in known:
-            known[key] = len(shapes)
-            shapes.append(_shape(path, origin, accuracy))
-        shape_of.append(known[key])
+        keys.append(np.round(table / grain).astype(np.int64).tobytes())
+    examples, shape_of = first_of_each(keys)
     heights = origins[:, 2] - face
-    table = np.column_stack((shape_of, np.round(heights / (_SAME_SHAPE * span.max()))))
-    _, first, kind_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    kinds = np.column_stack((shape_of, np.round(heights / grain)))
+    _, first, kind_of = np.unique(kinds, axis=0, return_index=True, return_inverse=True)
     return Board(
-        shapes,
-        np.array(shape_of)[first],
+        [_shape(paths[k], origins[k], accuracy) for k in examples],
+        shape_of[first],
         heights[first],
         kind_of.ravel(),
         origins[:, :2],
@@ -354,32 +330,21 @@ def wavenumbers(board: Board, lowest: float, highest: float, distance: float) ->
     return nodes
 
 
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """Distinct offsets in m between paths, whose pairs share integrals.
+def _grid(board: Board, other_kinds: int) -> tuple[tuple[FloatArray, FloatArray], list[IntArray]] | None:
+    """Distinct offsets x and y in m between paths, whose pairs share integrals, and their numbers.
 
-    `column` and `row` (paths, paths) are the offset numbers of each pair.
+    The numbers (paths, paths) are those of each pair. None if most offsets differ.
     """
-
-    x: FloatArray
-    y: FloatArray
-    column: IntArray
-    row: IntArray
-
-
-def _grid(board: Board, other_kinds: int) -> _Grid | None:
-    """Return the offsets of paths, or None if most differ."""
     steps = board.origins[:, None] - board.origins
-    numbers = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
-    axes = []
+    rounded = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
+    offsets, numbers = [], []
     for axis in (0, 1):
-        _, first, inverse = np.unique(numbers[..., axis], return_index=True, return_inverse=True)
-        axes.append((steps[..., axis].ravel()[first], inverse.reshape(numbers.shape[:2])))
-    (x, column), (y, row) = axes
-    alike = (
-        len(x) * len(y) * len(board.heights) * other_kinds < 3 * board.kind_of.size**2
-    )  # products of scalars, of vectors
-    return _Grid(x, y, column, row) if alike else None
+        _, first, inverse = np.unique(rounded[..., axis], return_index=True, return_inverse=True)
+        offsets.append(steps[..., axis].ravel()[first])
+        numbers.append(inverse.reshape(rounded.shape[:2]))
+    x, y = offsets
+    products = len(x) * len(y) * len(board.heights) * other_kinds  # of scalars, else of vectors
+    return ((x, y), numbers) if products < 3 * board.kind_of.size**2 else None
 
 
 def reflected_inductance(
@@ -393,12 +358,13 @@ def reflected_inductance(
     """
     require_few_waves(boards[0], nodes)
     grid = _grid(boards[0], len(boards[-1].heights))
+    offsets = None if grid is None else grid[0]
     pairs = list(itertools.combinations_with_replacement(range(len(boards)), 2))
 
     def total(numbers: range) -> list[WeightArray]:
         sums: list[WeightArray] = [np.zeros(1)] * len(pairs)
         for n in numbers:
-            for p, product in enumerate(_products(boards, pairs, grid, nodes[n])):
+            for p, product in enumerate(_products(boards, pairs, offsets, nodes[n])):
                 sums[p] = sums[p] + weights[:, p, n].reshape(-1, *[1] * product.ndim) * product
         return sums
 
@@ -410,7 +376,7 @@ def reflected_inductance(
     for p, (a, b) in enumerate(pairs):
         sums = MU_0 / (4 * np.pi) * np.sum([sums[p] for sums in found], axis=0)
         if grid is not None:
-            sums = sums[:, boards[a].kind_of[:, None], boards[b].kind_of, grid.column, grid.row]
+            sums = sums[:, boards[a].kind_of[:, None], boards[b].kind_of, *grid[1]]
         change = change + sums
     return change
 
@@ -427,35 +393,29 @@ def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
 
 
 def _products(
-    boards: Sequence[Board], pairs: Sequence[tuple[int, int]], grid: _Grid | None, k: float
+    boards: Sequence[Board], pairs: Sequence[tuple[int, int]], offsets: tuple[FloatArray, FloatArray] | None, k: float
 ) -> list[FloatArray]:
     """Mean of J_i·J'_j over directions at k in 1/m, in m².
 
-    The shape is (paths, paths) without a grid of offsets, else (kinds, kinds, x, y).
+    The shape is (paths, paths) without a grid of `offsets`, else (kinds, kinds, x, y).
     """
     n = _nodes(k * boards[0].extent, boards[0].digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
     waves = k * np.column_stack((np.cos(angle), np.sin(angle)))
-    J = [_spectrum(board, waves, k) for board in boards]
-    if grid is None:
+    J = []
+    for board in boards:  # the spectrum of every kind of path about its origin, (kinds, 3, n) in m
+        shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
+        J.append(shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None])
+    if offsets is None:
         places = np.exp(1j * _along(waves, boards[0].origins).T)[:, None]
         J = [own[board.kind_of] * places for own, board in zip(J, boards, strict=True)]
     mirrored = [np.conj(own) * np.array([1.0, 1.0, -1.0])[:, None] for own in J]
-    if grid is None:
-        return [
-            np.asarray((J[a].reshape(len(J[a]), -1) @ mirrored[b].reshape(len(J[b]), -1).T).real / n) for a, b in pairs
-        ]
-    along_x, along_y = (
-        np.exp(1j * np.outer(offsets, wave)) for offsets, wave in zip((grid.x, grid.y), waves.T, strict=True)
-    )
+    if offsets is None:
+        flat, others = ([one.reshape(len(one), -1) for one in each] for each in (J, mirrored))
+        return [np.asarray((flat[a] @ others[b].T).real / n) for a, b in pairs]
+    along_x, along_y = (np.exp(1j * np.outer(steps, wave)) for steps, wave in zip(offsets, waves.T, strict=True))
     products = [np.einsum("acn,bcn->abn", J[a], mirrored[b]) for a, b in pairs]
     return [np.asarray(((one[:, :, None] * along_x) @ along_y.T).real / n) for one in products]
-
-
-def _spectrum(board: Board, waves: FloatArray, k: float) -> ComplexArray:
-    """Spectrum J of every kind of path about its origin, (kinds, 3, n) in m."""
-    shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
-    return np.asarray(shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None])
 
 
 def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:

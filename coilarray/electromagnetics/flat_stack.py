@@ -40,7 +40,7 @@ from numpy.polynomial.legendre import leggauss
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.field import Source, as_conductors
+from coilarray.electromagnetics.field import Source, as_conductors, first_of_each
 
 _SAME_SHAPE = 1e-9  # of the size; coils that differ by less share a spectrum
 _AT_ONCE = 16  # wavenumbers of a grid, which limits the memory
@@ -110,19 +110,17 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
 def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
     """Spectra at wavenumbers in 1/m of coils at z ≤ 0, by shape."""
     centres, radius = segment_centres(coils)
-    known: dict[bytes, int] = {}
-    shapes: list[Segments] = []
-    shape_of: list[int] = []
     first = np.cumsum([0, *(coil.count for coil in coils[:-1])])
-    for coil, centre in zip(coils, centres[first], strict=True):
-        shape = replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])
-        ends = np.hstack((shape.start, shape.stop)) / radius
-        # as integers, as −0.0 and 0.0 have different bytes
-        key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).astype(np.int64).tobytes()
-        if key not in known:
-            known[key] = sum(one.count for one in shapes)
-            shapes.append(shape)
-        shape_of += range(known[key], known[key] + shape.count)
+    own = [
+        replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])
+        for coil, centre in zip(coils, centres[first], strict=True)
+    ]
+    ends = [np.column_stack((np.hstack((one.start, one.stop)) / radius, one.weights)) for one in own]
+    # as integers, as −0.0 and 0.0 have different bytes
+    examples, number = first_of_each(np.round(each / _SAME_SHAPE).astype(np.int64).tobytes() for each in ends)
+    shapes = [own[k] for k in examples]
+    begin = np.cumsum([0, *(shape.count for shape in shapes)])
+    shape_of = [int(begin[k]) + m for k in number.tolist() for m in range(shapes[k].count)]
     rows = [run_blocks(lambda k, shape=shape: _series(shape, k, radius), wavenumbers.tolist()) for shape in shapes]  # type: ignore[misc]
     series = tuple(tuple(one) for bundle in rows for one in zip(*bundle, strict=True))
     return CoilSpectra(wavenumbers, centres, radius, tuple(shape_of), series)

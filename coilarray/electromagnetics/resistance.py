@@ -8,7 +8,7 @@ all coils, wider traces by filaments in the cross-section of the coil's bundle o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -184,10 +184,6 @@ def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
     return section(traces, lambda width, thickness: _basis(width, thickness, octaves), between)
 
 
-def _octaves(side: float, delta: FloatArray) -> int:
-    return max(2, math.ceil(math.log2(side / float(delta.min()))))
-
-
 @serial_algebra()
 def resistance_matrix(
     source: Source, frequencies: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER, *, alone: bool = False
@@ -290,19 +286,22 @@ class _Points:
     segment: IntArray
     weight: FloatArray
 
-    def field(self, vertices: FloatArray, *, own: bool) -> FloatArray:
-        """Field H (n, 2) in 1/m along width and thickness, without the `own` segment."""
-        found = np.empty((len(self.places), 2))
+    def field(self, key: Hashable, vertices: FloatArray, *, own: bool) -> FloatArray:
+        """Field H (n, 2) in 1/m along width and thickness, without the `own` segment, kept by `key`."""
         left_out = self.segment if own else np.full(len(self.segment), -1)
 
-        def work(block: tuple[int, int]) -> None:
-            rows = slice(*block)
-            transverse_fields(
-                self.places[rows], left_out[rows], self.lateral[rows], self.normal[rows], vertices, found[rows]
-            )
+        def compute() -> FloatArray:
+            found = np.empty((len(self.places), 2))
 
-        run_blocks(work, ranges(len(self.places), 1024))
-        return found
+            def work(block: tuple[int, int]) -> None:
+                rows = slice(*block)
+                places = self.places[rows], left_out[rows], self.lateral[rows], self.normal[rows]
+                transverse_fields(*places, vertices, found[rows])
+
+            run_blocks(work, ranges(len(self.places), 1024))
+            return found
+
+        return _FIELDS.get((key, POINTS), compute)
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,11 +322,6 @@ class _Traces:
     others: FloatArray
 
 
-def _own_field(shape: bytes, points: _Points, vertices: FloatArray) -> FloatArray:
-    """Field of a coil's own current, shared by equal coils."""
-    return _FIELDS.get((shape, shape, POINTS), lambda: points.field(vertices, own=True))
-
-
 def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: float, wide: BoolArray) -> _Traces:
     """Prepare the losses in the horizontal segments of a coil."""
     vertices = conductor.vertices - conductor.vertices[0]
@@ -344,14 +338,17 @@ def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: floa
         cuts = [] if turns is None else turns.enough_cuts(*RAYS)
         if cuts:
             point, crossing, share = _shared_out(vertices, places, of_point, cuts)
-            h = _own_field(shape, points, vertices)
-            mean = _mean_fields(h, weight, (point, crossing, share), sum(len(cut.piece) for cut in cuts))
-            factors = np.ones((3, len(f), len(mean) + 1))
+            h = points.field((shape, shape), vertices, own=True)
             first = np.cumsum([0, *(len(cut.piece) for cut in cuts)])
+            # the mean field of the points of each crossing, 0 of none
+            on = crossing >= 0
+            length = share[on] * weight[point[on]]
+            sums = [np.bincount(crossing[on], length * part, first[-1]) for part in (1.0, *h[point[on]].T)]
+            mean = np.stack(sums[1:], axis=1) / np.where(sums[0] > 0, sums[0], 1.0)[:, None]
+            factors, delta = np.ones((3, len(f), len(mean) + 1)), skin_depth(f[wide], resistivity)
             for cut, begin, end in zip(cuts, first[:-1], first[1:], strict=True):
                 z = 0.5 * (vertices[cut.piece, 2] + vertices[cut.piece + 1, 2])
                 sizes = widths[cut.piece], thicknesses[cut.piece]
-                delta = skin_depth(f[wide], resistivity)
                 factors[:, wide, begin:end] = _section_factors(cut, z, sizes, mean[begin:end], delta)
     of_trace = of_point[point]
     groups, group = np.unique(
@@ -413,14 +410,12 @@ def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: i
     """Losses in the horizontal segments of coil c, (frequencies, coils, coils)."""
     points, start, grain = traces.points, conductors[c].vertices[0], _grain(conductors[c])
 
-    def field_of(k: int) -> FloatArray:
-        vertices = conductors[k].vertices - start
-        if k == c:
-            return _own_field(shapes[c], points, vertices)
-        steps = np.round(vertices[0] / grain).astype(np.int64).tolist()
-        return _FIELDS.get((shapes[c], shapes[k], POINTS, *steps), lambda: points.field(vertices, own=False))
-
-    h = np.stack([field_of(k) for k in range(len(conductors))], axis=1)
+    fields = []
+    for k, conductor in enumerate(conductors):
+        vertices = conductor.vertices - start
+        steps = [] if k == c else np.round(vertices[0] / grain).astype(np.int64).tolist()
+        fields.append(points.field((shapes[c], shapes[k], *steps), vertices, own=k == c))
+    h = np.stack(fields, axis=1)
     R = np.zeros((len(traces.resistance), h.shape[1], h.shape[1]))
     for axis in range(2):
         gram = np.array([(h[p, :, axis].T * length) @ h[p, :, axis] for p, length in traces.groups])
@@ -432,24 +427,13 @@ def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: i
     return R
 
 
-def _mean_fields(
-    h: FloatArray, weight: FloatArray, shared: tuple[IntArray, IntArray, FloatArray], crossings: int
-) -> FloatArray:
-    """Mean field (crossings, 2) of the points of each crossing, 0 of none."""
-    point, crossing, share = (part[shared[1] >= 0] for part in shared)
-    length = share * weight[point]
-    total = np.bincount(crossing, length, crossings)
-    sums = [np.bincount(crossing, length * h[point, axis], crossings) for axis in range(2)]
-    return np.stack(sums, axis=1) / np.where(total > 0, total, 1.0)[:, None]
-
-
 def _section_factors(
     cut: Cut, z: FloatArray, sizes: tuple[FloatArray, FloatArray], mean: FloatArray, delta: FloatArray
 ) -> FloatArray:
     """Ratio of filament to transverse-field heat in a cut, (3, frequencies, turns)."""
     w, t = sizes
     side = float(max(w.max(), t.max()))
-    octaves = _octaves(side, delta)
+    octaves = max(2, math.ceil(math.log2(side / float(delta.min()))))
     grain = 1e-9 * side  # rounding lets equal coils share their section
     x, z = (grain * np.round((v - v.min()) / grain) for v in (cut.across, z))
     bundle = _section(tuple(zip(*(v.tolist() for v in (x, z, w, t)), strict=True)), octaves)
