@@ -65,11 +65,11 @@ def test_green_function_is_the_inverse_of_the_tridiagonal_matrix(k, data):
     d = data.draw(st.lists(st.floats(1e-5, 1e-2), min_size=1, max_size=4))
     epsilon = data.draw(st.lists(st.floats(1, 10), min_size=len(d) + 2, max_size=len(d) + 2))
     Y = np.zeros((len(d) + 1,) * 2)
-    Y[0, 0], Y[-1, -1] = epsilon[0], epsilon[-1] / np.tanh(k * 3e-3)
+    Y[0, 0], Y[-1, -1] = epsilon[0], epsilon[-1]
     for i, (thickness, e) in enumerate(zip(d, epsilon[1:-1], strict=True)):
         x = min(k * thickness, 300.0)
         Y[i : i + 2, i : i + 2] += e * np.array([[1 / np.tanh(x), -1 / np.sinh(x)], [-1 / np.sinh(x), 1 / np.tanh(x)]])
-    G = LayeredMedium(tuple(d), tuple(epsilon), ground_below=3e-3).green(np.array([k]))[0]
+    G = LayeredMedium(tuple(d), tuple(epsilon)).green(np.array([k]))[0]
     # 1e-5: at k = 1/m Y is nearly singular, and its inverse loses ten digits that the recursion keeps
     np.testing.assert_allclose(G, np.linalg.inv(EPSILON_0 * k * Y), rtol=1e-5, atol=1e-9 * G.max())
 
@@ -101,18 +101,13 @@ def test_capacitance_scales_with_permittivity_not_with_size(epsilon, size):
     np.testing.assert_allclose(scaled, epsilon * unit, rtol=1e-4)
 
 
-def test_matrix_is_symmetric_and_rows_sum_to_the_capacitance_to_ground():
+def test_matrix_is_symmetric_and_rows_sum_to_zero():
     planes, x, w = [0, 0, 1, 1], np.array([0.2, 0.5, 0.25, 0.6]) * MM, np.full(4, 0.15 * MM)
     open_space = LayeredMedium((0.2e-3,), (1, 4.5, 1))
     C = strip_capacitance(open_space, planes, x, w, period=5 * MM)
     np.testing.assert_array_equal(C, C.T)
     np.testing.assert_allclose(C.sum(axis=1), 0, atol=1e-12 * C.max())  # neutral, up to rounding
     assert (C[~np.eye(4, dtype=bool)] < 0).all()
-    height = 50e-3  # ten periods away a layer of strips is a plate
-    grounded = strip_capacitance(replace(open_space, ground_below=height), planes, x, w, period=5 * MM)
-    # 5 %: the strips, 0.6 mm of 5, lie above the potential of a full plate by a distance of some (period/2π) ln
-    assert grounded.sum() == pytest.approx(EPSILON_0 * 5 * MM / height, rel=0.05)
-    np.testing.assert_allclose(grounded, C, rtol=0, atol=0.02 * C.max())
 
 
 def test_strips_mirrored_are_strips_doubled():
@@ -357,15 +352,9 @@ def _fat():
 
 
 @pytest.mark.parametrize(("call", "message"), [
-    (lambda: LayeredMedium((0.0,), (1, 4.5, 1)), "positive, finite thickness; got 0.0 m"),
-    (lambda: LayeredMedium((1e-4,), (1, -4.5, 1)), "relative permittivity must be at least 1; got -4.5"),
-    (lambda: LayeredMedium((1e-4,), (1, 4.5)), "need 3 permittivities; got 2"),
-    (lambda: LayeredMedium((), (1, 1), ground_below=0.0), "distance to ground must be positive"),
     (lambda: strip_capacitance(AIR, [0, 0], [0, 1e-4], [2e-4] * 2, period=1e-2), "copper overlaps on plane 0"),
     (lambda: strip_capacitance(AIR, [0], [0], [2e-4], period=1e-4), "do not fit into the period of 0.1 mm"),
     (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, mirror=True), "do not fit"),
-    (lambda: strip_capacitance(AIR, [0], [0], [0.0], period=1e-3), "positive widths; got a width of 0.0 m"),
-    (lambda: crossed_grid_capacitance(AIR, [0], [2e-4], [1e-4], [0], [0]), "narrower than their pitch"),
     (lambda: coil_capacitance(_one(2, HEXAGON), relative_permittivity=0.5), "at least 1; got 0.5"),
     (lambda: coil_capacitance(_pair(shift=(1e-3, 0), layers=("A", "A"))), "one and two overlaps on A"),
     (lambda: coil_capacitance(_hairpin()), "winding of hairpin must have turns beside each other"),
@@ -378,12 +367,6 @@ def test_bad_geometry_is_refused_in_one_line(call, message):
 
 
 @pytest.mark.parametrize(("call", "message"), [
-    (lambda: strip_capacitance(AIR, [1], [0], [1e-4], period=1e-3), "planes must be 0 to 0; got 1 to 1"),
-    (lambda: strip_capacitance(AIR, [0], [0, 1], [1e-4], period=1e-3), "must have the same length"),
-    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], [1], period=1e-3), "numbered 0, 1, … without a gap"),
-    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=-1.0), "period must be positive"),
-    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, basis=0), "basis must be at least 1; got 0"),
-    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, cutoff=0.0), "cutoff must be positive"),
     (lambda: self_resonance(0.0, 1e-12), "inductance must be finite and positive; got 0.0 H"),
     (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, -1e-12), "tank_capacitance must be finite and not negative"),
     (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, 0.0, undisturbed=-1.0), "undisturbed must be finite"),

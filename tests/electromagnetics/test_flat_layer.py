@@ -206,7 +206,7 @@ def test_directions_by_dipoles(first, second):
 def test_image_meets_the_boundary_conditions():
     loop = np.vstack((_box(), _box()[:1]))  # closed
     slab = Slab(1e-3, THICK, 2.7)
-    image = flat_layer._images(as_conductors([loop]), slab, 0)
+    image = [flat_layer.mirrored(path, slab.lower) for path in as_conductors([loop])]
     points = np.array([[1e-3, 2e-3, 1e-3], [-6e-3, 4e-3, 1e-3], [20e-3, -9e-3, 1e-3]])
     own, mirrored = magnetic_field([loop], points), magnetic_field(image, points)
     below, above = own + slab.reflection * mirrored, (1 + slab.reflection) * own
