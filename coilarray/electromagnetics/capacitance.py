@@ -32,7 +32,8 @@ from coilarray.geometry import Array, Coil, Placement, Sheet, Stackup
 from coilarray.geometry.copper import uniform_runs
 from coilarray.geometry.winding import Cut, FlatPath, Turns, find_turns
 
-Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
+Above = tuple[tuple[float, ...], tuple[float, ...]]  # thicknesses in m and relative permittivities down to the board
+_AIR: Above = ((), (1.0,))
 # Rays at equal angles. The layers of a spiral shift past each other by whole pitches per turn, so
 # these rays take the mean over the shift. The values are the least and most rays about a pole, and
 # the number of turns they cut in all. It is no multiple of whole turns that rounding could decide
@@ -124,22 +125,21 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
     >>> f"{float(C.coil_capacitance[0]) * 1e12:.1f} pF"
     '19.2 pF'
     """
-    above = _slabs(sheets, relative_permittivity)
-    half_space = 1.0 if sheets else relative_permittivity
+    above = _above(sheets, relative_permittivity)
     _refuse_touching_coils(array)
-    windings = _windings(array, above, half_space)
+    windings = _windings(array, above)
     single, pair = ("coil",), ("coil", "other")
     rows = (
         ("coil_capacitance", single, [w.total for w in windings], "F", "lumped capacitance"),
         ("interlayer", single, [w.interlayer for w in windings], "F", "part between layers"),
         ("turn_to_turn", single, [w.turn_to_turn for w in windings], "F", "part within layers"),
         ("leads", single, [w.leads for w in windings], "F", "part of the leads"),
-        ("capacitance", pair, _between_coils(array, above, half_space), "F", "Maxwell matrix"),
+        ("capacitance", pair, _between_coils(array, above), "F", "Maxwell matrix"),
     )
     return xr.Dataset(
         variables(*rows),
         {"coil": list(array.names), "other": list(array.names)},
-        {"relative_permittivity": relative_permittivity, "sheet_thickness_m": sum(d for d, _ in above)},
+        {"relative_permittivity": relative_permittivity, "sheet_thickness_m": sum(above[0])},
     )
 
 
@@ -187,20 +187,15 @@ def elastomer_effect(
     C_t = float(_positive("tank_capacitance", tank_capacitance, "F", zero=True))
     if not 0 <= undisturbed <= _HIGHEST_FACE:
         raise ValueError(f"undisturbed must be finite, 0 to {_HIGHEST_FACE:g} m; got {undisturbed} m.")
-    slabs = _slabs(sheets, relative_permittivity)
-    outside = 1.0 if sheets else relative_permittivity
+    above = _above(sheets, relative_permittivity)
     _refuse_touching_coils(array)
-
-    without = np.array([winding.total for winding in _windings(array, (), 1.0)])
-    with_elastomer = np.array([winding.total for winding in _windings(array, slabs, outside)])
-    resting = ((undisturbed, relative_permittivity),) if undisturbed > 0 else ()
+    without, with_elastomer = (np.array([one.total for one in _windings(array, over)]) for over in (_AIR, above))
+    resting: Above = ((undisturbed,), (relative_permittivity,)) if undisturbed > 0 else ((), ())
     most, least = (
-        np.array([winding.longest_turns for winding in _windings(array, resting, epsilon)])
+        np.array([one.longest_turns for one in _windings(array, (resting[0], (epsilon, *resting[1])))])
         for epsilon in (relative_permittivity, 1.0)
     )
-    spread = most - least
-    single = ("coil",)
-    change = with_elastomer - without
+    single, change, spread = ("coil",), with_elastomer - without, most - least
     rows = (
         ("without", single, without, "F", "lumped capacitance in air"),
         ("with_elastomer", single, with_elastomer, "F", "lumped capacitance, elastomer on"),
@@ -224,51 +219,51 @@ def _positive(name: str, value: npt.ArrayLike, unit: str, *, zero: bool = False)
     return values
 
 
-def _slabs(sheets: Sequence[Sheet], relative_permittivity: float) -> Slabs:
+def _above(sheets: Sequence[Sheet], relative_permittivity: float) -> Above:
+    """Media above the board: elastomer sheets under air, or one half space."""
     if not 1 <= relative_permittivity <= _MOST_PERMITTIVITY:
         raise GeometryError(
             f"relative_permittivity must be at least 1; got {relative_permittivity} (at most {_MOST_PERMITTIVITY:g})."
         )
+    if not sheets:
+        return (), (relative_permittivity,)
     thickness = sum(sheet.thickness for sheet in sheets)
-    return ((thickness, relative_permittivity),) if sheets and relative_permittivity > 1 else ()
+    return ((thickness,), (1.0, relative_permittivity)) if relative_permittivity > 1 else _AIR
 
 
-def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[LayeredMedium, int]:
+def _board_medium(stackup: Stackup, above: Above) -> LayeredMedium:
     """Medium with planes at the copper faces and above the top.
 
     The gaps of the outer copper are filled with the medium outside, the gaps of inner copper with
     the mean of the dielectrics on both sides.
     """
-    inner = stackup.epsilon_r
-    top = above[0][1] if above else half_space
-    between = [(top if i == 0 else inner[i - 1], 1.0 if i == len(inner) else inner[i]) for i in range(len(inner) + 1)]
-    thicknesses = [d for d, _ in reversed(above)]
-    epsilons = [half_space, *(epsilon for _, epsilon in reversed(above))]
-    for i, (copper, (over, under)) in enumerate(zip(stackup.copper_thickness, between, strict=True)):
+    media = (above[1][-1], *stackup.epsilon_r, 1.0)  # above and below each copper layer
+    thicknesses, epsilons = (list(part) for part in above)
+    last = len(stackup.copper_thickness) - 1
+    for i, copper in enumerate(stackup.copper_thickness):
+        over, under = media[i : i + 2]
         thicknesses.append(copper)
-        outer_gap = over if i == 0 else under
-        epsilons.append(outer_gap if i in (0, len(inner)) else (over + under) / 2)
-        if i < len(inner):
+        epsilons.append(over if i == 0 else under if i == last else (over + under) / 2)
+        if i < last:
             thicknesses.append(stackup.dielectric_thickness[i])
             epsilons.append(under)
-    return LayeredMedium(tuple(thicknesses), (*epsilons, 1.0)), len(above)
+    return LayeredMedium(tuple(thicknesses), (*epsilons, 1.0))
 
 
-def _windings(array: Array, above: Slabs, half_space: float) -> list[WindingCapacitance]:
+def _windings(array: Array, above: Above) -> list[WindingCapacitance]:
     """Compute every winding, equal placements only once."""
-    stackup = array.stackup
     windings = []
     for placement in array.placements:
         coil = placement.coil
-        shape = (*coil.lines, *coil.widths, coil.outline)
-        key = stackup, placement.layers, coil.gap, tuple(part.tobytes() for part in shape), above, half_space
-        windings.append(_WINDINGS.get(key, partial(_winding, stackup, placement, above, half_space)))
+        shape = tuple(part.tobytes() for part in (*coil.lines, *coil.widths, coil.outline))
+        key = array.stackup, placement.layers, coil.gap, shape, above
+        windings.append(_WINDINGS.get(key, partial(_winding, array.stackup, placement, above)))
     return windings
 
 
-def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: float) -> WindingCapacitance:
+def _winding(stackup: Stackup, placement: Placement, above: Above) -> WindingCapacitance:
     """Compute the capacitance of one winding with its leads."""
-    medium, first = _board_medium(stackup, above, half_space)
+    medium, first = _board_medium(stackup, above), len(above[0])
     coil = placement.coil
     copper = np.array([stackup.index(layer) for layer in placement.layers])
     turns = find_turns(FlatPath.of_lines(coil.lines, coil.widths))
@@ -321,15 +316,8 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
         done += n
     np.fill_diagonal(between, 0.0)
     np.fill_diagonal(between, -between.sum(axis=1))
-    leads = lead_capacitance(
-        LayeredMedium(
-            (*(d for d, _ in reversed(above)), *stackup.dielectric_thickness),
-            (half_space, *(epsilon for _, epsilon in reversed(above)), *stackup.epsilon_r, 1.0),
-        ),
-        len(above) + copper,
-        np.array(stackup.copper_thickness)[copper],
-        turns,
-    )
+    flat = LayeredMedium((*above[0], *stackup.dielectric_thickness), (*above[1], *stackup.epsilon_r, 1.0))
+    leads = lead_capacitance(flat, first + copper, np.array(stackup.copper_thickness)[copper], turns)
     return WindingCapacitance(interlayer, turn_to_turn, leads, between, longest + leads)
 
 
@@ -362,9 +350,9 @@ def _shares(line: IntArray, along: FloatArray, turns: Turns) -> FloatArray:
     return shares
 
 
-def _between_coils(array: Array, above: Slabs, half_space: float) -> FloatArray:
+def _between_coils(array: Array, above: Above) -> FloatArray:
     """Maxwell matrix between coils by overlapping winding areas."""
-    medium, first = _board_medium(array.stackup, above, half_space)
+    medium, first = _board_medium(array.stackup, above), len(above[0])
     bands = _bands(array)
     shapes = [band.area for band in bands]
     C = np.zeros((len(array.placements),) * 2)
@@ -378,21 +366,15 @@ def _between_coils(array: Array, above: Slabs, half_space: float) -> FloatArray:
             areas[pattern] = areas.get(pattern, 0.0) + float(cells[index].area)
     for pattern, area in areas.items():
         coils = sorted({bands[band].coil for band in pattern})
-        planes, widths, pitches, grids, owners = [], [], [], [], []
-        basis = 3
+        faces, basis = [], 3
         for grid, band in enumerate(bands[index] for index in pattern):
             coil = array.placements[band.coil].coil
             basis = max(basis, _basis(array.stackup, coil))
-            for face in (0, 1):
-                planes.append(first + 2 * band.layer + face)
-                widths.append(band.width)
-                pitches.append(band.width + coil.gap)
-                grids.append(grid)
-                owners.append(coils.index(band.coil))
-        faces = tuple(planes), tuple(widths), tuple(pitches), tuple(grids), tuple(owners)
-        per_area = _PER_AREA.get(
-            (medium, *faces, basis), partial(crossed_grid_capacitance, medium, *faces, basis=basis)
-        )
+            own = band.width, band.width + coil.gap, grid, coils.index(band.coil)
+            faces += [(first + 2 * band.layer + face, *own) for face in (0, 1)]
+        columns = tuple(zip(*faces, strict=True))
+        work = partial(crossed_grid_capacitance, medium, *columns, basis=basis)
+        per_area = _PER_AREA.get((medium, columns, basis), work)
         C[np.ix_(coils, coils)] += area * per_area
     np.fill_diagonal(C, 0.0)
     np.fill_diagonal(C, -C.sum(axis=1))
@@ -416,32 +398,25 @@ def _bands(array: Array) -> list[_Band]:
     for index, placement in enumerate(array.placements):
         coil = placement.coil
         if id(coil) not in own:
-            own[id(coil)] = [closed_band(coil, [trace]) for trace in zip(coil.lines, coil.widths, strict=True)]
+            own[id(coil)] = [_closed_band(coil, *trace) for trace in zip(coil.lines, coil.widths, strict=True)]
         for layer in dict.fromkeys(placement.layers):
             lines = placement.lines_on(layer)
             shape = own[id(coil)][lines[0]] if len(lines) == 1 else shapely.union_all([own[id(coil)][k] for k in lines])
             turned = affinity.rotate(shape, placement.rotation, origin=(0, 0), use_radians=True)
             area = affinity.translate(turned, placement.x, placement.y)
-            bands.append(_Band(index, array.stackup.index(layer), _mean_width(coil, lines), area))
+            widths = np.concatenate([coil.widths[k] for k in lines])
+            lengths = np.concatenate([np.hypot(*np.diff(coil.lines[k], axis=0).T) for k in lines])
+            width = float(widths[0] + np.average(widths - widths[0], weights=lengths))  # exact if all are the same
+            bands.append(_Band(index, array.stackup.index(layer), width, area))
     return bands
 
 
-def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
-    """Width of a coil's lines in m, weighted by length."""
-    widths = np.concatenate([coil.widths[k] for k in lines])
-    lengths = np.concatenate([np.hypot(*np.diff(coil.lines[k], axis=0).T) for k in lines])
-    return float(widths[0] + np.average(widths - widths[0], weights=lengths))  # exact where all are the same
-
-
-def closed_band(
-    coil: Coil, traces: Sequence[tuple[FloatArray, FloatArray]], mitre_limit: float = 2.0
-) -> shapely.Geometry:
-    """Area of a coil's traces and half of the gaps, slits closed."""
+def _closed_band(coil: Coil, line: FloatArray, widths: FloatArray) -> shapely.Geometry:
+    """Area of a coil's trace and half of the gaps, slits closed."""
     slit = 0.05 * (coil.trace_width + coil.gap) / 2
-    corners: dict[str, Any] = {"join_style": "mitre", "mitre_limit": mitre_limit}
+    corners: dict[str, Any] = {"join_style": "mitre", "mitre_limit": 2.0}
     ribbons = [
         shapely.buffer(shapely.LineString(piece), (width + coil.gap) / 2 + slit, cap_style="flat", **corners)
-        for line, widths in traces
         for piece, width in uniform_runs(line, widths)
     ]
     wide = ribbons[0] if len(ribbons) == 1 else shapely.union_all(ribbons)

@@ -170,7 +170,7 @@ def _one(layers, spiral, **board):
 
 def _winding(array):
     """Capacitance of the first coil alone, in air."""
-    return module._winding(array.stackup, array.placements[0], (), 1.0)
+    return module._winding(array.stackup, array.placements[0], ((), (1.0,)))
 
 
 HEXAGON = Spiral(6, 16e-3, 20, 0.15e-3, 0.15e-3)
