@@ -74,10 +74,8 @@ class NoiseBudget:
 
     def __repr__(self) -> str:
         noise, drift = self.noise.max(), np.abs(self.drift).max()
-        return (
-            f"<NoiseBudget of {len(self.states)} states: at most σ of δ {self.largest:.2g}, of it noise {noise:.2g}; "
-            f"drift {drift:.2g} per K>"
-        )
+        most = f"at most σ of δ {self.largest:.2g}, of it noise {noise:.2g}; drift {drift:.2g} per K"
+        return f"<NoiseBudget of {len(self.states)} states: {most}>"
 
     def _repr_html_(self) -> str:
         """Return the budget as an HTML card."""
@@ -141,12 +139,10 @@ class NoiseBudget:
 
     def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
         """Return `common` as ``common_noise`` (drift_cause, state)."""
-        common = self.common
-        if not common:
+        if not (common := self.common):
             return {}
-        rows = variables(
-            ("common_noise", ("drift_cause", "state"), np.array(list(common.values())), "1", "change of δ by a cause")
-        )
+        changes = np.array(list(common.values()))
+        rows = variables(("common_noise", ("drift_cause", "state"), changes, "1", "change of δ by a cause"))
         return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def select(self, states: Sequence[str]) -> NoiseBudget:
@@ -173,16 +169,11 @@ class NoiseBudget:
                 return np.asarray(values[kept] - values[taken].mean())
             return np.asarray(np.hypot(values[kept], np.linalg.norm(values[taken]) / len(taken)))
 
-        causes = tuple(
-            replace(
-                cause,
-                noise=less(cause.noise, common=False),
-                drift=less(cause.drift, common=cause.common),
-                change=less(cause.change, common=cause.common),
-            )
-            for cause in self.causes
-        )
-        return replace(self, states=others, causes=causes, reference=tuple(reference))
+        causes = []
+        for one in self.causes:
+            drift, change = (less(values, common=one.common) for values in (one.drift, one.change))
+            causes.append(replace(one, noise=less(one.noise, common=False), drift=drift, change=change))
+        return replace(self, states=others, causes=tuple(causes), reference=tuple(reference))
 
     def to_record(self) -> dict[str, Any]:
         """Return the budget in SI as plain values for JSON."""
@@ -228,22 +219,14 @@ def noise_budget(
     readout : Readout, optional
         Settings and coefficients. By default from the design.
     network : Network, optional
-        Coils, switches and strays. By default `coilarray.circuit.coupling.design_circuit`.
+        Coils, switches and strays. By default those of `coilarray.design_circuit`.
 
     Returns
     -------
     NoiseBudget
-        For the states of the design's scan.
-
-    Raises
-    ------
-    NetworkError
-        A state without a resonance.
-
-    Notes
-    -----
-    See `budget_of`. Left out are neighbours that are warmer than others, flicker noise of clock and
-    sensor, the change of the skin depth, and the elastomer.
+        For the states of the design's scan. A state without a resonance raises a NetworkError. Left
+        out are neighbours that are warmer than others, flicker noise of clock and sensor, the
+        change of the skin depth, and the elastomer.
 
     Examples
     --------
@@ -293,17 +276,15 @@ def budget_of(
     f, Q = (np.asarray(values, dtype=np.float64) for values in (frequency, quality_factor))
     omega, every, none = 2 * np.pi * f, np.ones_like(f), np.zeros_like(f)
     susceptance = omega * switches.tank_capacitance
-    known = _CLOCKS[readout.external_clock]
-    per_kelvin, per_volt = (
-        default if given is None else given
-        for given, default in ((readout.clock_per_kelvin, known.per_kelvin), (readout.clock_per_volt, known.per_volt))
-    )
+    clock, per_kelvin, kelvin_source, per_volt, volt_source = _CLOCKS[readout.external_clock]
+    if readout.clock_per_kelvin is not None:
+        per_kelvin = readout.clock_per_kelvin
+    if readout.clock_per_volt is not None:
+        per_volt, volt_source = readout.clock_per_volt, _GIVEN
     measured = [(state.connection == "series", len(state.measured)) for state in design.plan]
     closed = np.array([2.0 * coils if series else 2.0 / coils for series, coils in measured])  # between the two sides
-    resistance = 1 / (susceptance * Q)  # in series. The switches are a share of it
-    of_switches = np.zeros_like(f)
-    np.divide(closed * switches.on_resistance, resistance, out=of_switches, where=resistance > 0)
-    of_switches = np.minimum(of_switches, 1.0)
+    # The switches are a share of the resistance in series.
+    of_switches = np.minimum(closed * switches.on_resistance * susceptance * np.where(np.isfinite(Q), Q, 0.0), 1.0)
     copper = (1 - of_switches) * readout.size("copper_per_kelvin")
     closed_ones = of_switches * readout.size("switch_per_kelvin")
     delay = DRIVE_DELAY * omega / Q * (copper + closed_ones)
@@ -313,84 +294,56 @@ def budget_of(
         said = source if given is None else _GIVEN
         return Cause(name, 2 * size, none, none, False, said, given is None and not known)
 
-    def drifting(name: str, size: FloatArray, key: str, source: str, *, known: bool = False, common: bool) -> Cause:
+    def drifting(
+        name: str, size: FloatArray, key: str, source: str, *, known: bool = False, common: bool = True
+    ) -> Cause:
         given = getattr(readout, key) is not None
         said = _GIVEN if given else source
         return Cause(name, none, size, size * readout.temperature_change, common, said, not (known or given))
 
-    return NoiseBudget(
-        tuple(state.name for state in design.plan),
-        (
-            noisy(
-                "resolution of the converter", readout.resolution_noise * every, _RESOLUTION, given=readout.resolution,
-            ),
-            noisy(
-                f"jitter of the {known.name}", readout.jitter_noise * every, "not published; none is counted",
-                given=readout.clock_jitter,
-            ),
-            noisy(
-                "thermal noise of the losses", np.sqrt(_THERMAL / energy),
-                f"Leeson, for {readout.amplitude:g} V and the losses alone", known=True,
-            ),
-            Cause(
-                "clock with the supply", none, none, 2 * per_volt * readout.supply_change * every, True,
-                known.volt_source if readout.clock_per_volt is None else _GIVEN,
-                readout.clock_per_volt is None,
-            ),
-            drifting(
-                "clock with temperature", 2 * per_kelvin * every, "clock_per_kelvin", known.kelvin_source,
-                known=not readout.external_clock, common=True,
-            ),
-            drifting(
-                "capacitor of the tank", readout.size("capacitor_per_kelvin") * every, "capacitor_per_kelvin",
-                "C0G, at most ± 30 ppm/K (IEC 60384-8)",
-                common=switches.tank_at == "converter",
-            ),
-            drifting(
-                "expansion of the board", readout.size("board_per_kelvin") * every, "board_per_kelvin",
-                "FR4 in its plane, 14 ppm/K; L grows with the size", common=True,
-            ),
-            drifting(
-                "resistance of the copper", 2 * copper / (Q**2 + 1), "copper_per_kelvin",
-                "IEC 60028 and the computed Q", known=True, common=True,
-            ),
-            drifting(
-                "resistance of the switches", 2 * closed_ones / (Q**2 + 1),
-                "switch_per_kelvin", "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature", common=True,
-            ),
-            Cause(
-                "losses by the converter's delay", none, delay, delay * readout.temperature_change, True,
-                "5 ns of equation 1 of SNOSCY9A, not verified", True,
-            ),
-        ),
-        readout,
-    )  # fmt: skip
+    supply, inside = 2 * per_volt * readout.supply_change * every, not readout.external_clock
+    capacitor, shared_tank = readout.size("capacitor_per_kelvin"), switches.tank_at == "converter"
+    thermal = f"Leeson, for {readout.amplitude:g} V and the losses alone"
+    assumed_supply = readout.clock_per_volt is None
+    causes = (
+        noisy("resolution of the converter", readout.resolution_noise * every, _RESOLUTION, given=readout.resolution),
+        noisy(f"jitter of the {clock}", readout.jitter_noise * every, _NO_JITTER, given=readout.clock_jitter),
+        noisy("thermal noise of the losses", np.sqrt(_THERMAL / energy), thermal, known=True),
+        Cause("clock with the supply", none, none, supply, True, volt_source, assumed_supply),
+        drifting("clock with temperature", 2 * per_kelvin * every, "clock_per_kelvin", kelvin_source, known=inside),
+        drifting("capacitor of the tank", capacitor * every, "capacitor_per_kelvin", _C0G, common=shared_tank),
+        drifting("expansion of the board", readout.size("board_per_kelvin") * every, "board_per_kelvin", _FR4),
+        drifting("resistance of the copper", 2 * copper / (Q**2 + 1), "copper_per_kelvin", _COPPER, known=True),
+        drifting("resistance of the switches", 2 * closed_ones / (Q**2 + 1), "switch_per_kelvin", _ADG729),
+        Cause("losses by the converter's delay", none, delay, delay * readout.temperature_change, True, _DELAY, True),
+    )
+    return NoiseBudget(tuple(state.name for state in design.plan), causes, readout)
 
 
-@dataclass(frozen=True)
-class _Clock:
-    """Temperature and supply coefficients of a clock, with sources."""
-
-    name: str
-    per_kelvin: float
-    kelvin_source: str
-    per_volt: float
-    volt_source: str
-
-
+# By external clock: name, drift in 1/K and its source, change in 1/V and its source
 _CLOCKS = {
-    False: _Clock(
+    False: (
         "converter's own clock",
-        INTERNAL_CLOCK_PER_KELVIN, "SNOSCY9A, section 6.5: mean of units",
-        50e-6, "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature",
+        INTERNAL_CLOCK_PER_KELVIN,
+        "SNOSCY9A, section 6.5: mean of units",
+        50e-6,
+        "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature",
     ),
-    True: _Clock(
+    True: (
         "crystal oscillator",
-        1e-6, "assumed for a crystal within ± 50 ppm from −20 to 70 °C",
-        1e-6, "assumed for a crystal oscillator",
+        1e-6,
+        "assumed for a crystal within ± 50 ppm from −20 to 70 °C",
+        1e-6,
+        "assumed for a crystal oscillator",
     ),
-}  # fmt: skip
+}
 _GIVEN = "[readout] of the design"
+_NO_JITTER = "not published; none is counted"
+_C0G = "C0G, at most ± 30 ppm/K (IEC 60384-8)"
+_FR4 = "FR4 in its plane, 14 ppm/K; L grows with the size"
+_COPPER = "IEC 60028 and the computed Q"
+_ADG729 = "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature"
+_DELAY = "5 ns of equation 1 of SNOSCY9A, not verified"
 _RESOLUTION = (
     "8e-7 of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
     "that of white noise"
