@@ -524,7 +524,9 @@ def _wire(network: Network, state: ScanState) -> _Wiring:
             (terminal, number[net], switches.off_capacitance) for net in (_SIDE_A, _SIDE_B, _GROUND) if net != closed
         ]
         capacitors.append((terminal, number[_GROUND], switches.terminal_capacitance))
-    loads = [k for k, name in enumerate(network.names) if _passive(state, name) == "load"]
+    measured = {name for name, _ in state.measured}
+    passive = {name: state.exceptions.get(name, state.others) for name in network.names if name not in measured}
+    loads = [k for k, name in enumerate(network.names) if passive.get(name) == "load"]
     joined += [(2 * k, 2 * k + 1, state.load_resistance) for k in loads]
     nodes, coils = 2 * n + len(number), np.arange(2 * n).reshape(n, 2)
     capacitors += [(first, second, switches.tank_capacitance) for first, second in coils.tolist()]
@@ -535,10 +537,15 @@ def _wire(network: Network, state: ScanState) -> _Wiring:
         np.add.at(capacitance, (rows, columns), sign * farads)
     terminals, ends, resistance = (np.array(column) for column in zip(*joined, strict=True))
     pairs = np.concatenate((coils, np.stack((terminals, ends), axis=1), np.argwhere(capacitance)))
-    return _Wiring(
-        state, terminals, ends, resistance, capacitance, (number[_SIDE_A], number[_SIDE_B]),
-        np.setdiff1d(np.arange(nodes), _references(pairs, nodes, terminals, number[_GROUND])),
-    )  # fmt: skip
+    graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
+    parts, label = connected_components(graph, directed=False)
+    # a reference of every separate part: ground, or a node behind no switch
+    free = np.setdiff1d(np.arange(nodes), terminals)
+    ground = number[_GROUND]
+    references = [ground if label[ground] == part else int(free[label[free] == part][0]) for part in range(parts)]
+    kept = np.setdiff1d(np.arange(nodes), references)
+    port = number[_SIDE_A], number[_SIDE_B]
+    return _Wiring(state, terminals, ends, resistance, capacitance, port, kept)
 
 
 def between_coils(mutual: FloatArray) -> FloatArray:
@@ -548,39 +555,17 @@ def between_coils(mutual: FloatArray) -> FloatArray:
     return np.asarray(stamp - np.kron(apart, np.ones((2, 2)) / 4))
 
 
-def _passive(state: ScanState, name: str) -> Passive | None:
-    """Return the termination of a coil, None if measured."""
-    if any(name == measured for measured, _ in state.measured):
-        return None
-    return state.exceptions.get(name, state.others)
-
-
 def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
     """Nets of both terminals of every coil, empty if open."""
-    nets: dict[str, tuple[str, str]] = {}
     closed: dict[Passive, tuple[str, str]] = {
         "ground": (_GROUND, _GROUND),
         "ground one end": (_GROUND, ""),
         "ground other end": ("", _GROUND),
-        "open": ("", ""),
-        "load": ("", ""),
     }
-    for name in names:
-        passive = _passive(state, name)
-        if passive is not None:
-            nets[name] = closed[passive]
-    last = len(state.measured) - 1
+    nets = {name: closed.get(state.exceptions.get(name, state.others), ("", "")) for name in names}
+    last, series = len(state.measured) - 1, state.connection == "series"
     for k, (name, sense) in enumerate(state.measured):
-        series = state.connection == "series"
         first = _SIDE_A if k == 0 or not series else f"link {k}"
         second = _SIDE_B if k == last or not series else f"link {k + 1}"
         nets[name] = (first, second) if sense == 1 else (second, first)
-    return {name: nets[name] for name in names}
-
-
-def _references(pairs: IntArray, nodes: int, closed: IntArray, ground: int) -> list[int]:
-    """Return a node of every separate part, ground or unswitched."""
-    ends = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(nodes, nodes))
-    parts, label = connected_components(ends, directed=False)
-    free = np.setdiff1d(np.arange(nodes), closed)
-    return [ground if label[ground] == part else int(free[label[free] == part][0]) for part in range(parts)]
+    return nets

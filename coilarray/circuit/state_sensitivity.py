@@ -215,7 +215,11 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
     """Solve coils with strays and any resistance, all others grounded."""
     n, C, count = len(network.names), network.switches.tank_capacitance, len(measured)
     omega = 1 / np.sqrt(np.diag(network.inductance)[measured] * (C + network.winding_capacitance[measured]))
-    K = _terminal_capacitance(network)
+    switches = network.switches
+    across = network.winding_capacitance + (C if switches.tank_at == "coil" else 0.0)
+    ground = np.full(2 * n, 2 * switches.off_capacitance + switches.terminal_capacitance)
+    pairs = np.kron(np.diag(across), [[1, -1], [-1, 1]])
+    K = csc_array(between_coils(network.mutual_capacitance) + pairs + np.diag(ground))  # without the converter, in F
     found = _States(omega, np.empty(count, np.complex128), np.empty(count), np.empty((n, count), np.complex128))
     for group in _groups(omega, _FAR, np.empty(0)):  # B = βω − α/ω nearly, from two frequencies
         ends = np.array([omega[group].min() * (1 - _FAR), omega[group].max() * (1 + _FAR)])
@@ -282,22 +286,13 @@ def _interpolated(
     )
 
 
-def _terminal_capacitance(network: Network) -> csc_array:
-    """Maxwell matrix in F of the terminals without the converter."""
-    switches = network.switches
-    across = network.winding_capacitance + (switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
-    ground = np.full(2 * len(across), 2 * switches.off_capacitance + switches.terminal_capacitance)
-    pairs = np.kron(np.diag(across), [[1, -1], [-1, 1]])
-    return csc_array(between_coils(network.mutual_capacitance) + pairs + np.diag(ground))
-
-
 def _driven_together(
     network: Network, K: csc_array, measured: IntArray, omega: float
 ) -> tuple[ComplexArray, ComplexArray]:
     """Admittances (states,) and currents (coils, states) for one volt.
 
     The terminals t have the voltages v = q − r (jωK v + A i). Here q are the voltages behind their
-    closed switches of resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil
+    closed switches of resistance r, K their capacitances without the converter and A i the coil
     currents that leave them. With the coils' Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P =
     (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the currents D q, D = jωK (H − r HA P) + A P. A side
     of the converter also acts through open switches: with κ = jω r c as a part κ of its voltage in

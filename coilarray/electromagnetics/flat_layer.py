@@ -38,8 +38,10 @@ from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import Source, as_conductors, first_of_each
-from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance, representative_segments
+from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.kernels.sections import lateral_axes
+from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
+from coilarray.electromagnetics.neumann import segment_table
 from coilarray.errors import ElastomerError, GeometryError
 from coilarray.geometry import Conductor, Sheet
 
@@ -168,7 +170,11 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     for n in range(near):
         images = [mirrored(path, slab.lower + n * slab.thickness) for path in paths]
         change += _weight(slab, n) * mutual_inductance(paths, images, accuracy=accuracy)
-    shares = np.array([_remainder(slab, near, one) for one in k.tolist()])
+    # the sum of the weights times e^{−2nkt} from n = `near` on
+    fall = -np.expm1(-2 * k * slab.thickness)
+    series = slab.transmission + slab.reflection**2 * fall  # 1 − β² e^{−2kt}
+    first = slab.reflection * fall if near == 0 else _weight(slab, near) * np.exp(-2 * near * k * slab.thickness)
+    shares = first / series
     change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None])[0].real
     return (change + change.T) / 2
 
@@ -201,15 +207,6 @@ def _near_images(board: Board, slab: Slab) -> int:
     spectrum = board.digits / DIGITS["full"] * board.extent  # fewer digits take fewer waves
     least = max(min(_NEAR * spectrum, math.cbrt(_BALANCE * slab.thickness * spectrum**2)), _WIDTHS * board.size)
     return max(math.ceil((least - board.gap) / (2 * slab.thickness)), 0)
-
-
-def _remainder(slab: Slab, near: int, k: float) -> float:
-    """Sum the weights times e^{−2nkt} from n = `near` on."""
-    fall = -math.expm1(-2 * k * slab.thickness)
-    series = slab.transmission + slab.reflection**2 * fall  # 1 − β² e^{−2kt}
-    if near == 0:
-        return slab.reflection * fall / series
-    return _weight(slab, near) * math.exp(-2 * near * k * slab.thickness) / series
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +276,10 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
 def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
     """Describe a path by its bars about an origin."""
     lateral, _ = lateral_axes(path.vertices)
-    rows, weights = representative_segments(path, accuracy)
+    rows, weights = np.arange(len(path.lengths)), np.ones(len(path.lengths))
+    if accuracy == "screen":  # a few turns, between which quantities are smooth
+        series = find_series(segment_table(path))
+        rows, weights = series_members(series, *series_rules(int(series[:, 2].max())))
     needed, places = np.unique(np.concatenate((rows, rows + 1)), return_inverse=True)
     return _Shape(
         path.vertices[needed] - origin,

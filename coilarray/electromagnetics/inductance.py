@@ -13,8 +13,7 @@ from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.kernels.bars import bar_self, filament_pair, parallel_bars
-from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
-from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums, segment_table
+from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums
 from coilarray.electromagnetics.neumann import Accuracy as Accuracy
 from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry import Array, Conductor
@@ -52,8 +51,13 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     u = (first.vertices[1] - first.vertices[0]) / l1
     v = (second.vertices[1] - second.vertices[0]) / l2
     short, long = sorted((first, second), key=lambda path: float(path.lengths[0]))
-    if short.lengths[0] < _SHORT * _distance(short, long):
-        return float(_SCALE * (u @ v) * _short_filament(short, long))
+    (start, end), (at, other) = short.vertices, long.vertices
+    part = np.clip(((start + end) / 2 - at) @ (other - at) / long.lengths[0] ** 2, 0.0, 1.0)
+    if short.lengths[0] < _SHORT * np.linalg.norm(at + part * (other - at) - (start + end) / 2):
+        points = (start + end) / 2 + np.array([[-1.0], [1.0]]) * (end - start) / np.sqrt(12)  # Gauss points
+        ways = np.linalg.norm(points[:, None] - long.vertices, axis=-1).sum(axis=1)
+        mean = (2 * np.arctanh(long.lengths[0] / ways)).mean()
+        return float(_SCALE * (u @ v) * short.lengths[0] * mean)
     integral = filament_pair(tuple(u), l1, tuple(second.vertices[0] - first.vertices[0]), tuple(v), l2)
     if not np.isfinite(integral):
         raise GeometryError("the two filaments overlap on one line: their mutual inductance is infinite.")
@@ -112,22 +116,6 @@ def rectangular_bars(
         return float(_SCALE * bar_self(*sizes[0, order]) / areas)
     across_up_along = np.roll(np.asarray(offset, dtype=np.float64)[order], -1)
     return float(_SCALE * parallel_bars(*sizes[:, order].ravel(), *across_up_along) / areas)
-
-
-def _distance(first: Conductor, second: Conductor) -> float:
-    """Distance from the middle of one filament to another filament."""
-    start, end = second.vertices
-    middle, way = first.vertices.mean(axis=0), end - start
-    part = np.clip((middle - start) @ way / (way @ way), 0.0, 1.0)
-    return float(np.linalg.norm(start + part * way - middle))
-
-
-def _short_filament(short: Conductor, long: Conductor) -> float:
-    """Integrate 1/R over two filaments, one much shorter than their distance."""
-    start, end = short.vertices
-    points = (start + end) / 2 + np.array([[-1.0], [1.0]]) * (end - start) / np.sqrt(12)  # Gauss points
-    ways = np.linalg.norm(points[:, None] - long.vertices, axis=-1).sum(axis=1)
-    return float(short.lengths[0] * (2 * np.arctanh(long.lengths[0] / ways)).mean())
 
 
 def self_inductance(source: Source) -> FloatArray:
@@ -303,17 +291,6 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     k = L / np.outer(root, root)
     np.fill_diagonal(k, 1.0)
     return np.asarray(k)
-
-
-def representative_segments(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
-    """Numbers and weights (n,) of segments that represent a path.
-
-    ``full`` takes every segment once, ``screen`` a few turns, between which quantities are smooth.
-    """
-    if accuracy == "full":
-        return np.arange(len(path.lengths)), np.ones(len(path.lengths))
-    series = find_series(segment_table(path))
-    return series_members(series, *series_rules(int(series[:, 2].max())))
 
 
 def _require_memory(paths: int, pairs: int) -> None:

@@ -104,27 +104,6 @@ def least_distances(log_tolerance: float) -> FloatArray:
 
 
 @kernel
-def node_count(distance: float, length: float, least: FloatArray) -> int:
-    """Count the nodes along a segment by `least_distances`, at most MOST_NODES + 1."""
-    for n in range(2, MOST_NODES + 1):
-        if distance >= least[n] * length:
-            return n
-    return MOST_NODES + 1
-
-
-@kernel
-def add_nodes(count: int, b: FloatArray, start: Vector, weight: float, n: int, batch: FloatArray) -> int:
-    """Collect a segment's nodes from `start` in `batch` (x, y, z, weight)."""
-    half = 0.5 * b[6]
-    for k in range(n):
-        t = half * (1.0 + _NODES[n, k])
-        batch[0, count], batch[1, count], batch[2, count] = moved(start, t, _along(b))
-        batch[3, count] = weight * half * _WEIGHTS[n, k]
-        count += 1
-    return count
-
-
-@kernel
 def batch_sum(a: FloatArray, count: int, batch: FloatArray) -> float:
     """Weighted sum of the potential of row `a` over collected nodes."""
     x, y, z, weight = batch[0], batch[1], batch[2], batch[3]
@@ -483,11 +462,14 @@ def _collect(
         distance = norm(closest_offset(apart, a, b))
         if distance < APART * size or distance < 0.01 * b[6] or distance < 0.01 * a[6]:
             return -1
-    nodes = node_count(distance, b[6], _LEAST_FILAMENTS if size == 0.0 else _LEAST) + extra
+    least = _LEAST_FILAMENTS if size == 0.0 else _LEAST
+    nodes = 2
+    while nodes <= MOST_NODES and distance < least[nodes] * b[6]:
+        nodes += 1
+    nodes += extra
     if nodes > MOST_NODES:
         return -1
-    # Offsets across the bars are ±s along the first and ±t along `across`. One loop lets `add_nodes`
-    # be compiled once.
+    # Offsets across the bars are ±s along the lateral direction of the first, and ±`across`.
     s, across, sides = 0.0, (0.0, 0.0, 0.0), 1
     cosine = dot(_along(a), _along(b))
     if distance < near_widths * size:
@@ -500,7 +482,11 @@ def _collect(
     for side in range(sides):
         of_second = moved(apart, 1.0 if side % 2 == 0 else -1.0, across)
         start = moved(of_second, -s if side < 2 else s, _lateral(a))
-        count = add_nodes(count, b, start, cosine / sides, nodes, batch)
+        for k in range(nodes):
+            along = 0.5 * b[6] * (1.0 + _NODES[nodes, k])
+            batch[0, count], batch[1, count], batch[2, count] = moved(start, along, _along(b))
+            batch[3, count] = cosine / sides * 0.5 * b[6] * _WEIGHTS[nodes, k]
+            count += 1
     return count
 
 
