@@ -75,13 +75,10 @@ def design_circuit(
     Network
         Its ``left_out`` lists the effects that it lacks. The resistance matrix is interpolated
         around the resonances of the design's scan plan, and a state of it without a resonance
-        raises a NetworkError. A second call for the same design costs nothing.
-
-    Notes
-    -----
-    A coil without turns beside each other has no capacitance model. The network then has no winding
-    capacitance at all. In an array of more than 24 coils the losses of a coil's field in the copper
-    of other coils (1 % of its resistance in gast2020) are left out.
+        raises a NetworkError. A second call for the same design costs nothing. If a coil has no
+        turns beside each other, and so no capacitance model, the network has no winding
+        capacitance. In an array of more than 24 coils the losses of a coil's field in the copper of
+        other coils (1 % of its resistance in gast2020) are left out.
 
     Examples
     --------

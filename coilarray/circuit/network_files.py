@@ -43,9 +43,7 @@ _ABOVE = 30.0  # reach of the corners over the highest frequency. Eddy currents 
 def export_network(
     network: Network, path: Path | str, frequencies: npt.ArrayLike | None = None, *, title: str = ""
 ) -> None:
-    """Write the coils of a network to a `path`.
-
-    Its switches are left out.
+    """Write the coils of a network, without its switches, to a `path`.
 
     The suffix names the format: ``.cir`` or ``.sub`` for a SPICE subcircuit whose first comment is
     the `title`, ``.sNp`` with N coils for a Touchstone file at 50 Ω, with one port per coil.
@@ -53,17 +51,13 @@ def export_network(
     Another suffix, or a file that cannot be written, raises an OutputError, a coil without a
     resonance a NetworkError.
 
-    Notes
-    -----
     A subcircuit has the inductance matrix and the capacitances across and between the coils. For
     every coil it has a ladder of positive elements fitted to its resistance at the network's own
     frequencies (`fit_ladder`), or one resistor if there is only one frequency. Its comments give
     the quality of the fit. A ladder loses inductance as its resistance grows, as eddy currents do
     and the package's L does not. The coil's own inductor is therefore less by the ladder's
-    inductance at the coil's resonance, where both agree. The contribution of the coils' eddy
-    currents to each other's resistance (1 % of it) is left out. The impedance matrix of a
-    Touchstone file has all of it, every coil floating, with the resistance matrix of the network at
-    each frequency.
+    inductance at the coil's resonance, where both agree. The coils' eddy currents in each other
+    (1 % of the resistance) are left out. A Touchstone file has all of it, every coil floating.
 
     Examples
     --------
@@ -89,10 +83,8 @@ def export_network(
     # For floating coils, a capacitance between two adds a twelfth across each, see `Network`.
     apart = between - np.diag(np.diag(between))
     Y_C = np.diag(across + apart.sum(axis=1) / 12)
-    R_f = np.array([network.resistance(one) for one in f.ravel().tolist()]).reshape(*f.shape, *L.shape)
     omega = 2 * np.pi * f[..., None, None]
-    L_f = L if network.dispersion is None else L + np.array([network.dispersion(one) for one in f.tolist()])
-    Z = R_f + 1j * omega * L_f
+    Z = network.resistance(f) + 1j * omega * (L if network.dispersion is None else L + network.dispersion(f))
     touchstone(names, np.linalg.solve(np.eye(len(L)) + 1j * omega * Z @ Y_C, Z), f, target)
 
 
@@ -199,12 +191,10 @@ def spice_subcircuit(
     each coil (n,) or scalar and between two coils (n, n) in F. `sections` are, for each coil, pairs
     of a resistor in Ω and an inductor in H in parallel, in series with the coil (`Ladder`).
 
-    From NAME_1 to NAME_2 a coil is R + jωL and its sections, in parallel with C. Current into
-    NAME_1 is positive. All couplings k_ij = M_ij/√(L_i L_j) are written with 17 digits, as a set
-    without the small couplings need not be positive definite. A resistance or capacitance of zero
-    is not an element, since SPICE replaces R = 0 by a default. Between two coils there are four
-    capacitors C_ij/4, from each pin of the first to each pin of the second, and C_ij/6 less across
-    each coil.
+    All couplings k_ij = M_ij/√(L_i L_j) are written with 17 digits, as a set without the small
+    couplings need not be positive definite. A resistance or capacitance of zero is not an element,
+    since SPICE replaces R = 0 by a default. Between two coils there are four capacitors C_ij/4,
+    from each pin of the first to each pin of the second, and C_ij/6 less across each coil.
 
     A coil with both pins free has no path for direct current: ground one pin, through 1 GΩ if it
     floats. A coil of no resistance has no operating point across a voltage source or an ideal
@@ -345,22 +335,18 @@ def fasthenry_input(
     resistivity: float = RESISTIVITY_COPPER,
     filaments_across: tuple[int, int] = (1, 1),
 ) -> str:
-    """Write current paths as a FastHenry input file (.inp).
+    """Write current paths as the text of a FastHenry input file (.inp).
 
     Every segment of the source needs a cross-section, else a GeometryError is raised. The names of
-    the paths become the names of the ports. The frequencies in Hz rise by one factor, since
-    FastHenry sweeps from fmin to fmax by a factor. The resistivity is in Ω·m. `filaments_across`
-    the width and the thickness of every segment (nwinc, nhinc) show the skin and proximity effects.
-    (1, 1) is direct current. The `title` is the first line.
+    the paths, in lower case, become the names of the ports. The frequencies in Hz rise by one
+    factor, since FastHenry sweeps from fmin to fmax by a factor. The resistivity is in Ω·m.
+    `filaments_across` the width and the thickness of every segment (nwinc, nhinc) show the skin and
+    proximity effects. (1, 1) is direct current. The `title` is the first line. Lengths are in mm
+    with 17 digits.
 
     A via is the square bar that `Array.conductors` makes of it. If the conducting area is not width
     × thickness, the segment gets its own resistivity ρ w h/A, so that its resistance at direct
-    current is right. FastHenry turns all names to lower case.
-
-    Returns
-    -------
-    str
-        Text of the file, with lengths in mm of 17 digits.
+    current is right.
 
     Examples
     --------

@@ -89,14 +89,10 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
     also fills the gaps of the top copper. A coil without turns beside each other, copper that
     overlaps on a layer, or a permittivity below 1 raises a GeometryError.
 
-    Returns
-    -------
-    xarray.Dataset
-        ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``: the field's
-        energy between turns of different layers and of one layer, and the contribution of the
-        leads. ``capacitance`` (coil, other) is the Maxwell matrix between coils, each at one
-        potential: symmetric, off-diagonal ≤ 0, diagonally dominant. No ground is near the board, so
-        its rows sum to zero.
+    In the result ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn`` + ``leads``: the
+    field's energy between turns of different layers and of one layer, and the contribution of the
+    leads. ``capacitance`` (coil, other) is the Maxwell matrix between coils, each at one potential.
+    No ground is near the board, so its rows sum to zero.
 
     Notes
     -----
@@ -107,16 +103,16 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
     trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i − V_j)²/4, and C
     = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers' shift
     against each other all count. Leads have the potential of their end of the winding
-    (`lead_capacitance`). Vias and pads are left out. If the fringing at
-    the edges is small, two layers joined inside give C_facing/3 with C_facing the capacitance
-    between the layers. Then n layers give Σ 4 C_i/(3n²) over adjacent layers (Zolfaghari, Chan,
-    Razavi, IEEE JSSC 36, 620 (2001)).
+    (`lead_capacitance`). Vias and pads are left out. If the fringing at the edges is small, two
+    layers joined inside give C_facing/3 with C_facing the capacitance between the layers. Then n
+    layers give Σ 4 C_i/(3n²) over adjacent layers (Zolfaghari, Chan, Razavi, IEEE JSSC 36, 620
+    (2001)).
 
     Between coils, the area counts in which the windings (traces and gaps) lie above each other, for
-    every set of coils that overlaps anywhere. It is multiplied by the capacitance per area of
-    crossed grids with these fill factors (`crossed_grid_capacitance`). A coil in between shields.
-    Fringing at the edges of these areas, pads, and coils side by side without overlap (a few 0.1 pF
-    by estimate) are left out.
+    every set of coils that overlaps anywhere, times the capacitance per area of crossed grids with
+    these fill factors (`crossed_grid_capacitance`). A coil in between shields. Fringing at the
+    edges of these areas, pads, and coils side by side without overlap (a few 0.1 pF by estimate)
+    are left out.
 
     Examples
     --------

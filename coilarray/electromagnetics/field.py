@@ -89,8 +89,7 @@ def magnetic_field(
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.field.as_conductors`. Each segment acts as a thin filament
-        on its centre line.
+        Current paths, see `as_conductors`. Each segment acts as a thin filament on its centre line.
     points : array_like, shape (..., 3)
         Positions in m where the field is evaluated.
     currents : array_like, shape (paths,) or scalar
@@ -98,7 +97,8 @@ def magnetic_field(
     progress : callable, optional
         Called with (done, total) as the work goes on.
     backend : {"cpu", "cuda"}
-        Device that computes: all cores of the processor, or an NVIDIA GPU through numba.cuda.
+        Device that computes: all cores of the processor, or an NVIDIA GPU through numba.cuda, whose
+        absence raises a MissingDependencyError.
 
     Returns
     -------
@@ -111,8 +111,6 @@ def magnetic_field(
         Points or currents of a wrong shape or not finite, or an unknown backend.
     MemoryLimitError
         Too many points for `coilarray.compute.memory.allowed_memory`.
-    MissingDependencyError
-        The backend is ``"cuda"`` and numba finds no usable GPU.
 
     Notes
     -----
@@ -140,43 +138,21 @@ def magnetic_field(
 def vector_potential(
     source: Source, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0, *, progress: Progress | None = None
 ) -> FloatArray:
-    """Compute the magnetic vector potential of current paths in T·m.
+    """Compute the magnetic vector potential (..., 3) in T·m.
 
-    The `source`, the `points` in m, the `currents` in A, `progress` and all errors are as in
-    `magnetic_field`.
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Vector potential A in free space in T·m, in the Coulomb gauge for closed paths.
-
-    Notes
-    -----
-    The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of
-    its length gets no contribution from that segment.
+    It is in free space, in the Coulomb gauge for closed paths. The `source`, the `points` in m, the
+    `currents` in A, `progress` and all errors are as in `magnetic_field`. The potential of a thin
+    filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets no
+    contribution from that segment.
     """
     return _on_processor(add_vector_potential, _paths(source, points, currents), progress)
 
 
 def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
-    """Points of a rectangular grid.
+    """Return the points (nx, ny, nz, 3) of a rectangular grid in m.
 
-    Parameters
-    ----------
-    x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
-        Coordinates along each axis in m.
-
-    Returns
-    -------
-    ndarray, shape (nx, ny, nz, 3)
-        Points in m.
-
-    Raises
-    ------
-    GeometryError
-        Axes of a wrong shape or not finite.
-    MemoryLimitError
-        Too many points for `coilarray.compute.memory.allowed_memory`.
+    The coordinates `x`, `y` and `z` along each axis in m are (n,) or a scalar. Axes of a wrong
+    shape or not finite raise a GeometryError, too many points a MemoryLimitError.
     """
     axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
     for name, axis in zip("xyz", axes, strict=True):

@@ -119,22 +119,13 @@ def rectangular_bars(
 
 
 def self_inductance(source: Source) -> FloatArray:
-    """Compute the self-inductance of every current path in H.
+    """Compute the self-inductances (paths,) of current paths in H.
 
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.field.as_conductors`. Every segment needs a cross-section.
-
-    Returns
-    -------
-    ndarray, shape (paths,)
-        Self-inductances in H.
-
-    Raises
-    ------
-    GeometryError
-        A thin filament, whose self-inductance is infinite.
+        Current paths. A segment without a cross-section, whose self-inductance is infinite, raises
+        a GeometryError.
     """
     conductors = as_conductors(source)
     each = np.arange(len(conductors))
@@ -144,26 +135,18 @@ def self_inductance(source: Source) -> FloatArray:
 def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "full") -> FloatArray:
     """Compute the mutual inductances between two sources in H.
 
-    The result holds one value for every path of the first source with every path of the second.
-
     Parameters
     ----------
     first, second : Array, Conductor, polyline or sequence of them
-        Current paths, also thin filaments.
+        Current paths, also thin filaments. Two filaments that overlap on one line raise a
+        GeometryError.
     accuracy : {"full", "screen"}
-        See `Accuracy`.
+        ``full`` reaches 1e-6, ``screen`` is quicker, see `coilarray.inductance_matrix`.
 
     Returns
     -------
     ndarray, shape (paths of first, paths of second)
-        Mutual inductances in H.
-
-    Raises
-    ------
-    GeometryError
-        Two thin filaments that overlap on one line, or an unknown accuracy.
-    MemoryLimitError
-        More pairs than `coilarray.compute.memory.allowed_memory` allows.
+        Mutual inductances in H. More pairs than fit into memory raise a MemoryLimitError.
 
     Examples
     --------
@@ -194,15 +177,14 @@ def inductance_matrix(
 ) -> FloatArray:
     """Compute the inductance matrix of current paths in H.
 
-    The self-inductances L_ii are on the diagonal, the mutual inductances M_ij off it.
-
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
         Current paths. Every segment needs a cross-section, with a uniform current density (direct
         current).
     accuracy : {"full", "screen"}
-        See `Accuracy`.
+        ``full`` reaches 1e-6 of L and k. ``screen`` takes a tenth of the time, for searches whose
+        results are computed again, see `Accuracy`.
     allow_overlaps : bool
         If True, also compute copper that overlaps other copper, as if each path were insulated.
     progress : callable, optional
@@ -211,32 +193,29 @@ def inductance_matrix(
     Returns
     -------
     ndarray, shape (paths, paths)
-        Symmetric matrix in H. Positive M means that currents in the direction of the paths link the
-        same way.
+        Symmetric matrix in H with the self-inductances on the diagonal. Positive M means that
+        currents in the direction of the paths link the same way.
 
     Raises
     ------
     GeometryError
-        A thin filament, whose self-inductance is infinite, an unknown accuracy, or traces that
-        overlap on a layer, as `coilarray.geometry.check_rules` measures it. The overlap may be
-        between two paths or two turns of one path.
+        A thin filament, an unknown accuracy, or traces that overlap on a layer, of two paths or two
+        turns of one, as `coilarray.geometry.check_rules` measures it.
     MemoryLimitError
         More paths than `coilarray.compute.memory.allowed_memory` allows.
 
     Notes
     -----
-    Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset are
-    computed once, so identical coils on a lattice cost one evaluation per distinct offset. For near
-    pairs, even layer pairs that mirror each other are shared
-    (`coilarray.electromagnetics.neumann`). Pairs that lie apart are computed by
-    `coilarray.electromagnetics.neumann` to 3e-8 of L. There the cross-section is included for
-    windings smaller than 200 widths. In larger ones it changes L by less than 3e-7.
+    Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset,
+    layers that mirror each other included, are computed once (`coilarray.electromagnetics.neumann`).
+    Pairs that lie apart are computed to 3e-8 of L, with the cross-section in windings smaller than
+    200 widths. In larger ones it changes L by less than 3e-7.
 
-    The rules are set for 1e-6 of L and of k. This holds for traces wider than thick, with gaps of a
-    quarter of their width or more and sides of a few widths, as a convergence study shows. Shorter
-    sides or narrower gaps cost up to 2e-5, also in a single turn of wide copper. Copper thicker
-    than wide costs more. Traces run from vertex to vertex with square ends. The true, mitred corner
-    of a trace as wide as a tenth of its turns changes L by some 1e-3.
+    The 1e-6 holds for traces wider than thick, with gaps of a quarter of their width or more and
+    sides of a few widths, as a convergence study shows. Shorter sides or narrower gaps cost up to
+    2e-5, also in a single turn of wide copper, and copper thicker than wide costs more. Traces run
+    from vertex to vertex with square ends. The true, mitred corner of a trace as wide as a tenth of
+    its turns changes L by some 1e-3.
 
     Examples
     --------
@@ -253,25 +232,18 @@ def inductance_matrix(
 
 
 def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
-    """Compute the coupling coefficients of an inductance matrix.
-
-    They are k_ij = M_ij/√(L_i L_j).
+    """Compute the coupling coefficients k_ij = M_ij/√(L_i L_j).
 
     Parameters
     ----------
     inductance : array_like, shape (n, n)
-        Symmetric inductance matrix in H with a positive diagonal.
+        Symmetric inductance matrix in H. One that is not square and finite with a positive diagonal
+        raises a ValueError.
 
     Returns
     -------
     ndarray, shape (n, n)
         Dimensionless coefficients with a unit diagonal.
-
-    Raises
-    ------
-    ValueError
-        A matrix that is not square, has values that are not finite or a diagonal entry that is not
-        positive.
 
     Examples
     --------
