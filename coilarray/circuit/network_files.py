@@ -11,7 +11,6 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.optimize import nnls
 
 from coilarray.circuit.network import Network, SampledMatrix, checked_network
 from coilarray.circuit.state_sensitivity import resonances
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_text
 from coilarray.constants import RESISTIVITY_COPPER
@@ -104,19 +103,19 @@ def _subcircuit(network: Network, title: str) -> str:
     L, found = network.inductance, _grounded_resonances(network)
     middle = network.resistance(float(np.exp(np.log(found).mean())))
     if not isinstance(network.resistance, SampledMatrix) or len(network.resistance.frequencies) == 1:
-        ladders, comments = [], []
-        resistance, inductance = np.diag(middle), L
+        ladders, comments, direct, inductance = [], [], np.diag(middle), L
     else:
         f, R = network.resistance.frequencies, np.diagonal(network.resistance.matrices, axis1=1, axis2=2)
         ladders = [fit_ladder(f, own) for own in R.T]
-        resistance = np.array([ladder.direct for ladder in ladders])
-        extra = np.array([ladder.inductance(at) for ladder, at in zip(ladders, found, strict=True)])
-        inductance = L - np.diag(extra)
-        misfit = max(np.abs(ladder.resistance(f) / own - 1).max() for ladder, own in zip(ladders, R.T, strict=True))
-        drift = max(
-            np.abs(ladder.inductance(f) - at_rest).max() / own
-            for ladder, at_rest, own in zip(ladders, extra, np.diag(L), strict=True)
+        direct = np.array([ladder[0] for ladder in ladders])
+        Z, at_rest = (
+            np.array([ladder_impedance(*ladder, at) for ladder, at in zip(ladders, each, strict=True)]).T
+            for each in ([f] * len(L), found)
         )
+        extra = at_rest.imag / (2 * np.pi * found)
+        inductance = L - np.diag(extra)
+        misfit = np.abs(Z.real / R - 1).max()
+        drift = (np.abs(Z.imag / (2 * np.pi * f[:, None]) - extra) / np.diag(L)).max()
         own = np.sqrt(np.diag(middle))
         others = np.abs(middle / np.outer(own, own) - np.eye(len(L))).max()
         comments = [
@@ -139,10 +138,10 @@ def _subcircuit(network: Network, title: str) -> str:
     return spice_subcircuit(
         network.names,
         inductance,
-        resistance,
+        direct,
         capacitance=network.winding_capacitance,
         mutual_capacitance=network.mutual_capacitance,
-        sections=[list(zip(one.resistances.tolist(), one.inductances.tolist(), strict=True)) for one in ladders],
+        sections=[sections.tolist() for _, sections in ladders],
         title=title,
         comments=comments,
     )
@@ -189,7 +188,7 @@ def spice_subcircuit(
 
     The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω, the capacitance across
     each coil (n,) or scalar and between two coils (n, n) in F. `sections` are, for each coil, pairs
-    of a resistor in Ω and an inductor in H in parallel, in series with the coil (`Ladder`).
+    of a resistor in Ω and an inductor in H in parallel, in series with the coil (`ladder_impedance`).
 
     All couplings k_ij = M_ij/√(L_i L_j) are written with 17 digits, as a set without the small
     couplings need not be positive definite. A resistance or capacitance of zero is not an element,
@@ -248,43 +247,22 @@ def spice_subcircuit(
     return "\n".join([*lines, f".ends {subcircuit}", ""])
 
 
-@dataclass(frozen=True, eq=False)
-class Ladder:
-    """Resistance over frequency as parallel sections of R and L.
-
-    The `direct` resistance in Ω is in series. No element is negative. `resistances` and
-    `inductances` (sections,) are in Ω and H.
-    """
-
-    direct: float
-    resistances: FloatArray
-    inductances: FloatArray
-
-    def resistance(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Real part (f,) of the impedance in Ω."""
-        square = self._corner_ratio(frequencies) ** 2
-        return np.asarray(self.direct + (self.resistances * square / (1 + square)).sum(axis=-1))
-
-    def inductance(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Inductance (f,) in H, which falls as the resistance grows."""
-        return np.asarray((self.inductances / (1 + self._corner_ratio(frequencies) ** 2)).sum(axis=-1))
-
-    def _corner_ratio(self, frequencies: npt.ArrayLike) -> FloatArray:
-        """Frequency over the corner of every section, ωL/R, (f, sections)."""
-        omega = 2 * np.pi * np.asarray(frequencies, dtype=np.float64)
-        return np.asarray(omega[..., None] * self.inductances / self.resistances)
+def ladder_impedance(direct: float, sections: FloatArray, frequencies: npt.ArrayLike) -> ComplexArray:
+    """Impedance (f,) in Ω of a resistor in series with sections (n, 2) of R in Ω and L in H in parallel."""
+    jw, (R, L) = 2j * np.pi * np.asarray(frequencies, dtype=np.float64)[..., None], sections.T
+    return np.asarray(direct + (jw * L * R / (R + jw * L)).sum(axis=-1))
 
 
-def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> Ladder:
-    """Fit a ladder to resistances (f,) by relative least squares.
+def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> tuple[float, FloatArray]:
+    """Fit `ladder_impedance` to resistances (f,) by relative least squares.
 
     Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR.
     With corners on a logarithmic grid the rest is a linear fit of numbers that are not negative
     (Lawson & Hanson, Solving Least Squares Problems, 1974, ch. 23).
 
     >>> f = np.geomspace(1e5, 1e7, 21)
-    >>> ladder = fit_ladder(f, 10 + 4 * (f / 3e6) ** 2 / (1 + (f / 3e6) ** 2))
-    >>> round(ladder.direct, 1), round(float(ladder.resistance(3e6)), 1)
+    >>> direct, sections = fit_ladder(f, 10 + 4 * (f / 3e6) ** 2 / (1 + (f / 3e6) ** 2))
+    >>> round(direct, 1), round(float(ladder_impedance(direct, sections, 3e6).real), 1)
     (10.0, 12.0)
     """
     low, high = frequencies[0], _ABOVE * frequencies[-1]
@@ -294,8 +272,8 @@ def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> Ladder:
     scale = columns.max(axis=0)
     found = nnls(columns / scale, np.ones_like(resistance))[0] / scale
     used = found[1:] > 0
-    sections = found[1:][used]
-    return Ladder(float(found[0]), sections, sections / (2 * np.pi * corners[used]))
+    R = found[1:][used]
+    return float(found[0]), np.column_stack((R, R / (2 * np.pi * corners[used])))
 
 
 def touchstone(
@@ -364,17 +342,13 @@ def fasthenry_input(
     lines = [
         f"* {' '.join(title.split()) or 'coilarray'}",
         ".units mm",
-        f".default rho={_digits(resistivity / _MM)} nwinc={int(filaments_across[0])} nhinc={int(filaments_across[1])}",
+        f".default rho={resistivity / _MM:.17g} nwinc={int(filaments_across[0])} nhinc={int(filaments_across[1])}",
     ]
     for number, (conductor, port) in enumerate(zip(conductors, ports, strict=True), start=1):
         lines += [f"* {port}", *_path_lines(conductor, number, resistivity)]
     for number, (conductor, port) in enumerate(zip(conductors, ports, strict=True), start=1):
         lines.append(f".external N{number}_1 N{number}_{len(conductor.vertices)} {port}")
     return "\n".join([*lines, sweep, ".end", ""])
-
-
-def _digits(value: float) -> str:
-    return format(value, ".17g")
 
 
 def _sweep(frequencies: npt.ArrayLike) -> str:
@@ -385,14 +359,14 @@ def _sweep(frequencies: npt.ArrayLike) -> str:
     if not (np.isfinite(f).all() and (f > 0).all()):
         raise ValueError(f"frequencies must be positive and finite; got {f.min()} Hz.")
     if len(f) == 1:
-        return f".freq fmin={_digits(f[0])} fmax={_digits(f[0])} ndec=1"
+        return f".freq fmin={f[0]:.17g} fmax={f[0]:.17g} ndec=1"
     factor = float(f[-1] / f[0]) ** (1 / (len(f) - 1))
     if factor <= _SMALLEST_STEP or not np.allclose(f, f[0] * factor ** np.arange(len(f)), rtol=_STEP_TOLERANCE, atol=0):
         raise ValueError(
             f"FastHenry sweeps frequencies that rise by one factor above {_SMALLEST_STEP} (numpy.geomspace); "
             f"the {len(f)} given, {f[0]:g} to {f[-1]:g} Hz, do not: write one file for each."
         )
-    return f".freq fmin={_digits(f[0])} fmax={_digits(f[-1])} ndec={_digits(1 / math.log10(factor))}"
+    return f".freq fmin={f[0]:.17g} fmax={f[-1]:.17g} ndec={1 / math.log10(factor):.17g}"
 
 
 def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterator[str]:
@@ -400,14 +374,14 @@ def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterat
     if conductor.is_filament or not (conductor.areas > 0).all():
         raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
     for i, (x, y, z) in enumerate((conductor.vertices / _MM).tolist(), start=1):
-        yield f"N{number}_{i} x={_digits(x)} y={_digits(y)} z={_digits(z)}"
+        yield f"N{number}_{i} x={x:.17g} y={y:.17g} z={z:.17g}"
     steps = np.diff(conductor.vertices, axis=0)
     vertical = np.hypot(steps[:, 0], steps[:, 1]) < _STEEP * conductor.lengths
     sections = zip(conductor.widths.tolist(), conductor.thicknesses.tolist(), conductor.areas.tolist(), strict=True)
     for i, (width, thickness, area) in enumerate(sections, start=1):
-        line = f"E{number}_{i} N{number}_{i} N{number}_{i + 1} w={_digits(width / _MM)} h={_digits(thickness / _MM)}"
+        line = f"E{number}_{i} N{number}_{i} N{number}_{i + 1} w={width / _MM:.17g} h={thickness / _MM:.17g}"
         if vertical[i - 1]:  # every direction in the x-y plane is across it, so state one
             line += " wx=1 wy=0 wz=0"
         if not math.isclose(area, width * thickness, rel_tol=1e-14):
-            line += f" rho={_digits(resistivity * width * thickness / area / _MM)}"
+            line += f" rho={resistivity * width * thickness / area / _MM:.17g}"
         yield line

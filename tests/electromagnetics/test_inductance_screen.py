@@ -11,8 +11,7 @@ from support.boards import round_spiral
 from coilarray import Conductor, coupling_matrix, inductance_matrix, load_design, mutual_inductance
 from coilarray.circuit.coupling import design_inductance
 from coilarray.electromagnetics.flat_layer import layer_inductance
-from coilarray.electromagnetics.inductance import representative_segments
-from coilarray.electromagnetics.kernels.turns import find_series, series_rules
+from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
 from coilarray.electromagnetics.neumann import segment_table
 from coilarray.geometry import PlatedHole, Spiral, Stackup, path_coil
 from coilarray.geometry.array import Array, Placement
@@ -88,13 +87,10 @@ def test_series_cover_every_segment_once():
         np.testing.assert_array_equal(np.sort(rows), np.arange(len(table)))
         # 30 turns of six sides on two layers, and what leads to them
         assert (series[:, 2] == 30).sum() == 12
-        segments, weights = representative_segments(conductor, "screen")
+        segments, weights = series_members(series, *series_rules(30))
         assert weights.sum() == pytest.approx(len(table), rel=1e-12)
         # lengths step evenly but for the tilt of the turns
         assert (weights * conductor.lengths[segments]).sum() == pytest.approx(conductor.lengths.sum(), rel=1e-8)
-        segments, weights = representative_segments(conductor, "full")
-        np.testing.assert_array_equal(segments, np.arange(len(table)))
-        np.testing.assert_array_equal(weights, 1.0)
 
 
 def test_uneven_turns_are_no_series():
