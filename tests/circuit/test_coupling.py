@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 from support.first_assumed import first_assumed
 
-from coilarray import (
-    MATERIALS,
-    Plate,
-    couple_design,
-    coupling_matrix,
-    inductance_matrix,
-    load_design,
-    operating_field,
-)
+from coilarray import MATERIALS, Plate, couple_design, coupling_matrix, inductance_matrix, load_design, operating_field
 from coilarray.circuit.coupling import operating_currents
 from coilarray.errors import GeometryError
 

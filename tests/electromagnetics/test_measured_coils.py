@@ -13,15 +13,7 @@ import pytest
 from support.references import FOLDER
 
 from coilarray.electromagnetics.inductance import inductance_matrix
-from coilarray.geometry import (
-    Array,
-    Conductor,
-    Placement,
-    PlatedHole,
-    RoundedSpiral,
-    Spiral,
-    Stackup,
-)
+from coilarray.geometry import Array, Conductor, Placement, PlatedHole, RoundedSpiral, Spiral, Stackup
 
 TWO_LAYERS = Stackup(("top", "bot"), (35e-6, 35e-6), (0.53e-3,), (4.5,))  # of 0.6 mm, from the file's header
 
