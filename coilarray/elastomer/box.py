@@ -170,17 +170,9 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
         ]
         for i in range(3)
     ]
+    # ∫ L div φ for the products L of Legendre polynomials of the degrees `modes`
     degree = len(parts[0].mean)
     modes = np.array([mode for mode in itertools.product(range(degree), repeat=3) if sum(mode) < degree])
-    swelling = _divergence(parts, modes)
-    return np.asarray(np.block(blocks) + swelling.T @ swelling / max(squash, SOFTEST))
-
-
-def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatArray:
-    """∫ L div φ over an element, L of the degrees `modes` (n, 3).
-
-    Columns are in the order (component, x node, y node, z node).
-    """
     columns = []
     for component in range(3):
         rows = [
@@ -188,7 +180,8 @@ def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatA
             for axis, (part, mode) in enumerate(zip(parts, modes.T, strict=True))
         ]
         columns.append(np.einsum("mx,my,mz->mxyz", *rows).reshape(len(modes), -1))
-    return np.hstack(columns)
+    swelling = np.hstack(columns)
+    return np.asarray(np.block(blocks) + swelling.T @ swelling / max(squash, SOFTEST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +197,13 @@ class _Slab:
 class _Factors:
     """Cholesky factors of a box or of its lower half.
 
-    The factors are within its slabs, equal ones stored once, then of faces between them, each with
-    its link to the next. `kept` are the free displacements in a plane across x, (3, ny, nz).
+    The factors are within its slabs, equal ones stored once with their numbers, then of faces
+    between them, each with its link to the next. `kept` are the free displacements in a plane
+    across x, (3, ny, nz).
     """
 
     kept: IndexArray
-    slabs: tuple[_Slab, ...]
+    slabs: tuple[tuple[_Slab, list[int]], ...]
     faces: tuple[tuple[FloatArray, FloatArray], ...]
     last: FloatArray
 
@@ -217,10 +211,6 @@ class _Factors:
         """Displacements under loads, both (nx, 3, ny, nz, cases)."""
         nx, cases, p = len(loads), loads.shape[-1], degree
         right = loads.reshape(nx, -1, cases)[:, self.kept]
-        alike: dict[int, list[int]] = {}
-        for k, slab in enumerate(self.slabs):
-            alike.setdefault(id(slab), []).append(k)
-        groups = [(self.slabs[numbers[0]], numbers) for numbers in alike.values()]
         n = len(self.kept)
 
         def within(slab: _Slab, values: FloatArray, trans: Literal[0, 1]) -> FloatArray:
@@ -230,7 +220,7 @@ class _Factors:
             return np.asarray(found.reshape(len(found), -1, cases).transpose(1, 0, 2))
 
         inner = right[:-1].reshape(-1, p, n, cases)[:, 1:].reshape(-1, (p - 1) * n, cases)
-        for slab, numbers in groups:
+        for slab, numbers in self.slabs:
             inner[numbers] = part = within(slab, inner[numbers], 0)
             first = np.array(numbers) * p
             right[first] -= slab.before.T @ part
@@ -245,7 +235,7 @@ class _Factors:
             lower, link = self.faces[k]
             found[k] = solve_triangular(lower, found[k] - link @ found[k + 1], lower=True, trans=1, check_finite=False)
         solution = np.zeros((nx, int(np.prod(loads.shape[1:-1])), cases))
-        for slab, numbers in groups:
+        for slab, numbers in self.slabs:
             at = np.array(numbers)
             part = inner[at] - slab.before @ found[at] - slab.after @ found[at + 1]
             planes = (at[:, None] * p + np.arange(1, p)).ravel()
@@ -288,22 +278,6 @@ class Box:
         return np.concatenate((even + odd, _MIRRORED * (even - odd)[:, :, -2::-1]), axis=2)
 
 
-def require_box_memory(axes: tuple[Axis, Axis, Axis], parts: int) -> None:
-    """Raise MemoryLimitError if a box, or half of it, is too large."""
-    x, y, z = axes
-    plane = 3 * (len(y.nodes) // parts + 1) * len(z.nodes)
-    inner = (x.degree - 1) * plane
-    widths = np.diff(x.edges)
-    shapes = len(np.unique(widths.round(9)))
-    kept = len(widths) * (inner * (inner + 2 * plane) + 2 * plane**2)
-    across, along = (float(np.ptp(axis.edges)) for axis in (y, x))
-    require_memory(
-        8.0 * (parts * kept + (shapes + _COPIES) * (inner + 2 * plane) ** 2),
-        f"a sample of {along:.3g} by {across:.3g} of its thicknesses",
-        "take smaller sample_x_mm and sample_y_mm, or leave them out for a wide sample",
-    )
-
-
 @serial_algebra()
 def factorised(
     axes: tuple[Axis, Axis, Axis], shear: FloatArray, squash: FloatArray, springs: FloatArray, held: BoolArray
@@ -315,10 +289,17 @@ def factorised(
     """
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)
-    rows = np.diff(y.edges)
+    widths, rows = np.diff(x.edges), np.diff(y.edges)
     alike = np.allclose(rows, rows[::-1]) and np.allclose(springs, springs[..., ::-1])
     mirrored = alike and len(rows) % 2 == 0
-    require_box_memory(axes, 1 + mirrored)
+    plane = 3 * (ny // (1 + mirrored) + 1) * nz
+    inner, distinct = (p - 1) * plane, np.unique(widths.round(9)).tolist()
+    stored = len(widths) * (inner * (inner + 2 * plane) + 2 * plane**2)
+    require_memory(
+        8.0 * ((1 + mirrored) * stored + (len(distinct) + _COPIES) * (inner + 2 * plane) ** 2),
+        f"a sample of {float(np.ptp(x.edges)):.3g} by {float(np.ptp(y.edges)):.3g} of its thicknesses",
+        "take smaller sample_x_mm and sample_y_mm, or leave them out for a wide sample",
+    )
     if mirrored:
         rows, ny = rows[: len(rows) // 2], ny // 2 + 1
         springs = springs[..., :ny].copy()
@@ -341,16 +322,12 @@ def factorised(
             total[np.ix_(where, where)] += matrix
         return total
 
-    widths = np.diff(x.edges)
-    slabs = {same: slab(same) for same in np.unique(widths.round(9)).tolist()}
-    plane = np.zeros((3, ny, nz), dtype=bool)
-    plane[held, :, 0] = True
-    in_the_middle = (_EVEN_HELD, ~_EVEN_HELD) if mirrored else (np.zeros(3, dtype=bool),)
+    slabs = {same: slab(same) for same in distinct}
     parts = []
-    for zero in in_the_middle:
-        plane_held = plane.copy()
-        plane_held[zero, -1] = True
-        kept = np.flatnonzero(~plane_held)
+    for zero in (_EVEN_HELD, ~_EVEN_HELD) if mirrored else (np.zeros(3, dtype=bool),):
+        free = np.ones((3, ny, nz), dtype=bool)
+        free[held, :, 0] = free[zero, -1] = False
+        kept = np.flatnonzero(free)
         parts.append(_factors(slabs, widths, kept, diagonal[:, kept], p, size))
     return Box(axes, tuple(parts))
 
@@ -361,8 +338,8 @@ def _factors(
     """Factorise slabs (stiffness by width, springs (nx, kept)) and faces between them."""
     n = len(kept)
     inner, faces = (kept + size * np.arange(1, p)[:, None]).ravel(), (kept, kept + size * p)
-    known: dict[tuple[float, bytes], tuple[_Slab, tuple[FloatArray, ...]]] = {}
-    in_turn, found = [], []
+    known: dict[tuple[float, bytes], tuple[_Slab, tuple[FloatArray, ...], list[int]]] = {}
+    found = []
     own = np.diag(diagonal[0])
     for k, width in enumerate(widths.round(9).tolist()):
         springs = diagonal[k * p + 1 : (k + 1) * p].ravel()
@@ -383,14 +360,15 @@ def _factors(
                     ((faces[1], faces[1]), slice(n, None), slice(n, None)),
                 )
             )
-            known[key] = _Slab(lower, links[:, :n], links[:, n:]), (before, across, after)
-        slab, (before, across, after) = known[key]
-        in_turn.append(slab)
+            known[key] = _Slab(lower, links[:, :n], links[:, n:]), (before, across, after), []
+        _, (before, across, after), numbers = known[key]
+        numbers.append(k)
         lower = cholesky(own + before, lower=True, overwrite_a=True, check_finite=False)
         link = solve_triangular(lower, across, lower=True, check_finite=False)
         found.append((lower, link))
         own = after - link.T @ link + np.diag(diagonal[(k + 1) * p])
-    return _Factors(kept, tuple(in_turn), tuple(found), cholesky(own, lower=True, check_finite=False))
+    alike = tuple((slab, numbers) for slab, _, numbers in known.values())
+    return _Factors(kept, alike, tuple(found), cholesky(own, lower=True, check_finite=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,22 +382,10 @@ class WideField:
     stress: CubicSpline
 
 
-def transform(r: FloatArray, pressure: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-    """∫ p J_0(kr) r dr of pressures (cases, n) linear between radii (n,)."""
-    x, w = legendre.leggauss(4)
-    width = np.diff(r)[:, None]
-    at = r[:-1, None] + width * (x + 1) / 2
-    rise = (x + 1) / 2
-    values = pressure[:, :-1, None] * (1 - rise) + pressure[:, 1:, None] * rise
-    loads = (values * at * width * w / 2).reshape(len(pressure), -1)
-    used = (loads != 0).any(axis=0)
-    return np.asarray(loads[:, used] @ j0(np.outer(at.ravel()[used], wavenumbers)))
-
-
 def wide_field(
     stack: Stack, base: Base, r: FloatArray, pressure: FloatArray, heights: FloatArray, extent: float
 ) -> WideField:
-    """Field of a wide stack under pressures (cases, n), heights −1 to 0."""
+    """Field of a wide stack under pressures (cases, n) linear between radii, heights −1 to 0."""
     loaded = np.flatnonzero((pressure > 0).any(axis=0))
     contact = float(r[min(loaded[-1] + 1, len(r) - 1)]) if len(loaded) else 1.0
     highest = _CUT / (_SMOOTH * contact)
@@ -427,7 +393,14 @@ def wide_field(
     k, rule = wave_rule(highest, count)
     spread = (k * _SMOOTH * contact) ** 2 / 2
     smooth = (1 + spread) * np.exp(-spread)  # keeps the force and its second moments unchanged
-    strength = transform(r, pressure, k) * smooth * rule * k
+    # ∫ p J_0(kr) r dr
+    x, w = legendre.leggauss(4)
+    width, rise = np.diff(r)[:, None], (x + 1) / 2
+    at = r[:-1, None] + width * rise
+    values = pressure[:, :-1, None] * (1 - rise) + pressure[:, 1:, None] * rise
+    loads = (values * at * width * w / 2).reshape(len(pressure), -1)
+    used = (loads != 0).any(axis=0)
+    strength = loads[:, used] @ j0(np.outer(at.ravel()[used], k)) * smooth * rule * k
     few = graded(float(k[0]), float(k[-1]), lambda k: _RATIO * k)
     profiles = (CubicSpline(few, profile)(k) for profile in _profiles(stack, base, few, heights))
     radii = graded(0.0, extent, lambda r: _FINEST + _GROWTH * r)
@@ -449,14 +422,21 @@ def wide_field(
 
 def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> tuple[FloatArray, ...]:
     """Profiles W, U, −p − ⅔ μ div u, μU, μ(U' − kW) under unit pressures, (k, heights)."""
-    edges, sheet = _elements(stack)
+    # edges of elements, finer towards the top, and their sheets
+    bounds, sheet = [stack.levels[0]], []
+    for number, upper in enumerate(stack.levels[1:]):
+        while (gap := upper - bounds[-1]) > 0:
+            step = max(0.35 * (0.05 - bounds[-1]), 0.05)  # shorter waves matter closer to the top
+            bounds.append(upper if gap < 1.5 * step else bounds[-1] + step)
+            sheet.append(number)
+    edges, sheet_of = np.array(bounds), np.array(sheet)
     axis = Axis(edges, _DEGREE)
     n = len(axis.nodes)
     constant, linear, square = (np.zeros((2 * n, 2 * n)) for _ in range(3))  # coefficients of the powers of k
     bulk = []
     for element, width in enumerate(np.diff(edges)):
         part, own = element_matrices(axis, float(width)), axis.of(element)
-        mu, soft = stack.shear[sheet[element]], max(float(stack.squash[sheet[element]]), SOFTEST)
+        mu, soft = stack.shear[sheet_of[element]], max(float(stack.squash[sheet_of[element]]), SOFTEST)
         w, u = own, slice(n + own.start, n + own.stop)
         constant[w, w] += mu * 4 / 3 * part.stiffness + part.slope.T @ part.slope / soft
         constant[u, u] += mu * part.stiffness
@@ -483,7 +463,7 @@ def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> t
 
     value, slope = axis.basis(heights), axis.basis(heights, 1)
     holding = np.clip(np.searchsorted(edges, heights, side="right") - 1, 0, len(edges) - 2)
-    mu = stack.shear[sheet[holding]]
+    mu = stack.shear[sheet_of[holding]]
     isotropic = np.empty((len(k), len(heights)))
     for e in np.unique(holding).tolist():
         here, own, (part, soft) = holding == e, axis.of(e), bulk[e]
@@ -495,16 +475,3 @@ def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> t
     isotropic -= 2 / 3 * mu * (W @ slope.T + k[:, None] * (U @ value.T))
     shearing = mu * (U @ slope.T - k[:, None] * (W @ value.T))
     return W @ value.T, U @ value.T, isotropic, mu * (U @ value.T), shearing
-
-
-def _elements(stack: Stack) -> tuple[FloatArray, IndexArray]:
-    """Edges of elements, finer towards the top, and their sheets."""
-    edges, sheets = [stack.levels[0]], []
-    for sheet, (lower, upper) in enumerate(zip(stack.levels[:-1], stack.levels[1:], strict=True)):
-        cuts = [lower]
-        while (gap := upper - cuts[-1]) > 0:
-            step = max(0.35 * (0.05 - cuts[-1]), 0.05)  # shorter waves matter closer to the top
-            cuts.append(upper if gap < 1.5 * step else cuts[-1] + step)
-        edges += cuts[1:]
-        sheets += [sheet] * (len(cuts) - 1)
-    return np.array(edges), np.array(sheets)

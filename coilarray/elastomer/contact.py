@@ -70,6 +70,8 @@ _NOMINAL = 0.01  # depth in thicknesses for which the mesh is made if no depth i
 _TAIL = 4  # the last quarter of the elements of a contact determines its radius
 _BEYOND_EDGE = 1.2  # material within this many radii of a sharp indenter may come under it
 _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
+_SOFT = 1e-6  # added 1/K of the factorised system in 1/μ: each refinement leaves at most 1e-5 of the error
+_REFINEMENTS = 2
 
 
 def _hat_forces(system: Compliance, depth: float) -> FloatArray:
@@ -211,20 +213,6 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
     return _Solution(grid, force, end, moved)
 
 
-def _checked_depths(depths: npt.ArrayLike, stack: Stack) -> FloatArray:
-    """Check depths in m and return them as an array."""
-    values = np.atleast_1d(np.asarray(depths, dtype=float))
-    if values.ndim != 1 or not values.size:
-        raise ElastomerError(f"depths must be one row of numbers, at least one; got shape {values.shape}.")
-    for depth in values:
-        if not (math.isfinite(depth) and 0 <= depth < stack.length):
-            raise ElastomerError(
-                "depth of an indentation must be from 0 to below the thickness of all sheets, "
-                f"{stack.length * 1e3:.4g} mm; got {depth * 1e3:.4g} mm."
-            )
-    return values
-
-
 def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, strain: str) -> None:
     """Refuse clashing names, unknown words and a sample without extent."""
     names = ["board", *(sheet.name for sheet in sheets)]
@@ -236,30 +224,6 @@ def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, 
         raise ElastomerError(f"strain must be {' or '.join(map(repr, get_args(Strain)))}; got {strain!r}.")
     if radius is not None and not 0 < radius <= LARGEST:
         raise ElastomerError(f"radius of a sample must be positive and finite; got {radius * 1e3:g} mm.")
-
-
-def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: FloatArray) -> None:
-    """Refuse a contact that reaches the sample's edge."""
-    unit = case.stack.length
-    beyond = (solution.force[:, -1] > 0) & (depths > 0)
-    if beyond.any() and zone.search < case.indenter.largest_radius / unit:
-        raise ElastomerError(
-            f"the contact must end inside the sample, within a radius of {zone.search * unit * 1e3:.4g} mm; "
-            f"at a depth of {depths[beyond][0] * unit * 1e3:.4g} mm it does not."
-        )
-
-
-def _check_unfolded(solution: _Solution, heights: FloatArray, depths: FloatArray, names: Sequence[str]) -> None:
-    """Refuse a deformation in which an interface folds or meets another."""
-    for depth, displacement in zip(depths, solution.moved, strict=True):
-        r, z = solution.grid.r + displacement[0], heights[:, None] + displacement[1]
-        for k, name in enumerate(names):
-            rising = (np.diff(r[k]) > 0).all()  # False if NaN
-            if not rising or (k and not (z[k] > np.interp(r[k], r[k - 1], z[k - 1])).all()):
-                raise ElastomerError(
-                    f"depth of an indentation must leave every interface unfolded; at {depth * 1e3:.4g} mm that of "
-                    f"{name!r} folds."
-                )
 
 
 def indent(
@@ -331,7 +295,14 @@ def indent(
     """
     stack = stack_of(sheets)
     _check_arguments(sheets, base, radius, strain)
-    depth = _checked_depths(depths, stack)
+    depth = np.atleast_1d(np.asarray(depths, dtype=float))
+    if depth.ndim != 1 or not depth.size:
+        raise ElastomerError(f"depths must be one row of numbers, at least one; got shape {depth.shape}.")
+    for value in depth[~((depth >= 0) & (depth < stack.length))]:  # also NaN
+        raise ElastomerError(
+            "depth of an indentation must be from 0 to below the thickness of all sheets, "
+            f"{stack.length * 1e3:.4g} mm; got {value * 1e3:.4g} mm."
+        )
     if depth.max(initial=0.0) > indenter.height:
         raise ElastomerError(
             f"a {indenter.name} can be pressed in by at most its radius, {indenter.height * 1e3:g} mm: what is above "
@@ -342,10 +313,23 @@ def indent(
     pressed = scaled[scaled > 0] if scaled.any() else np.array([_NOMINAL])
     zone = _expected_zone(case, float(pressed.min()), float(pressed.max()))
     solution = (_finite_strain if strain == "finite" else _small_strain)(case, zone, scaled, accuracy)
-    _check_inside(case, zone, solution, scaled)
+    beyond = (solution.force[:, -1] > 0) & (scaled > 0)
+    if beyond.any() and zone.search < indenter.largest_radius / stack.length:
+        raise ElastomerError(
+            f"the contact must end inside the sample, within a radius of {zone.search * stack.length * 1e3:.4g} mm; "
+            f"at a depth of {depth[beyond][0] * 1e3:.4g} mm it does not."
+        )
     names = ["board", *(sheet.name for sheet in sheets)]
     heights = stack.levels - stack.levels[0]
-    _check_unfolded(solution, heights, depth, names)
+    for at, displacement in zip(depth, solution.moved, strict=True):
+        r, z = solution.grid.r + displacement[0], heights[:, None] + displacement[1]
+        for k, name in enumerate(names):
+            rising = (np.diff(r[k]) > 0).all()  # False if NaN
+            if not rising or (k and not (z[k] > np.interp(r[k], r[k - 1], z[k - 1])).all()):
+                raise ElastomerError(
+                    f"depth of an indentation must leave every interface unfolded; at {at * 1e3:.4g} mm that of "
+                    f"{name!r} folds."
+                )
     return _dataset(case, solution, names, depth, heights, strain)
 
 
@@ -383,86 +367,50 @@ def _dataset(
     )
 
 
-_SOFT = 1e-6  # added 1/K of the factorised system in 1/μ: each refinement leaves at most 1e-5 of the error
-_REFINEMENTS = 2
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticBody:
-    """Assembled and factorised elastic system of n basis functions."""
-
-    basis: Any
-    _free: IndexArray
-    _solve: Callable[[FloatArray], FloatArray]
-    _unknowns: int
-
-    def displacements(self, loads: FloatArray) -> FloatArray:
-        """Coefficients (n, k) of the displacement under k nodal loads (n, k)."""
-        right = np.zeros((self._unknowns, loads.shape[1]))
-        right[: len(loads)] = loads
-        solution = np.zeros_like(right)
-        solution[self._free] = self._solve(right[self._free])
-        return solution[: len(loads)]
-
-
-def elastic_body(
+def elastic_response(
     basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray, springs: Any, held: IndexArray
-) -> ElasticBody:
-    """Assemble and factorise the mixed system on n functions.
+) -> Callable[[FloatArray], FloatArray]:
+    """Factorise an elastic system, for coefficients (n, k) of the displacement under nodal loads (n, k).
 
     `shear` and `squash` are μ and 1/K, `springs` (n, n) is added, `held` displacements are zero.
     """
-    stiffness, divergence = _blocks(basis, symmetry, shear)
-    blocks = [[stiffness + springs, divergence.T], [divergence, _bulk(basis, symmetry, squash)]]
-    free = np.setdiff1d(np.arange(basis.N + divergence.shape[0]), held)
-    system = sparse.block_array(blocks).tocsc()[free][:, free]
-    blocks[1][1] = _bulk(basis, symmetry, squash + _SOFT / shear)
-    softer = sparse.block_array(blocks).tocsc()[free][:, free]
-    options = {"SymmetricMode": True}
-    factors = splu(softer, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-
-    def solve(right: FloatArray) -> FloatArray:
-        solution = factors.solve(right)
-        for _ in range(_REFINEMENTS):
-            solution += factors.solve(right - system @ solution)
-        return np.asarray(solution)
-
-    return ElasticBody(basis, free, solve, basis.N + divergence.shape[0])
-
-
-def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray) -> tuple[Any, Any]:
-    """Matrices ∫2μ dev ε(u) : dev ε(v) w and −∫q div u w with q = 1, ξ and η in every element."""
-    strain = _strains(basis, symmetry)
-    trace = strain[:, :3].sum(axis=1)
-    strain[:, :3] -= trace[:, None] / 3
-    measure, local = quadrature_weights(basis, symmetry), linear_pressures(basis)
-    u, p = basis.element_dofs, _pressure_dofs(measure)
-    stiffness = np.einsum("iceq,jceq,eq->ije", strain, strain, 2 * shear[:, None] * measure, optimize=True)
-    divergence = -np.einsum("kq,ieq,eq->kie", local, trace, measure, optimize=True)
-    return _scattered(stiffness, u, u), _scattered(divergence, p, u)
-
-
-def _bulk(basis: Any, symmetry: Symmetry, squash: FloatArray) -> Any:
-    """Matrix of −∫p q/K w for the pressures of `_blocks`."""
-    measure, local = quadrature_weights(basis, symmetry), linear_pressures(basis)
-    p = _pressure_dofs(measure)
-    return _scattered(-np.einsum("kq,lq,eq->kle", local, local, squash[:, None] * measure, optimize=True), p, p)
-
-
-def _pressure_dofs(measure: FloatArray) -> IndexArray:
-    """Return the indices of every element's three pressures, (3, elements)."""
-    return np.arange(3 * len(measure)).reshape(3, -1)
-
-
-def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
-    """Strain rr, zz, hoop, √2 rz of each basis function, (functions, 4, elements, points)."""
     r = basis.global_coordinates()[0]
-    return np.stack(
+    # strain rr, zz, hoop, √2 rz of each basis function, (functions, 4, elements, points)
+    strain = np.stack(
         [
             [u.grad[0, 0], u.grad[1, 1], hoop_strain(symmetry, u, r), (u.grad[0, 1] + u.grad[1, 0]) / np.sqrt(2)]
             for (u,) in basis.basis
         ]
     )
+    trace = strain[:, :3].sum(axis=1)
+    strain[:, :3] -= trace[:, None] / 3
+    measure, local = quadrature_weights(basis, symmetry), linear_pressures(basis)
+    u, p = basis.element_dofs, np.arange(3 * len(measure)).reshape(3, -1)
+    unknowns = basis.N + p.size
+    free = np.setdiff1d(np.arange(unknowns), held)
+    work = np.einsum("iceq,jceq,eq->ije", strain, strain, 2 * shear[:, None] * measure, optimize=True)
+    stiffness = _scattered(work, u, u) + springs
+    divergence = _scattered(-np.einsum("kq,ieq,eq->kie", local, trace, measure, optimize=True), p, u)
+
+    def system(squash: FloatArray) -> Any:
+        """Matrix of the free unknowns for 1/K of the elements."""
+        bulk = -np.einsum("kq,lq,eq->kle", local, local, squash[:, None] * measure, optimize=True)
+        blocks = [[stiffness, divergence.T], [divergence, _scattered(bulk, p, p)]]
+        return sparse.block_array(blocks).tocsc()[free][:, free]
+
+    exact, options = system(squash), {"SymmetricMode": True}
+    factors = splu(system(squash + _SOFT / shear), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+    def displacements(loads: FloatArray) -> FloatArray:
+        right, found = (np.zeros((unknowns, loads.shape[1])) for _ in range(2))
+        right[: len(loads)] = loads
+        solution = factors.solve(right[free])
+        for _ in range(_REFINEMENTS):
+            solution += factors.solve(right[free] - exact @ solution)
+        found[free] = solution
+        return found[: len(loads)]
+
+    return displacements
 
 
 def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any:
@@ -495,6 +443,5 @@ def compliance(stack: Stack, indenter: Indenter, grid: ContactGrid) -> Complianc
     at = grid.top.global_coordinates()[0]
     profile = weighing.assemble(grid.hats, height=indenter.profile(at * stack.length) / stack.length)[used]
     loads = pressing.assemble(grid.hats, grid.top)[:, used].toarray() / grid.mass
-    body = elastic_body(grid.basis, symmetry, grid.shear, grid.squash, grid.springs, grid.held)
-    u = body.displacements(loads)
+    u = elastic_response(grid.basis, symmetry, grid.shear, grid.squash, grid.springs, grid.held)(loads)
     return Compliance(grid, profile / grid.mass, loads.T @ u, grid.moved(u))

@@ -36,18 +36,10 @@ _QUADRATURE = 5  # exact for products of two biquadratic functions and r
 class ContactMesh:
     """Fineness and extent of a contact's mesh.
 
-    Fewer than 4 elements, growth that is not above 1 and at most 2, or an extent that is not finite
-    and at least 1 raise an ElastomerError.
-
-    Parameters
-    ----------
-    elements : int
-        Number of elements across the contact radius.
-    growth : float
-        Ratio of neighbouring elements away from the contact. It also determines the number of
-        elements in a sheet.
-    extent : float
-        Radius of the mesh of a wide sample, beyond the contact, in thicknesses of the stack.
+    There are `elements` across the contact radius, at least 4. Neighbouring elements away from the
+    contact have the ratio `growth`, above 1 and at most 2, which also determines the number of
+    elements in a sheet. The mesh of a wide sample has the radius `extent` beyond the contact, in
+    thicknesses of the stack, at least 1. Other values raise an ElastomerError.
     """
 
     elements: int = 40
@@ -99,12 +91,6 @@ def graded(start: float, end: float, size: Callable[[float], float], least: int 
     return points
 
 
-def _finest(zone: ContactZone, mesh: ContactMesh) -> float:
-    """Smallest element: at a sharp indenter's edge, else under the tip."""
-    finest = zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
-    return min(finest, zone.tip / _TIP_ELEMENTS or math.inf)
-
-
 def radial_points(zone: ContactZone, thickness: float, end: float, mesh: ContactMesh) -> FloatArray:
     """Radii of the vertices up to `end`, with the search's end."""
     n, edge, slope = mesh.elements, zone.largest, mesh.growth - 1
@@ -125,7 +111,9 @@ def radial_points(zone: ContactZone, thickness: float, end: float, mesh: Contact
 def vertical_points(zone: ContactZone, levels: FloatArray, mesh: ContactMesh) -> FloatArray:
     """Levels of the vertices up to 0, with all interfaces."""
     slope, total = mesh.growth - 1, -float(levels[0])
-    finest = _finest(zone, mesh)
+    # at a sharp indenter's edge, else under the tip
+    finest = zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
+    finest = min(finest, zone.tip / _TIP_ELEMENTS or math.inf)
 
     def size(below: float) -> float:
         return min(finest + slope * below, slope * total)
@@ -247,7 +235,10 @@ def contact_grid(
 
     The sample's `radius` is in thicknesses, None if wide, half the width in plane strain.
     """
-    end = zone.search + max(mesh.extent, _bending(stack, base)) if radius is None else radius
+    bending = 0.0  # distance in thicknesses: lengths (D/k)^¼ of a plate on a soft seat, D = Eh³/9 for ν = 0.5
+    if isinstance(base, Seat):
+        bending = _BENT * float((9 * base.stiffness * stack.length / stack.stress) ** -0.25)
+    end = zone.search + max(mesh.extent, bending) if radius is None else radius
     levels = stack.levels
     r, z = radial_points(zone, 1.0, end, mesh), vertical_points(zone, levels, mesh)
     grid = contact_mesh(r, z)
@@ -260,7 +251,12 @@ def contact_grid(
         springs = springs + far_field(basis, symmetry, shear)
     axis = basis.get_dofs("axis").all("u^1")
     if isinstance(base, Seat):
-        springs = springs + _seat(basis, symmetry, base, stack.length / stack.stress)
+        unit = stack.length / stack.stress
+        normal, tangential = base.stiffness * unit, base.shear * unit
+        winkler = BilinearForm(
+            lambda u, v, w: (normal * u[1] * v[1] + tangential * u[0] * v[0]) * weight(symmetry, w.x[0])
+        )
+        springs = springs + winkler.assemble(basis.boundary("bottom"))
         held = axis
     else:
         held = np.union1d(axis, basis.get_dofs("bottom").all(["u^2"] if base == "frictionless" else ["u^1", "u^2"]))
@@ -289,29 +285,11 @@ def contact_grid(
     )
 
 
-def _bending(stack: Stack, base: Base) -> float:
-    """Distance in thicknesses of bending: `_BENT` (D/k)^¼ on a soft seat."""
-    if not isinstance(base, Seat):
-        return 0.0
-    return _BENT * float((9 * base.stiffness * stack.length / stack.stress) ** -0.25)  # D = Eh³/9 for ν = 0.5
-
-
 def _line(basis: Any, facets: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Degrees of freedom u_r and u_z on facets, from the axis outwards."""
     on = basis.get_dofs(facets)
     r, z = (np.asarray(on.all(name)) for name in ("u^1", "u^2"))
     return r[np.argsort(basis.doflocs[0, r])], z[np.argsort(basis.doflocs[0, z])]
-
-
-def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
-    """Stiffness ∫(k u_z v_z + s u_r v_r) w of a Winkler foundation, `unit` length/stress."""
-    bottom = basis.boundary("bottom")
-    normal, shear = seat.stiffness * unit, seat.shear * unit
-
-    def form(u: Any, v: Any, w: Any) -> Any:
-        return (normal * u[1] * v[1] + shear * u[0] * v[0]) * weight(symmetry, w.x[0])
-
-    return BilinearForm(form).assemble(bottom)
 
 
 def far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:

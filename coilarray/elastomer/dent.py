@@ -38,25 +38,16 @@ STILL = Motion()
 class Dent:
     """Deformed surfaces of sheets that move vertically around an indenter.
 
-    Shapes that do not fit, values that are not finite, or faces that cross raise an ElastomerError.
+    The flat sheets have `thicknesses` in m and relative `permeabilities`, upwards from z = 0. At the
+    distances `radius` (n,) in m, rising from 0, the faces are displaced upwards by `displacement`
+    (n, sheets + 1) in m, from the board to the top, negative in the indentation. The `symmetry` is
+    "axial" for a body of revolution, or "plane" if the dent is the same everywhere along y. `below`
+    is the relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if
+    electrodes at z = 0 leave no contrast there. The `motion` moves the sheets together with the
+    dent. Changes by the dent are relative to flat sheets with the same motion, and the other values
+    do not include it.
 
-    Parameters
-    ----------
-    thicknesses, permeabilities : tuple of float
-        Thicknesses in m and relative permeabilities of the flat sheets, upwards from z = 0.
-    radius : ndarray, shape (n,)
-        Distances from the indenter's axis in m, rising from 0.
-    displacement : ndarray, shape (n, sheets + 1)
-        Upward displacement of every face at these distances in m, from the board to the top. It is
-        negative in the indentation.
-    symmetry : {"axial", "plane"}
-        Shape of the dent: a body of revolution, or the same everywhere along y.
-    below : float
-        Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if
-        electrodes at z = 0 leave no contrast there.
-    motion : Motion
-        Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets
-        with the same motion. The other values do not include it.
+    Shapes that do not fit, values that are not finite, or faces that cross raise an ElastomerError.
     """
 
     thicknesses: tuple[float, ...]
@@ -143,19 +134,26 @@ class Dent:
         ]
         return min(lowest, default=np.inf)
 
-    def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
-        """Rising heights in m (n,) between which space moves.
+    def anchors(self, deepest: float | None = None) -> FloatArray:
+        """Rising heights in m (n,) between which space moves: the contrasts between fixed heights.
 
-        Also returns the contrasts between the fixed heights. Nothing moves at the first and the
-        last height. The first is missing if the lowest contrast is at z = 0. `deepest` is the
-        largest displacement in m that the anchors must serve, by default the largest of this dent.
+        Nothing moves at the first and the last height. The first is missing if the lowest contrast
+        is at z = 0. `deepest` is the largest displacement in m that the anchors must serve, by
+        default the largest of this dent.
         """
-        faces = self.contrasts
-        moved = float(np.abs(self.displacement[:, list(faces)]).max()) if deepest is None else deepest
+        faces = list(self.contrasts)
+        moved = float(np.abs(self.displacement[:, faces]).max()) if deepest is None else deepest
         zone = max([_ZONE * moved, *(self.thicknesses[face] for face in faces if face < len(self.thicknesses))])
-        heights = self.heights[list(faces)]
+        heights = self.heights[faces]
         low = [max(0.0, heights[0] - zone)] if heights[0] > 0 else []
-        return np.array([*low, *heights, heights[-1] + zone]), faces
+        return np.array([*low, *heights, heights[-1] + zone])
+
+    def anchored(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
+        """Displacement (…, n) in m of the `anchors`, or a radial derivative."""
+        moved = self.faces(radius, derivative)[..., list(self.contrasts)]
+        still = np.zeros((*radius.shape, 1))
+        below = [still] if self.heights[self.contrasts[0]] > 0 else []
+        return np.concatenate([*below, moved, still], axis=-1)
 
 
 def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:

@@ -181,11 +181,8 @@ def dent_energies(
     waves = _Waves([segment_spectra(images, wavenumbers) for images in seen], moved, accuracy.harmonics)
     factors = 2 * np.pi * np.array([1.0, *[2.0] * accuracy.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
-        offsets, shape_of, of_pair = _distinct(points[start:stop, None] - centres, waves.shape_of_coil)
-        groups = _alike(offsets, shape_of)
-        work = [(offsets[group], int(shape_of[group[0]])) for group in groups]
+        work, place = _distinct(points[start:stop, None] - centres, waves.shape_of_coil)
         amplitudes = run_blocks(lambda task: waves.amplitudes(solved, *task), work)
-        place = np.argsort(np.concatenate(groups))[of_pair]
         for index, scattering, of_groups in zip(moving, solved, zip(*amplitudes, strict=True), strict=True):
             by_harmonic = [np.concatenate(parts, axis=2) for parts in zip(*of_groups, strict=True)]
             energy = scattering.energy(by_harmonic, place, factors)
@@ -220,29 +217,25 @@ class _Waves:
         return [one.amplitudes(about[motion]) for one, motion in zip(solved, self._motions, strict=True)]
 
 
-def _alike(offsets: FloatArray, shape_of: IntArray) -> list[IntArray]:
-    """Group offsets (n, 2), near ones first, which need fewer angles."""
-    near_first = np.lexsort((np.hypot(*offsets.T), shape_of))
-    bounds = np.flatnonzero(np.diff(shape_of[near_first])) + 1
-    return [
-        group
-        for of_shape in np.split(near_first, bounds)
-        for group in np.split(of_shape, range(_OFFSETS, len(of_shape), _OFFSETS))
-    ]
+def _distinct(offsets: FloatArray, shape_of: IntArray) -> tuple[list[tuple[FloatArray, int]], IntArray]:
+    """Find the distinct offsets in m for every shape of coil, near ones first.
 
-
-def _distinct(offsets: FloatArray, shape_of: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
-    """Find the distinct offsets in m for every shape of coil.
-
-    Returns offsets (n, 2), their shapes (n,), and the index of each pair's offset (positions,
-    coils).
+    Returns groups of offsets (n, 2) of a shape each, as near ones need fewer angles, and the index
+    of each pair's offset (positions, coils) among all groups in turn.
     """
     (x, of_x), (y, of_y) = (
         np.unique(np.round(values, 12), return_inverse=True) for values in np.moveaxis(offsets, -1, 0)
     )
     code = (shape_of * len(x) + of_x.reshape(offsets.shape[:2])) * len(y) + of_y.reshape(offsets.shape[:2])
     _, first, of_pair = np.unique(code, return_index=True, return_inverse=True)
-    return offsets.reshape(-1, 2)[first], shape_of[first % len(shape_of)], of_pair.reshape(code.shape)
+    places, shapes = offsets.reshape(-1, 2)[first], shape_of[first % len(shape_of)]
+    near_first = np.lexsort((np.hypot(*places.T), shapes))
+    groups = []
+    for of_shape in np.split(near_first, np.flatnonzero(np.diff(shapes[near_first])) + 1):
+        for start, stop in ranges(len(of_shape), _OFFSETS):
+            group = of_shape[start:stop]
+            groups.append((places[group], int(shapes[group[0]])))
+    return groups, np.argsort(near_first)[of_pair.reshape(code.shape)]
 
 
 def dent_inductance(
@@ -256,49 +249,27 @@ def dent_inductance(
 ) -> FloatArray | ComplexArray:
     """Change of the inductance matrix in H by dented sheets.
 
-    Parameters
-    ----------
-    source : Array, Conductor, polyline or sequence of them
-        Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
-    dents : sequence of Dent
-        Deformed surfaces of the same sheets, for example one for each depth.
-    positions : array_like, shape (positions, 2)
-        Positions of the indenter's axis in m.
-    accuracy : LayerMesh, optional
-        Accuracy of the field.
-    backing : Backing, optional
-        Conducting or magnetic layers below the coils and the currents in other metal there, at one
-        frequency.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
+    The result (dents, positions, coils, coils) is dented minus flat, symmetric. Over a `backing` it
+    is ΔL − jΔR/ω, complex. The `source` has coils at z ≤ 0. A path whose ends lie apart is closed by
+    a straight line between them. The `dents` are deformed surfaces of the same sheets, for example
+    one for each depth, about the indenter's axis at `positions` (positions, 2) in m. A `backing`
+    has conducting or magnetic layers below the coils and the currents in other metal there, at one
+    frequency. `progress` is called with (done, total) as the work goes on.
 
-    Returns
-    -------
-    ndarray, shape (dents, positions, coils, coils)
-        Inductance in H, dented minus flat, symmetric. Over a `backing` it is ΔL − jΔR/ω, complex.
+    Positions that are not finite, coils that are not below the sheets, dents of different sheets or
+    in plane strain, and a magnetic face that comes too close to the coils raise an ElastomerError.
 
-    Raises
-    ------
-    ElastomerError
-        Positions that are not finite, coils that are not below the sheets, dents of different
-        sheets or in plane strain, or a magnetic face that comes too close to the coils.
-
-    Notes
-    -----
-    The coils' field in harmonics about the indenter (`coil_spectrum`) is scattered by the dent
-    (`scattering`): ΔL_ij = 2π μ0 Σ_m b_i,m* Γ_m b_j,m with b = c_m(k) k dk/2π. Nothing is
-    linearised in the depth. The sheets are taken as laterally infinite, and their permeability as
-    unchanged by strain.
+    The coils' field in harmonics about the indenter (`coilarray.electromagnetics.flat_stack`) is
+    scattered by the dent (`coilarray.elastomer.scattering`): ΔL_ij = 2π μ0 Σ_m b_i,m* Γ_m b_j,m with
+    b = c_m(k) k dk/2π. Nothing is linearised in the depth. The sheets are taken as laterally
+    infinite, and their permeability as unchanged by strain.
 
     Over a backing the result includes the reflection by the layers of the coils' field and of the
-    dent's own field, see `coilarray.elastomer.scattering`. The reflection of the dent's own field
-    is 0.3 % of the change in the sheets of gast2020 on a board of 1.6 mm, and 2 % if it comes
-    within 1.4 mm of a plate. Currents in the backing are the currents without the dent, so their
-    response to the dent's own field is left out. Under tilted sheets, `Dent.motion`, each wave is
-    tilted like the wave of a mirrored coil.
+    dent's own field. The reflection of the dent's own field is 0.3 % of the change in the sheets of
+    gast2020 on a board of 1.6 mm, and 2 % if it comes within 1.4 mm of a plate. Currents in the
+    backing are the currents without the dent, so their response to the dent's own field is left
+    out. Under tilted sheets, `Dent.motion`, each wave is tilted like the wave of a mirrored coil.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> r = np.linspace(0, 20e-3, 41)
     >>> shape = -0.5e-3 * np.exp(-((r / 4e-3) ** 2))

@@ -44,7 +44,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import MU_0
 from coilarray.elastomer.box import Axis, Box, factorised, wide_field
-from coilarray.elastomer.contact_grid import Stack, graded, stack_of
+from coilarray.elastomer.contact_grid import graded, stack_of
 from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
 from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.flat_stack import (
@@ -166,7 +166,7 @@ def sample_correction(
     (depths,) is F'/F of the contact with its depth, in 1/m.
     """
     problem = _Problem(sheets, base, sample, places, r, pressure)
-    depths, count = len(pressure), len(places)
+    depths, count, length = len(pressure), len(places), problem.stack.length
     shape = (depths, count, len(problem.levels_at), *problem.plan)
     require_memory(
         16.0 * float(np.prod(shape)),
@@ -174,30 +174,24 @@ def sample_correction(
         "take fewer of them, or leave sample_x_mm and sample_y_mm out for a wide sample",
     )
     depth, moved, lifted = np.zeros((depths, count)), np.zeros(shape), np.zeros((depths, count, *problem.plan))
-    slope = force_slope * problem.stack.length
+    slope = force_slope * length
     lift = _Lift(problem) if sample.unevenness.lifts else None
     for start in range(0, count, _PLACES):
         block = slice(start, min(start + _PLACES, count))
         for case in range(depths):
-            faces = problem.moved(places[block] / problem.stack.length, case)
+            faces = problem.moved(places[block] / length, case)
             mean = np.einsum("xyp,px,py->p", faces[-1], *problem.ring(places[block], case), optimize=True)
             if lift is None:
-                shift = _shift(mean, slope[case])
+                _require_small(mean, slope[case])
+                shift = mean / (1 - mean * slope[case])
                 moved[case, block] = np.moveaxis(faces * (1 + shift * slope[case]), -1, 0)
             else:
                 shift, moved[case, block], lifted[case, block] = lift.solve(
                     places[block], case, faces, mean, float(slope[case])
                 )
             depth[case, block] = shift
-    length = problem.stack.length
     x, y = (Axis(axis.edges * length, axis.degree) for axis in problem.box.axes[:2])
     return SampleCorrection(x, y, depth * length, moved * length, lifted * length, problem.upwards, length)
-
-
-def _shift(mean: FloatArray, slope: float) -> FloatArray:
-    """Shift s = w̄ (1 + s F'/F) in thicknesses."""
-    _require_small(mean, slope)
-    return np.asarray(mean / (1 - mean * slope))
 
 
 def _require_small(mean: FloatArray, slope: float) -> None:
@@ -225,7 +219,8 @@ class _Problem:
         self.unevenness = sample.unevenness
         x_min, y_min, x_max, y_max = (edge / stack.length for edge in sample.bounds)
         mesh = sample.mesh
-        z = Axis(_rows(stack, mesh.rows), mesh.degree)
+        parts = np.arange(len(stack.thicknesses) * mesh.rows + 1) / mesh.rows
+        z = Axis(np.interp(parts, np.arange(len(stack.levels)), stack.levels), mesh.degree)
         at, corners = places / stack.length, np.array([[x_min, y_min], [x_max, y_max]])
         from_sides = np.abs(at[:, None] - corners).min(axis=(0, 1))
         even = not any(sample.unevenness.stiffness_slope)
@@ -348,14 +343,6 @@ def _part(spline: PPoly, which: tuple[int | slice, ...]) -> PPoly:
     return PPoly(np.ascontiguousarray(spline.c[:, :, *which]), spline.x)
 
 
-def _rows(stack: Stack, rows: int) -> FloatArray:
-    """Edges of the elements over the height."""
-    pieces = [
-        np.linspace(low, high, rows + 1)[1:] for low, high in zip(stack.levels[:-1], stack.levels[1:], strict=True)
-    ]
-    return np.concatenate((stack.levels[:1], *pieces))
-
-
 class _Lift:
     """Seat that only pushes, its bottom's response, and its rest."""
 
@@ -372,11 +359,12 @@ class _Lift:
         self._gap = np.maximum(along_x * x.nodes[:, None] + along_y * y.nodes, 0.0).ravel()
         self._push = (problem.stiffness[2] * problem.factor * problem.area).ravel()
         own = ny // 2 + 1 if problem.box.mirrored else ny  # forces above the middle follow by symmetry
-        rows = (
-            problem.faces(problem.box.displacements(self._bottom_forces(start, start + own)))
-            for start in range(0, nx * ny, ny)
-        )
-        answers = [np.concatenate((row, row[:, :, ::-1, ny - own - 1 :: -1][..., : ny - own]), axis=-1) for row in rows]
+        answers = []
+        for row in range(nx):  # of nodes of the bottom, with a unit force upwards on each in turn
+            forces = np.zeros((*problem.box.shape, own))
+            forces[row, 2, range(own), 0, range(own)] = 1.0
+            found = problem.faces(problem.box.displacements(forces))
+            answers.append(np.concatenate((found, found[:, :, ::-1, ny - own - 1 :: -1][..., : ny - own]), axis=-1))
         self._answers = np.concatenate(answers, axis=-1).reshape(-1, nx * ny, nx * ny)  # levels, node, forced node
         root = np.sqrt(self._push)
         self._scaled = root[:, None] * self._answers[0] * root
@@ -387,15 +375,6 @@ class _Lift:
         self._start = problem.faces(problem.box.displacements(loads))[0, ..., 0].ravel()
         nothing = self._rest = np.zeros(nx * ny)
         _, self._rest, self._height = self._settled(nothing, nothing, 0.0, 0.0, self._start + self._gap)
-
-    def _bottom_forces(self, start: int, stop: int) -> FloatArray:
-        """Return unit forces upwards on some nodes of the bottom."""
-        nx, ny = self._problem.plan
-        forces = np.zeros((nx * ny, stop - start))
-        forces[range(start, stop), range(stop - start)] = 1.0
-        loads = np.zeros((*self._problem.box.shape, stop - start))
-        loads[:, 2, :, 0] = forces.reshape(nx, ny, -1)
-        return loads
 
     def _settled(
         self, own: FloatArray, under: FloatArray, mean: float, slope: float, guess: FloatArray
@@ -549,7 +528,10 @@ def shift_energy(
         within = np.ascontiguousarray(density[:, inside_x][:, :, inside_y])
         nodal = shapes_x.T @ within @ shapes_y
         change += correction.moved[:, :, face].reshape(depths, count, -1) @ nodal.reshape(len(own), -1).T
-        lost, end = density[:, outside].T, _moved_radius(correction, face)
+        known = correction.wide.x * correction.length
+        size = np.abs(correction.beyond(known, face)).max(axis=1)
+        end = float(known[np.flatnonzero(size >= _FAINT * size.max())[-1]])  # beyond it the sample is still
+        lost = density[:, outside].T
         for start in range(0, count, _SHIFTED_AT_ONCE):
             block = slice(start, start + _SHIFTED_AT_ONCE)
             r = np.hypot(at_x - places[block, 0, None], at_y - places[block, 1, None])
@@ -557,13 +539,6 @@ def shift_energy(
             wide[:, near] = correction.beyond(r[near], face).T
             change[:, block] -= wide @ lost
     return change
-
-
-def _moved_radius(correction: SampleCorrection, face: int) -> float:
-    """Radius in m beyond which the sample is still."""
-    r = correction.wide.x * correction.length
-    size = np.abs(correction.beyond(r, face)).max(axis=1)
-    return float(r[np.flatnonzero(size >= _FAINT * size.max())[-1]])
 
 
 def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, BoolArray]:

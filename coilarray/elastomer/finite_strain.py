@@ -406,8 +406,9 @@ class SoftBody:
         if exact:
             column, below = np.divmod(self._places, self._height)
             lower: Any = sparse.csc_array((entries, (column + below, column)), shape=(size, size))
+            whole, how = (lower + sparse.tril(lower, -1).T).tocsc(), {"SymmetricMode": True}
             try:
-                forwards = _factorised((lower + sparse.tril(lower, -1).T).tocsc())
+                forwards = splu(whole, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
             except RuntimeError:
                 return None
             pushed, backwards = forwards(leaning), np.asarray
@@ -450,12 +451,6 @@ class SoftBody:
                 return f
             closed = now
         return None
-
-
-def _factorised(matrix: Any) -> Callable[[FloatArray], FloatArray]:
-    """Solver of a nearly definite symmetric matrix, or RuntimeError."""
-    how = {"SymmetricMode": True}
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
 
 
 def _scaled(matrix: Any, factors: FloatArray) -> Any:

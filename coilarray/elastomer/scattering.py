@@ -134,26 +134,16 @@ def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
 class LayerMesh:
     """Accuracy of the magnetic problem.
 
+    Waves count up to the `harmonics` about the indenter and up to the wavenumber `decays`/clearance.
+    The rest is below e^(−2·decays) of the incident energy. The elements in the middle are as wide
+    as `width` times the radius of the dent's half depth or the clearance, whichever is smaller.
+    There are `rows` of them over the height of each sheet and of the moved air, and outside,
+    neighbours have the ratio `growth`. Incident patterns below the part `rank` of the strongest are
+    left out.
+
     The defaults follow from a convergence study. Their error is 2e-4 of the largest entry for
     smooth dents of the size of the sheets, 1e-3 for the dent of gast2020, and up to 1e-2 for the
     dent of a small ball in a sheet that lies on the board, under few turns.
-
-    Parameters
-    ----------
-    harmonics : int
-        Highest harmonic about the indenter.
-    decays : float
-        Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident
-        energy.
-    width : float
-        Width of the elements in the middle, relative to the radius of the dent's half depth or the
-        clearance, whichever is smaller.
-    rows : int
-        Elements over the height of each sheet and of the moved air.
-    growth : float
-        Ratio of neighbouring elements outside.
-    rank : float
-        Incident patterns below this part of the strongest are left out.
     """
 
     harmonics: int = 10
@@ -339,9 +329,13 @@ class DentedSpace:
         nodes_r, nodes_z = self.basis.doflocs[:, self.moved]
         reaction = _by_distinct_value(nodes_z, lambda z: self.reaction(z, wavenumbers))
         reaction *= _by_distinct_value(nodes_r, lambda r: radial_pattern(symmetry, m, r, wavenumbers))
-        lateral, slope = (
-            np.tile(values, (len(faces.z) // len(faces.r), 1)) for values in _sloping(symmetry, m, faces.r, wavenumbers)
-        )
+        pattern = radial_pattern(symmetry, m, faces.r, wavenumbers)
+        if symmetry == "axial":
+            next_one = radial_pattern(symmetry, m + 1, faces.r, wavenumbers)
+            slope = m * pattern / faces.r[:, None] - wavenumbers * next_one
+        else:
+            slope = (2 * m - 1) * wavenumbers * radial_pattern(symmetry, 1 - m, faces.r, wavenumbers)
+        lateral, slope = (np.tile(values, (len(faces.z) // len(faces.r), 1)) for values in (pattern, slope))
         flat, dented = (self.background(z, wavenumbers) for z in (faces.z, faces.z + faces.up))
         reflected = lateral * _by_distinct_value(faces.z, lambda z: self.reaction(z, wavenumbers))
         normal, dented_normal = (
@@ -430,13 +424,9 @@ def _faces(basis: Basis, dent: Dent) -> _Faces:
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z), 0 beyond the anchors."""
-    heights, faces = dent.anchors(deepest)
-    w, slope = dent.faces(r)[..., list(faces)], dent.faces(r, 1)[..., list(faces)]
+    w, slope = dent.anchored(r), dent.anchored(r, 1)
     stretch, shear = np.zeros_like(r), np.zeros_like(r)
-    rigid = np.zeros((*r.shape, 1))
-    low = [rigid] if len(heights) == len(faces) + 2 else []
-    w, slope = (np.concatenate([*low, part, rigid], axis=-1) for part in (w, slope))
-    for k, (lower, upper) in enumerate(pairwise(heights.tolist())):
+    for k, (lower, upper) in enumerate(pairwise(dent.anchors(deepest).tolist())):
         here = (z > lower) & (z < upper)
         share = (z[here] - lower) / (upper - lower)
         stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
@@ -471,19 +461,14 @@ class _Forms:
 
 
 def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
-    """Pattern (r, k): J_m(kr), or cos kx and sin kx in plane strain."""
-    kr = np.outer(r, wavenumbers)
-    if symmetry == "axial":
-        return _bessel(m, kr)
-    return np.cos(kr) if m == 0 else np.sin(kr)
+    """Pattern (r, k): J_m(kr), or cos kx and sin kx in plane strain.
 
-
-def _bessel(m: int, x: FloatArray) -> FloatArray:
-    """J_m(x) for x ≥ 0 by a recurrence.
-
-    scipy's function takes as long as twenty steps of J_{n+1} = (2n/x) J_n − J_{n−1}. The steps lose
-    no digits for n ≤ x (Abramowitz and Stegun, 9.1.27 and 9.12).
+    scipy's J_m takes as long as twenty steps of the recurrence J_{n+1} = (2n/x) J_n − J_{n−1}. The
+    steps lose no digits for n ≤ x (Abramowitz and Stegun, 9.1.27 and 9.12).
     """
+    x = np.outer(r, wavenumbers)
+    if symmetry != "axial":
+        return np.cos(x) if m == 0 else np.sin(x)
     if m < 2:
         return np.asarray(j1(x) if m else j0(x))
     found, far = np.empty_like(x), x >= m
@@ -496,14 +481,6 @@ def _bessel(m: int, x: FloatArray) -> FloatArray:
     return found
 
 
-def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the `radial_pattern` and its slope by r > 0 in 1/m."""
-    pattern = radial_pattern(symmetry, m, r, wavenumbers)
-    if symmetry == "axial":
-        return pattern, m * pattern / r[:, None] - wavenumbers * radial_pattern(symmetry, m + 1, r, wavenumbers)
-    return pattern, (2 * m - 1) * wavenumbers * radial_pattern(symmetry, 1 - m, r, wavenumbers)
-
-
 def _by_distinct_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Apply a function to distinct values only, which mesh lines share."""
     distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
@@ -512,7 +489,7 @@ def _by_distinct_value(values: FloatArray, function: Callable[[FloatArray], Floa
 
 def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:
     """Rectangles in (r, Z), even where heights move, growing outside."""
-    heights, _ = dent.anchors(deepest)
+    heights = dent.anchors(deepest)
     moved = np.abs(dent.displacement).max(axis=1)
     around = np.flatnonzero(moved > moved.max() / 2)[-1] + np.arange(2)  # neighbours, for a smoothly changing mesh
     around = np.minimum(around, len(moved) - 1)

@@ -384,10 +384,8 @@ def sphere_in_dent(
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     r, z = radius * np.sqrt(1 - nodes**2), height + radius * nodes
     # heights of the points in flat sheets
-    anchors, faces = dent.anchors()
-    still = np.zeros((len(r), 1))
-    low = [still] if len(anchors) == len(faces) + 2 else []
-    heights = anchors + np.concatenate([*low, dent.faces(r)[:, list(faces)], still], axis=1)
+    anchors = dent.anchors()
+    heights = anchors + dent.anchored(r)
     inside = [np.interp(height, row, anchors) for height, row in zip(z, heights, strict=True)]
     unmoved = np.where((z > anchors[0]) & (z < anchors[-1]), inside, z)
     at = space.basis.probes(np.array([r, unmoved]))

@@ -10,13 +10,15 @@ Who checks whom:
     compliance                                                         symmetry, positive definiteness
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
 from scipy.special import j0, jn_zeros
 from skfem import Functional, LinearForm, MeshQuad
 
-from coilarray.elastomer.contact import compliance, elastic_body
+from coilarray.elastomer.contact import compliance, elastic_response
 from coilarray.elastomer.contact_grid import (
     ContactMesh,
     ContactZone,
@@ -57,7 +59,8 @@ def body_of(mesh, symmetry, nu, held, wide=False):
     mu, squash = (np.full(mesh.nelements, value) for value in constants(nu))
     basis = displacement_basis(mesh)
     springs = far_field(basis, symmetry, mu) if wide else csr_array((basis.N, basis.N))
-    return elastic_body(basis, symmetry, mu, squash, springs, held(basis))
+    solve = elastic_response(basis, symmetry, mu, squash, springs, held(basis))
+    return SimpleNamespace(basis=basis, displacements=solve)
 
 
 def pressed(body, symmetry, pressure):
