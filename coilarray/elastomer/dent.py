@@ -38,16 +38,25 @@ STILL = Motion()
 class Dent:
     """Deformed surfaces of sheets that move vertically around an indenter.
 
-    The flat sheets have `thicknesses` in m and relative `permeabilities`, upwards from z = 0. At the
-    distances `radius` (n,) in m, rising from 0, the faces are displaced upwards by `displacement`
-    (n, sheets + 1) in m, from the board to the top, negative in the indentation. The `symmetry` is
-    "axial" for a body of revolution, or "plane" if the dent is the same everywhere along y. `below`
-    is the relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if
-    electrodes at z = 0 leave no contrast there. The `motion` moves the sheets together with the
-    dent. Changes by the dent are relative to flat sheets with the same motion, and the other values
-    do not include it.
-
     Shapes that do not fit, values that are not finite, or faces that cross raise an ElastomerError.
+
+    Parameters
+    ----------
+    thicknesses, permeabilities : tuple of float
+        Thicknesses in m and relative permeabilities of the flat sheets, upwards from z = 0.
+    radius : ndarray, shape (n,)
+        Distances from the indenter's axis in m, rising from 0.
+    displacement : ndarray, shape (n, sheets + 1)
+        Upward displacement of every face at these distances in m, from the board to the top. It is
+        negative in the indentation.
+    symmetry : {"axial", "plane"}
+        Shape of the dent: a body of revolution, or the same everywhere along y.
+    below : float
+        Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if
+        electrodes at z = 0 leave no contrast there.
+    motion : Motion
+        Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets
+        with the same motion. The other values do not include it.
     """
 
     thicknesses: tuple[float, ...]

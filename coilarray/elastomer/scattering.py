@@ -134,16 +134,26 @@ def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
 class LayerMesh:
     """Accuracy of the magnetic problem.
 
-    Waves count up to the `harmonics` about the indenter and up to the wavenumber `decays`/clearance.
-    The rest is below e^(−2·decays) of the incident energy. The elements in the middle are as wide
-    as `width` times the radius of the dent's half depth or the clearance, whichever is smaller.
-    There are `rows` of them over the height of each sheet and of the moved air, and outside,
-    neighbours have the ratio `growth`. Incident patterns below the part `rank` of the strongest are
-    left out.
-
     The defaults follow from a convergence study. Their error is 2e-4 of the largest entry for
     smooth dents of the size of the sheets, 1e-3 for the dent of gast2020, and up to 1e-2 for the
     dent of a small ball in a sheet that lies on the board, under few turns.
+
+    Parameters
+    ----------
+    harmonics : int
+        Highest harmonic about the indenter.
+    decays : float
+        Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident
+        energy.
+    width : float
+        Width of the elements in the middle, relative to the radius of the dent's half depth or the
+        clearance, whichever is smaller.
+    rows : int
+        Elements over the height of each sheet and of the moved air.
+    growth : float
+        Ratio of neighbouring elements outside.
+    rank : float
+        Incident patterns below this part of the strongest are left out.
     """
 
     harmonics: int = 10

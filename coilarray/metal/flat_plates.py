@@ -110,21 +110,43 @@ def plate_inductance(
 
     The result (f, paths, paths) is the change of the impedance over jω relative to the sheets
     alone, ΔL − jΔR/ω, symmetric. Add it to the inductance in air and to
-    `coilarray.electromagnetics.flat_layer.layer_inductance`. The `source` has paths, see
-    `coilarray.electromagnetics.field.as_conductors`, that lie between the plates and below the
-    sheets. The `plates` are in any order, each above or below all paths. None may reach into
-    another or into the sheets. The `frequencies` (f,) in Hz are at least 0. The `sheets` lie upwards
-    from z = 0 and have any permeabilities. With the `accuracy` "screen", as in
-    `coilarray.inductance_matrix`, the error is up to 1e-3 of the change itself.
+    `coilarray.electromagnetics.flat_layer.layer_inductance`.
 
-    Plates and sheets that are not so raise a GeometryError, paths that reach into a magnetic sheet
-    an ElastomerError, and other frequencies a MetalError.
+    Parameters
+    ----------
+    source : Array, Conductor, polyline or sequence of them
+        See `coilarray.electromagnetics.field.as_conductors`. The paths lie between the plates and
+        below the sheets.
+    plates : sequence of Plate
+        Plates in any order, each above or below all paths. None may reach into another or into the
+        sheets.
+    frequencies : array_like, shape (f,)
+        Frequencies in Hz, at least 0.
+    sheets : sequence of Sheet
+        Sheets upwards from z = 0, of any permeabilities.
+    accuracy : {"full", "screen"}
+        Accuracy as in `coilarray.inductance_matrix`. The error of ``screen`` is up to 1e-3 of the
+        change itself.
 
+    Raises
+    ------
+    GeometryError
+        A plate that is neither above nor below all paths, or touches them, a plate that reaches
+        into another plate or into a magnetic sheet, a source that describes no path.
+    ElastomerError
+        A path that reaches into a magnetic sheet or above it.
+    MetalError
+        Frequencies that are not a one-dimensional array of finite numbers of at least 0.
+
+    Notes
+    -----
     The current density is uniform in every bar. Paths with open ends are taken as they are, as in
     `layer_inductance`. Otherwise the result is exact at any frequency, to 5e-6 of the largest
     entry. A plate nearer than a sixth of the board's extent costs up to thirty times a
     `mutual_inductance` more.
 
+    Examples
+    --------
     An aluminium plate of 1 mm, 2 mm above a square loop.
 
     >>> from coilarray.geometry import MATERIALS

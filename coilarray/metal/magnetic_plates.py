@@ -38,7 +38,7 @@ perfect conductor, with the third root of the distance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -121,32 +121,34 @@ def _lengths(plate: FinitePlate, frequencies: FloatArray) -> ComplexArray:
     return np.asarray(plate.material.relative_permeability * depths * (1 - 1j) / 2)
 
 
-@dataclass(frozen=True, eq=False)
 class Potentials:
     """Operators and loads for potentials on a body.
 
-    Λ and S are in m, and b/µ0, t and u (unknowns, places, paths). `basis` maps the unknowns to the
-    nodes of the upper half, then the lower. `means` integrate the functions over the triangles and
-    `rest` is ½ − K, both in m². `known` leaves an unknown out if a constant is free.
+    Λ and S are in m, and b/µ0, t and u (unknowns, places, paths), where b and t are given in Wb and
+    T·m. `basis` maps the unknowns to the nodes of the upper half, then the lower. `means` integrate
+    the functions over the triangles and `rest` is ½ − K, both in m². `known` leaves an unknown out
+    if a constant is free.
     """
 
-    basis: sp.csr_array
-    means: sp.csr_array
-    rest: FloatArray | ComplexArray
-    outer: FloatArray | ComplexArray
-    known: slice
-    S: FloatArray
-    b: FloatArray | ComplexArray
-    t: FloatArray | ComplexArray
-    u: FloatArray | ComplexArray
-
-    def load(self, length: complex) -> ComplexArray:
-        """Return c for ℓ in m."""
-        return np.asarray(length * self.t - self.b)
+    def __init__(
+        self,
+        basis: sp.csr_array,
+        means: sp.csr_array,
+        rest: FloatArray | ComplexArray,
+        outer: FloatArray | ComplexArray,
+        S: sp.csr_array,
+        b: FloatArray | ComplexArray,
+        t: FloatArray | ComplexArray,
+        known: slice,
+    ) -> None:
+        self.basis, self.means, self.rest, self.outer, self.known = basis, means, rest, outer, known
+        self.S, self.b, self.t, self.u = S.toarray(), b / MU_0, t / MU_0, np.zeros_like(t)
+        loads = self.t[known].reshape(-1, t[0].size)
+        self.u[known] = -splu(S[known, known].tocsc().astype(t.dtype)).solve(loads).reshape(t[known].shape)
 
     def answer(self, length: complex) -> ComplexArray:
         """Return φ in A for ℓ in m."""
-        c = self.load(length)
+        c = length * self.t - self.b
         x = lu_solve(lu_factor(self.outer + length * self.S), c.reshape(len(c), -1))
         return np.asarray(x.reshape(c.shape))
 
@@ -173,19 +175,19 @@ class Potentials:
         """ΔZ/jω (places, paths, paths) in H for given ℓ in m and φ in A."""
         inside = np.einsum("npi,npj->pij", self.u, self.b, optimize=True)
         along = np.einsum("npi,npj->pij", self.u, self.t, optimize=True)
-        both = np.einsum("npi,npj->pij", self.load(length), outside, optimize=True)
+        both = np.einsum("npi,npj->pij", length * self.t - self.b, outside, optimize=True)
         found = -MU_0 * (both - inside + length * along)
         return np.asarray((found + found.swapaxes(1, 2)) / 2)
 
 
 def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potentials:
     """Even (sign 1) or odd potentials in air, for loads of `EddyBody.linked_to`."""
-    used, basis = _basis(body, sign)
+    used, basis = _bases(body)[0 if sign > 0 else 1]
     V, rest, W = exterior(body, sign)
     S = stiffness(body)[used][:, used]
     means, rest = _means(body)[:, used], rest[:, used]
     outer = _outer(V, rest, W[np.ix_(used, used)])
-    return _potentials(basis, means, rest, outer, S, b[used], t[used], slice(1 if sign > 0 else 0, None))
+    return Potentials(basis, means, rest, outer, S, b[used], t[used], slice(1 if sign > 0 else 0, None))
 
 
 def _beside_edges(body: EddyBody, depth: float, length: float) -> FloatArray:
@@ -253,36 +255,17 @@ def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
             np.concatenate([load[part][real, used] + 1j * load[part][imaginary, used] for load, (used, _) in by_parity])
             for part in (0, 1)
         )
-        found.append([_potentials(basis, means, rest, outer, S, b, t, slice(1, None))])
+        found.append([Potentials(basis, means, rest, outer, S, b, t, slice(1, None))])
     return found
 
 
-def _potentials(
-    basis: sp.csr_array,
-    means: sp.csr_array,
-    rest: FloatArray | ComplexArray,
-    outer: FloatArray | ComplexArray,
-    S: sp.csr_array,
-    b: FloatArray | ComplexArray,
-    t: FloatArray | ComplexArray,
-    known: slice,
-) -> Potentials:
-    """Potentials with all values that follow from S and t."""
-    u, loads = np.zeros_like(t), t[known].reshape(-1, t[0].size) / MU_0
-    u[known] = -splu(S[known, known].tocsc().astype(t.dtype)).solve(loads).reshape(t[known].shape)
-    return Potentials(basis, means, rest, outer, known, S.toarray(), b / MU_0, t / MU_0, u)
-
-
 def _bases(body: EddyBody) -> list[tuple[IntArray, sp.csr_array]]:
-    return [_basis(body, sign) for sign in (1, -1)]
-
-
-def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
-    """Upper half's free nodes (odd: without rim), and their map."""
-    n = len(body.mesh.nodes)
-    used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
-    upper = sp.eye_array(n, format="csr")[:, used]
-    return used, sp.vstack((upper, sign * upper), format="csr")
+    """Upper half's free nodes (odd: without rim), and their map, of both parities."""
+    nodes, found = np.arange(len(body.mesh.nodes)), []
+    for sign, used in ((1, nodes), (-1, np.setdiff1d(nodes, body.mesh.ring))):
+        upper = sp.eye_array(len(nodes), format="csr")[:, used]
+        found.append((used, sp.vstack((upper, sign * upper), format="csr")))
+    return found
 
 
 def _currents(plate: PosedPlate) -> list[sp.csr_array]:
@@ -305,13 +288,13 @@ def _between_layers(
     size = 16.0 if shares.imag.any() else 8.0
     require_memory(size * len(distinct) * 9 * k * k, f"the potentials on {k} triangles", "use a coarser mesh")
     parts = [exterior(body, sign) for sign in (1, -1)]
-    used = [nodes for nodes, _ in _bases(body)]
+    used, maps = zip(*_bases(body), strict=True)
     vacuum = (
         block_diag(*(V for V, _, _ in parts)),
         block_diag(*(rest[:, nodes] for (_, rest, _), nodes in zip(parts, used, strict=True))),
         block_diag(*(W[np.ix_(nodes, nodes)] for (_, _, W), nodes in zip(parts, used, strict=True))),
     )
-    basis = sp.hstack([one for _, one in _bases(body)], format="csr")
+    basis = sp.hstack(maps, format="csr")
     currents = [K @ basis for K in _currents(plate)]
     corners = plate.corners.copy()
     corners[k:] = corners[k:, ::-1]  # so that all normals point outwards

@@ -238,7 +238,8 @@ class _Layout:
     @property
     def meshed(self) -> bool:
         """True if the triangles cover the face exactly once."""
-        areas, expected = _areas(*self.face), sum(_loop_area(loop) for loop in self.loops)
+        areas = _areas(*self.face)
+        expected = sum(float(_cross(loop, np.roll(loop, -1, axis=0)).sum()) / 2 for loop in self.loops)
         return bool((areas > 0).all()) and abs(areas.sum() - expected) < 1e-6 * expected
 
     def body(self) -> HalfBody:
@@ -319,10 +320,12 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
 
     last = [loop + depths[-1] * way for loop, way in zip(loops, ways, strict=True)]
     edge = np.concatenate(last)
-    local = np.maximum(_LATTICE / fineness * radii, np.concatenate([_spacing(loop) for loop in last]))
+    lengths = [np.hypot(*(np.roll(loop, -1, axis=0) - loop).T) for loop in last]
+    spacings = [(length + np.roll(length, 1)) / 2 for length in lengths]  # of every node and its neighbours
+    local = np.maximum(_LATTICE / fineness * radii, np.concatenate(spacings))
 
     def inside(points: FloatArray) -> FloatArray:
-        return np.minimum(required.sides(points, finest, step), _cone(points, edge, local, _GRADING))
+        return np.minimum(required.sides(points, finest, step), _graded(points, local, _GRADING, edge))
 
     smallest = max(min(float(inside(edge).min()), finest), float(np.ptp(edge, axis=0).max()) / 400)
     inner, core = _lattice(last, step, min(smallest, step), inside)
@@ -412,11 +415,15 @@ class _Rim:
         turned = np.isin(here, sharp)
         return np.asarray(points - np.where(turned, 0.0, out)[:, None] * normals)
 
-    def samples(self, step: float) -> FloatArray:
-        """Places in m at most a `step` apart, with corners and some between."""
+    def section_lengths(self, places: FloatArray) -> FloatArray:
+        """Length in m between the sharp corners around each place."""
         sharp = self.ends[self.sharp]
         between = np.diff(np.append(sharp, sharp[0] + self.length)) if len(sharp) else np.array([self.length])
-        steps = np.minimum(step, (between / 6)[np.searchsorted(sharp, self.ends[:-1], side="right") - 1])
+        return np.asarray(between[np.searchsorted(sharp, places, side="right") - 1])
+
+    def samples(self, step: float) -> FloatArray:
+        """Places in m at most a `step` apart, with corners and some between."""
+        steps = np.minimum(step, self.section_lengths(self.ends[:-1]) / 6)
         counts = np.ceil(np.diff(self.ends) / steps - 1e-9).astype(int)
         sides = zip(self.ends[:-1], np.diff(self.ends), counts, strict=True)
         return np.concatenate([start + length * np.arange(count) / count for start, length, count in sides])
@@ -440,8 +447,8 @@ def _divided(
             least = (_AT_REENTRANT if rim.turns[corner] < 0 else _AT_CORNERS) / fineness * across[number]
             sizes = np.minimum(sizes, least + _GRADING * np.hypot(*(points - points[number]).T))
         first += len(place)
-    for_sections = [_section_lengths(rim, place) for rim, place in zip(rims, places, strict=True)]
-    sizes = _graded(points, np.minimum(sizes, np.concatenate(for_sections)), _GRADING)
+    sections = [rim.section_lengths(place) for rim, place in zip(rims, places, strict=True)]
+    sizes = _graded(points, np.minimum(sizes, np.concatenate(sections)), _GRADING)
     made, of_nodes, first = [], [], 0
     for rim, place in zip(rims, places, strict=True):
         own = slice(first, first + len(place))
@@ -458,15 +465,6 @@ def _divided(
         of_nodes.append(np.interp(together, place, np.minimum(0.9 * sizes, 1.5 * radii)[own], period=rim.length))
         first += len(place)
     return made, of_nodes
-
-
-def _section_lengths(rim: _Rim, places: FloatArray) -> FloatArray:
-    """Length in m between the sharp corners around each place."""
-    sharp = rim.ends[rim.sharp]
-    if not len(sharp):
-        return np.full(len(places), rim.length)
-    lengths = np.diff(np.append(sharp, sharp[0] + rim.length))
-    return np.asarray(lengths[np.searchsorted(sharp, places, side="right") - 1])
 
 
 def _section(
@@ -526,19 +524,10 @@ def _across(points: FloatArray, normals: FloatArray, counts: Sequence[int]) -> F
     return np.asarray(np.where(hit, along, np.inf).min(axis=1))
 
 
-def _graded(points: FloatArray, values: FloatArray, growth: float) -> FloatArray:
-    """Lower values (n,) until they grow by at most `growth` times the distance."""
-    return _cone(points, points, values, growth)
-
-
-def _cone(points: FloatArray, among: FloatArray, values: FloatArray, growth: float) -> FloatArray:
+def _graded(points: FloatArray, values: FloatArray, growth: float, among: FloatArray | None = None) -> FloatArray:
+    """Least of values (n,) `among` points plus `growth` times the distance, at points (m, 2)."""
+    among = points if among is None else among
     return np.asarray((values + growth * np.hypot(*np.moveaxis(points[:, None] - among, 2, 0))).min(axis=1))
-
-
-def _spacing(loop: FloatArray) -> FloatArray:
-    """Mean distance in m of every node to its neighbours."""
-    length = np.hypot(*(np.roll(loop, -1, axis=0) - loop).T)
-    return np.asarray((length + np.roll(length, 1)) / 2)
 
 
 def _has_room(loops: Sequence[FloatArray], ways: Sequence[FloatArray], depth: float) -> bool:
@@ -656,9 +645,3 @@ def _areas(points: FloatArray, triangles: IntArray) -> FloatArray:
     """Areas in m², positive for anticlockwise corners."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     return np.asarray(((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2)
-
-
-def _loop_area(loop: FloatArray) -> float:
-    """Area to the left of a loop in m², negative for a hole."""
-    x, y = loop.T
-    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)

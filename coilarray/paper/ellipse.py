@@ -232,11 +232,25 @@ def fit_ellipses(
     the paper leaves open.
     """
     response = in_ellipse_window(response)
-    delta = _delta(response, depth)
+    delta = RESPONSE.checked(response, "a response")["delta"]
+    depths = delta.depth.values
+    nearest = 0 if depth is None else int(np.argmin(np.abs(depths - depth)))
+    if depth is not None and not np.isclose(depths[nearest], depth, rtol=1e-6, atol=0):
+        listed = ", ".join(f"{value * 1e3:.4g}" for value in depths.tolist())
+        raise LocalizeError(f"the response has the depths {listed} mm; got {depth * 1e3:.4g} mm.")
+    delta = delta.isel(depth=nearest)
     for name, value in (("threshold", threshold), ("step", step)):
         require_positive(name, value, "", LocalizeError)
     chosen = _with_a_peak(delta, states, 6 * step)
-    _check_axis(response, delta, chosen)
+    if {"coil", "coil_y"} <= set(response.coords):
+        apart = float(np.abs(np.diff(delta.y.values)).min(initial=np.inf))
+        for state in chosen:
+            if state in response.coil.values and abs(float(response.coil_y.sel(coil=state))) > apart / 2:
+                raise LocalizeError(
+                    f"the ellipse model is for coils in one row, at y = 0 of the map; {state} is at y = "
+                    f"{float(response.coil_y.sel(coil=state)) * 1e3:.4g} mm: take a coil of the row as the map's "
+                    "origin. For coils in several rows use coilarray locate without ellipses."
+                )
     points = len(chosen) * int(np.prod([(delta.sizes[axis] - 1) * refinement + 1 for axis in ("y", "x")]))
     _require_few_levels(float(delta.sel(state=chosen).max()), step, points)
     maps = [refined_map(delta.sel(state=state), refinement) for state in chosen]
@@ -314,19 +328,6 @@ def _fit_level(fine: xr.DataArray, rows: IntArray, columns: IntArray, refinement
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
 
-def _delta(response: xr.Dataset, depth: float | None) -> xr.DataArray:
-    """δ(y, x, state) of a depth in m, of the first one for None."""
-    delta = RESPONSE.checked(response, "a response")["delta"]
-    if depth is None:
-        return delta.isel(depth=0)
-    depths = delta.depth.values.tolist()
-    nearest = int(np.argmin(np.abs(np.subtract(depths, depth))))
-    if not np.isclose(depths[nearest], depth, rtol=1e-6, atol=0):
-        listed = ", ".join(f"{value * 1e3:.4g}" for value in depths)
-        raise LocalizeError(f"the response has the depths {listed} mm; got {depth * 1e3:.4g} mm.")
-    return delta.isel(depth=nearest)
-
-
 def _with_a_peak(delta: xr.DataArray, states: Sequence[str] | None, least: float) -> list[str]:
     """States whose curves close in the map, as given states must."""
     known = [str(state) for state in delta.state.values]
@@ -365,20 +366,6 @@ def _require_few_levels(largest: float, step: float, points: int) -> None:
             f"a largest δ of {largest:.3g} in steps of {step:.3g} makes {levels:.3g} levels on {points} refined "
             f"points; at most {most} levels are fitted."
         )
-
-
-def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) -> None:
-    """Refuse a map whose y does not start at its coils' axis."""
-    if not {"coil", "coil_y"} <= set(response.coords):
-        return
-    spacing = float(np.abs(np.diff(delta.y.values)).min(initial=np.inf))
-    for state in states:
-        if state in response.coil.values and abs(float(response.coil_y.sel(coil=state))) > spacing / 2:
-            raise LocalizeError(
-                f"the ellipse model is for coils in one row, at y = 0 of the map; {state} is at y = "
-                f"{float(response.coil_y.sel(coil=state)) * 1e3:.4g} mm: take a coil of the row as the map's origin. "
-                "For coils in several rows use coilarray locate without ellipses."
-            )
 
 
 def _check_map(delta: xr.DataArray) -> None:

@@ -60,6 +60,9 @@ SEMIAXIS_ADDITION = 0.2e-3
 CENTRE_SHARE = 1e-3 / 1.2e-3
 """Share of the largest δ from which a reading counts as near the coil's centre (Sect. 5 and 6)."""
 
+CENTRE_DELTA = 1e-3
+"""δ from which an indentation is near a coil's centre (Sect. 5)."""
+
 SCHEMA = 1
 """Schema of the JSON file of a model."""
 
@@ -71,6 +74,12 @@ _SHORTEST = 1e-9  # m, of a semi-axis
 _LARGEST_DELTA = 100.0
 _TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding, y is then within 3e-5 B of the axis
 _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis, where the equation is linear
+_DEPTH, _SPACING, _X, _Y = 1e-3, 2e-3, 26e-3, 6e-3  # in m, Table 1
+_FLOOR = -2e-4  # of δ on `published_map`, well below the lowest level
+_HALVINGS = 50  # of a range of 2e-3 in δ, down to 2e-18
+_ANGLES = 721  # points on an ellipse, half a degree apart
+_COILS = ("coil1", "coil2", "coil3")
+_SAME = 1e-3  # m, within which a coil counts as the coil of Table A1 (the pitch is 13.3 mm)
 
 
 @dataclass(frozen=True)
@@ -180,13 +189,9 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     """Fit the polynomials of an ellipse model.
 
     The fits come from `coilarray.paper.ellipse.fit_ellipses`. The coils are in the order of their
-    centres. Every step has the same weight, as in the paper. Raises LocalizeError for fewer steps
-    with an ellipse than a polynomial has coefficients.
-
-    Returns
-    -------
-    EllipseModel
-        A, B and x0 of every coil in m as polynomials of δ.
+    centres. Every step has the same weight, as in the paper. A, B and x0 of every coil are
+    polynomials of δ in m. Raises LocalizeError for fewer steps with an ellipse than a polynomial
+    has coefficients.
     """
     kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
     # the smallest ellipse determines the centre best
@@ -357,26 +362,11 @@ def _kept(fit: xr.Dataset) -> xr.Dataset:
     return kept
 
 
-CENTRE_DELTA = 1e-3
-"""δ from which an indentation is near a coil's centre (Sect. 5)."""
-
-_DEPTH, _SPACING, _X, _Y = 1e-3, 2e-3, 26e-3, 6e-3  # in m, Table 1
-_FLOOR = -2e-4  # of δ on `published_map`, well below the lowest level
-_HALVINGS = 50  # of a range of 2e-3 in δ, down to 2e-18
-_ANGLES = 721  # points on an ellipse, half a degree apart
-_COILS = ("coil1", "coil2", "coil3")
-_SAME = 1e-3  # m, within which a coil counts as the coil of Table A1 (the pitch is 13.3 mm)
-
-
 def published_rows(name: str) -> list[dict[str, str]]:
     """Read a table of the paper by its `name`.
 
-    It is ``table_1`` (parameters), ``table_2`` (positions in mm) or ``table_a1`` (ellipses).
-
-    Returns
-    -------
-    list of dict of str to str
-        One dictionary for each row, with the text of its cells by the names of the columns.
+    It is ``table_1`` (parameters), ``table_2`` (positions in mm) or ``table_a1`` (ellipses). Each
+    row is a dictionary with the text of its cells by the names of the columns.
     """
     text = resources.files("coilarray.paper").joinpath("published", f"{name}.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
@@ -455,7 +445,16 @@ def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
         for given, end in ((x, _X), (y, _Y))
     )
     coils = published_model().coils
-    delta = np.stack([_delta_at(coil, *np.meshgrid(along, across)) for coil in coils], axis=-1)
+    at_x, at_y = np.meshgrid(along, across)
+    delta = np.empty((*at_x.shape, len(coils)))
+    for number, coil in enumerate(coils):
+        low, high = np.full_like(at_x, _FLOOR), np.full_like(at_x, coil.highest)
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            x0, A, B = coil.curves(middle)
+            outside = ((at_x - x0) / A) ** 2 + (at_y / B) ** 2 > 1
+            low, high = np.where(outside, low, middle), np.where(outside, middle, high)
+        delta[..., number] = (low + high) / 2
     return xr.Dataset(
         {"delta": (("depth", "y", "x", "state"), delta[None], {"units": "1"})},
         coords={
@@ -466,17 +465,6 @@ def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
         },
         attrs={"source": "Table A1 of Gast and Zimmermann (2020)"},
     )
-
-
-def _delta_at(coil: CoilEllipses, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Find δ on the map of a coil by bisection."""
-    low, high = np.full_like(x, _FLOOR), np.full_like(x, coil.highest)
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        x0, A, B = coil.curves(middle)
-        outside = ((x - x0) / A) ** 2 + (y / B) ** 2 > 1
-        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
-    return (low + high) / 2
 
 
 def _vanishes(p: tuple[float, ...]) -> float:

@@ -188,7 +188,14 @@ def line_response(
     change = line_dent_inductance(wires, dents, axes.x + setup.origin_point[0], accuracy)
     flat = line_inductance(wires, design.sheets)
     return response_dataset(
-        design, axes, contact, change / flat, np.array([flat]), np.array([[flat]]),
-        coils=[name], states=[name], per_length=True,
+        design,
+        axes,
+        contact,
+        change / flat,
+        np.array([flat]),
+        np.array([[flat]]),
+        coils=[name],
+        states=[name],
+        per_length=True,
         attributes={"coil": name, "indenter": "cylinder_edge", "error_of_peak": 0.0},
-    )  # fmt: skip
+    )
