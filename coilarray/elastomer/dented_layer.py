@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import NdBSpline, make_interp_spline
 
-from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.arrays import FloatArray, IntArray, NumberArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
@@ -135,7 +135,7 @@ def dent_energies(
     *,
     backing: Backing | None = None,
     progress: Progress | None = None,
-) -> FloatArray | ComplexArray:
+) -> NumberArray:
     """Change of the energy between all coils' fields by dents.
 
     The dents are in the same sheets, their axis at `positions` (positions, 2) in m. The result
@@ -205,9 +205,7 @@ class _Waves:
         self._shapes, shape_of_coil = np.unique([one.shape_of for one in images], axis=1, return_inverse=True)
         self.shape_of_coil: IntArray = shape_of_coil.ravel()
 
-    def amplitudes(
-        self, solved: Sequence[Scattering], offsets: FloatArray, shape: int
-    ) -> list[list[FloatArray | ComplexArray]]:
+    def amplitudes(self, solved: Sequence[Scattering], offsets: FloatArray, shape: int) -> list[list[NumberArray]]:
         """Amplitudes of every dent's patterns, by harmonic, at offsets in m."""
         about: dict[Motion, FloatArray] = {}
         for motion in dict.fromkeys(self._motions):
@@ -246,7 +244,7 @@ def dent_inductance(
     *,
     backing: Backing | None = None,
     progress: Progress | None = None,
-) -> FloatArray | ComplexArray:
+) -> NumberArray:
     """Change of the inductance matrix in H by dented sheets.
 
     Parameters

@@ -39,7 +39,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.interpolate import PPoly
 from scipy.linalg import cho_factor, cho_solve
 
-from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray
+from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray, NumberArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import MU_0
@@ -472,8 +472,8 @@ def shift_energy(
     places: FloatArray,
     origin: tuple[float, float],
     mesh: LayerMesh,
-    own: FloatArray | ComplexArray,
-    other: FloatArray | ComplexArray,
+    own: NumberArray,
+    other: NumberArray,
     backing: Backing | None = None,
 ) -> ComplexArray:
     """Change iᵀ ΔL j by a sample's shifts, (depths, places, n).
@@ -504,7 +504,7 @@ def shift_energy(
     step = _STEP / wavenumbers[-1]
     at, above = (flat_profile(wavenumbers, heights + up, thicknesses, mu[1:-1]) for up in (0.0, step))
     on_grid = x + origin[0], y + origin[1], weights
-    fields: FloatArray | ComplexArray
+    fields: NumberArray
     if backing is None:
         fields = gradients_on_grid(segment_spectra(coils, wavenumbers), *on_grid, at, (above - at) / step)
     else:

@@ -55,7 +55,7 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.special import j0, j1, jv
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
-from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.electromagnetics.flat_stack import Backing, Base, flat_profile, wave_count, wave_rule
@@ -180,8 +180,8 @@ class Scattering:
 
     wavenumbers: FloatArray
     weights: FloatArray
-    patterns: tuple[FloatArray | ComplexArray, ...]
-    energies: tuple[FloatArray | ComplexArray, ...]
+    patterns: tuple[NumberArray, ...]
+    energies: tuple[NumberArray, ...]
 
     def over(self, backing: Backing, dent: Dent) -> Scattering:
         """Add layers below the coils, which make the patterns complex.
@@ -195,7 +195,7 @@ class Scattering:
         ways = backing.arriving(*around)
         arriving: ComplexArray = np.concatenate(ways)
 
-        def energies(patterns: FloatArray | ComplexArray, own: FloatArray | ComplexArray) -> ComplexArray:
+        def energies(patterns: NumberArray, own: NumberArray) -> ComplexArray:
             """Energies with the reflections at the layers."""
             return np.asarray(np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own + 0j))
 
@@ -206,7 +206,7 @@ class Scattering:
             tuple(map(energies, self.patterns, self.energies)),
         )
 
-    def amplitudes(self, waves: FloatArray) -> list[FloatArray | ComplexArray]:
+    def amplitudes(self, waves: FloatArray) -> list[NumberArray]:
         """Amplitudes (parts, rank, n) of the patterns for the first harmonics.
 
         `waves` (harmonics, parts, k, n) are the amplitudes of potentials per wavenumber. Their
@@ -214,16 +214,14 @@ class Scattering:
         """
         return [(patterns * self.weights) @ own for patterns, own in zip(self.patterns, waves, strict=False)]
 
-    def energy(
-        self, amplitudes: Sequence[FloatArray | ComplexArray], of_coils: IntArray, factors: FloatArray
-    ) -> FloatArray | ComplexArray:
+    def energy(self, amplitudes: Sequence[NumberArray], of_coils: IntArray, factors: FloatArray) -> NumberArray:
         """Change of the energy between all coils, (positions, coils, coils).
 
         `of_coils` (positions, coils) gives the index of each coil's `amplitudes`. `factors`
         (harmonics,) is the integral over the angle, 2π and 4π, or the two halves in plane strain.
         """
 
-        def of(m: int) -> FloatArray | ComplexArray:
+        def of(m: int) -> NumberArray:
             b = amplitudes[m][..., of_coils].transpose(2, 3, 0, 1)
             one, two = (values.reshape(*b.shape[:2], -1) for values in (factors[m] * b, b @ self.energies[m]))
             return np.asarray(one @ two.transpose(0, 2, 1))

@@ -13,15 +13,15 @@ from coilarray.electromagnetics.field import Source
 from coilarray.electromagnetics.flat_stack import Backing, PassedWaves, Segments, mirrored_segments
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
-from coilarray.metal.coupled_plates import LayeredAir
-from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, eddy_currents, solve_outlined
+from coilarray.metal.coupled_plates import EddyCurrents, LayeredAir, SolvedPlates
+from coilarray.metal.finite_plates import AnyPlates, eddy_currents, solve_outlined
 from coilarray.metal.flat_plates import stack_below
 
 _SAME_PLACE = 1e-9  # of the plate's size
 _SHORT = 1e-3  # of the plate's size: length of the pieces that carry the current at one point
 
 
-def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indentation") -> None:
+def require_below(plates: AnyPlates, what: str = "an indentation") -> None:
     """Raise MetalError for plates above the coils beside a body, `what`."""
     for k, plate in enumerate(plates):
         name = f"plate.{k} {plate.name!r}"
@@ -33,13 +33,8 @@ def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indenta
 
 
 def backings_of(
-    source: Source,
-    plates: Sequence[Plate | FinitePlate],
-    frequencies: Sequence[float],
-    sheets: Sequence[Sheet],
-    *,
-    fineness: float = 1.0,
-) -> tuple[list[Backing], OutlinedPlates | None]:
+    source: Source, plates: AnyPlates, frequencies: Sequence[float], sheets: Sequence[Sheet], *, fineness: float = 1.0
+) -> tuple[list[Backing], SolvedPlates | None]:
     """Return the reflections by plates below the coils, by frequency, and its solved finite plates.
 
     Without plates the list is empty. Magnetic finite plates are not among the solved ones. The
@@ -57,7 +52,7 @@ def backings_of(
         outlined = solve_outlined(source, plates, frequencies, sheets, fineness=fineness)
         currents = outlined.eddy_currents()
     backings = [
-        Backing(stack.face, stack.layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
+        Backing(stack.face, stack.layers, f, *_seen_from_above(LayeredAir(endless, (), np.array([f])), one))
         for f, one in zip(frequencies, currents, strict=True)
     ]
     return backings, outlined

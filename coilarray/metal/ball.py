@@ -36,7 +36,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
-from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, part_of, ranges, run_blocks
 from coilarray.constants import MU_0
@@ -60,7 +60,8 @@ from coilarray.electromagnetics.neumann import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import Ball, FinitePlate, Material, Plate, Sheet, Target
 from coilarray.metal.backing import backings_of, require_below
-from coilarray.metal.finite_plates import OutlinedPlates, PlateError, moving_plate, outlined_inductance
+from coilarray.metal.coupled_plates import SolvedPlates
+from coilarray.metal.finite_plates import AnyPlates, PlateError, moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductances
 from coilarray.metal.frequencies import checked_frequencies
 
@@ -81,7 +82,7 @@ def ball_inductance(
     centres: npt.ArrayLike,
     frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet] = (),
-    plates: Sequence[Plate | FinitePlate] = (),
+    plates: AnyPlates = (),
     *,
     fineness: float = 1.0,
     progress: Progress | None = None,
@@ -165,7 +166,7 @@ def ball_over(
         orders = alpha.shape[1]
         above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
         k, rule = wave_rule(_highest(ball, orders), _REFLECTED)
-        back: FloatArray | ComplexArray = reflection(k, thicknesses[::-1], permeabilities[::-1])
+        back: NumberArray = reflection(k, thicknesses[::-1], permeabilities[::-1])
         if backing is not None and backing.layers:
             downwards = [Layer(*sheet) for sheet in zip(thicknesses[::-1], permeabilities[::-1], strict=True)]
             downwards += [Layer(-backing.face), *backing.layers]
@@ -260,10 +261,10 @@ class Multipoles:
     with all reflections.
     """
 
-    fields: Sequence[FloatArray | ComplexArray]
+    fields: Sequence[NumberArray]
     answers: Sequence[ComplexArray]
 
-    def _field(self, incident: ComplexArray, m: int) -> FloatArray | ComplexArray:
+    def _field(self, incident: ComplexArray, m: int) -> NumberArray:
         """Field of one harmonic at the ball, (orders, positions, coils, real and imaginary part)."""
         wavenumbers, positions, coils, _ = incident.shape
         waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
@@ -289,14 +290,14 @@ class Multipoles:
         return np.stack((math.sqrt(2) * x, -math.sqrt(2) * y, z), axis=2)
 
 
-def returned_dipoles(outlined: OutlinedPlates, ball: Ball, at: FloatArray, sheets: Sequence[Sheet]) -> ComplexArray:
+def returned_dipoles(outlined: SolvedPlates, ball: Ball, at: FloatArray, sheets: Sequence[Sheet]) -> ComplexArray:
     """Field in T that finite plates reflect to dipoles of 1 A·m².
 
     The shape is (positions, f, 3, 3). Centres within flat sheets are moved up to their face.
     """
     size = _LOOP * ball.radius
     z = np.maximum(at[:, 2], math.fsum(sheet.thickness for sheet in sheets) + size)
-    found: ComplexArray = np.zeros((len(at), len(outlined.solved.factors), 3, 3), dtype=np.complex128)
+    found: ComplexArray = np.zeros((len(at), len(outlined.factors), 3, 3), dtype=np.complex128)
     heights, height_of = np.unique(np.round(z / _SAME), return_inverse=True)
     for number, height in enumerate((heights * _SAME).tolist()):
         rows = np.flatnonzero(height_of.ravel() == number)
@@ -311,7 +312,7 @@ def with_images(
     wavenumbers: FloatArray,
     thicknesses: Sequence[float],
     permeabilities: Sequence[float],
-) -> FloatArray | ComplexArray:
+) -> NumberArray:
     """Multipoles (orders, k) of the coils' waves beside each `Backing.seen`."""
     if backing is None or not backing.layers:
         return field
@@ -319,7 +320,7 @@ def with_images(
     return np.concatenate([field * one for one in arriving], axis=1)
 
 
-def multipole_response(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:
+def multipole_response(alpha: ComplexArray, returned: NumberArray) -> ComplexArray:
     """Strengths (1 − αS)⁻¹ α of the multipoles with reflections S, (f, orders, orders)."""
     identity = np.eye(alpha.shape[1])
     return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
@@ -430,7 +431,7 @@ def indenter_inductance(
     frequency: float,
     distances: Sequence[float] | None = None,
     backing: Backing | None = None,
-    outlined: OutlinedPlates | None = None,
+    outlined: SolvedPlates | None = None,
     *,
     mesh: LayerMesh | None = None,
 ) -> ComplexArray:
@@ -509,7 +510,7 @@ def target_inductance(
     distances: Sequence[float],
     frequencies: FloatArray,
     sheets: Sequence[Sheet] = (),
-    plates: Sequence[Plate | FinitePlate] = (),
+    plates: AnyPlates = (),
     *,
     accuracy: Accuracy = "full",
     fineness: float = 1.0,

@@ -21,20 +21,21 @@ smooth enough, far from the copper, it is interpolated on a grid by splines of t
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import NdBSpline, make_interp_spline
-from scipy.linalg import block_diag, lu_factor
+from scipy.linalg import block_diag, lu_factor, lu_solve
 
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
-from coilarray.electromagnetics.field import magnetic_field
+from coilarray.electromagnetics.field import as_conductors, magnetic_field
 from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
 from coilarray.errors import MetalError
 from coilarray.geometry import Conductor, Plate, Sheet
@@ -73,20 +74,16 @@ class Image:
 ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))  # the source itself, in air
 
 
-@dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Infinite layers, faces (n, 2) in m, air between, frequencies in Hz."""
+    """Infinite `layers`, their `faces` (n, 2) in m, and the air between, at frequencies in Hz.
 
-    layers: tuple[Layer, ...]
-    faces: FloatArray
-    frequencies: FloatArray
+    Plates and sheets from z = 0 may not overlap.
+    """
 
-    @classmethod
-    def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
-        """Combine plates and sheets from z = 0, which may not overlap."""
+    def __init__(self, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> None:
         bodies = layers_apart(plates, sheets)
-        faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
-        return cls(tuple(body[2] for body in bodies), faces, frequencies)
+        self.layers, self.frequencies = tuple(body[2] for body in bodies), frequencies
+        self.faces: FloatArray = np.array([body[:2] for body in bodies]).reshape(-1, 2)
 
     def gap(self, low: float, high: float, what: str) -> int:
         """Find the gap that contains all heights in m, or raise MetalError."""
@@ -204,6 +201,10 @@ _AT_ONCE = 16384  # places of the splines per task
 _IMAGES_AT_ONCE = 2**17  # places in all images together
 _SAME_HEIGHT = 1e-9  # of the height
 _POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
+_LOOPS_AT_ONCE = 64  # places of dipoles
+# loops of two by two about x, y and z
+_SQUARE = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0]])
+_SQUARES = np.array([np.roll(_SQUARE, k, axis=1) for k in (1, 2, 0)])
 
 
 def _field_of_images(
@@ -295,11 +296,70 @@ class PosedPlate:
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedPlates:
-    """Factors of plates' matrices and fluxes (f, unknowns, 1, paths) in Wb/A."""
+class EddyCurrents:
+    """Currents on the faces and the rim of a plate.
 
+    `density` (coils, k, 3) in A/m is for 1 A in each coil, on triangles with `corners` (k, 3, 3) in
+    m on the board. The current of a thin plate is the sum over its faces. The current of a magnetic
+    plate is the current in its skin, n × H.
+    """
+
+    corners: FloatArray
+    density: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedPlates:
+    """Finite non-magnetic plates, solved together for coils.
+
+    They have the factors of their matrices, by frequency, and fluxes b (f, unknowns, 1, paths) in
+    Wb/A.
+    """
+
+    around: PlatesInAir
+    plates: Sequence[PosedPlate]
     factors: Sequence[tuple[ComplexArray, IntArray]]
     b: ComplexArray
+
+    def change(self) -> ComplexArray:
+        """Return the change of the inductance matrix (f, paths, paths) in H."""
+        found = [
+            -np.tensordot(b[:, 0].T, lu_solve(factors, b[:, 0], check_finite=False), axes=1)
+            for factors, b in zip(self.factors, self.b, strict=True)
+        ]
+        both = np.array(found)
+        return np.asarray((both + both.swapaxes(-1, -2)) / 2)
+
+    def eddy_currents(self) -> list[list[EddyCurrents]]:
+        """Return the currents for 1 A in each coil, by frequency."""
+        starts = np.cumsum([0, *(one.currents[0].shape[1] for one in self.plates)]).tolist()
+        found = []
+        for factors, b in zip(self.factors, self.b, strict=True):
+            potentials = -lu_solve(factors, b[:, 0], check_finite=False)
+            currents = []
+            for plate, (start, stop) in zip(self.plates, itertools.pairwise(starts), strict=True):
+                density = np.stack([(K @ potentials[start:stop]).T for K in plate.currents], axis=-1)
+                currents.append(EddyCurrents(plate.corners, density))
+            found.append(currents)
+        return found
+
+    def returned(self, places: FloatArray, size: float) -> ComplexArray:
+        """Return the field in T reflected to dipoles of 1 A·m², (n, f, 3, 3).
+
+        The dipoles are square loops of a `size` in m at one height, along the board's axes.
+        """
+        found = []
+        for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
+            loops = [place + size / 2 * square for place in places[start:stop] for square in _SQUARES]
+            around = replace(self.around, paths=as_conductors(loops))
+            b = np.concatenate([around.linked([one])[0][:, :, 0] for one in self.plates], axis=1) / size**2
+            b = b.reshape(*b.shape[:2], -1, 3)
+            parts = [
+                -np.einsum("upa,upb->pab", own, lu_solve(factors, own.reshape(len(own), -1)).reshape(own.shape))
+                for factors, own in zip(self.factors, b, strict=True)
+            ]
+            found.append(np.stack(parts, axis=1))
+        return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,7 +392,7 @@ class PlatesInAir:
             return factors, pivots.astype(np.int64)
 
         b = np.concatenate([self.linked([one])[0] for one in plates], axis=1)
-        return SolvedPlates(run_blocks(factorised, whole), b)
+        return SolvedPlates(self, plates, run_blocks(factorised, whole), b)
 
     def matrices(self, plate: PosedPlate) -> ComplexArray:
         """Matrices (f, u, u) in H of a plate with its reflections at the layers."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,18 +15,27 @@ from scipy.linalg import lu_factor, lu_solve
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, NumberArray
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.bodies import TOUCHING, FinitePlate, Plate
-from coilarray.metal.coupled_plates import LayeredAir, PlatesInAir, PosedPlate, SolvedPlates, linked_fluxes
+from coilarray.metal.coupled_plates import (
+    EddyCurrents,
+    LayeredAir,
+    PlatesInAir,
+    PosedPlate,
+    SolvedPlates,
+    linked_fluxes,
+)
 from coilarray.metal.frequencies import checked_frequencies
 from coilarray.metal.half_body import EddyBody, face_impedances, model_error, surface_impedance
 from coilarray.metal.magnetic_plates import magnetic_changes, magnetic_currents, require_skin
 from coilarray.metal.plate_mesh import Footprint, inscribed_radius, plate_meshes
+
+AnyPlates: TypeAlias = Sequence[Plate | FinitePlate]
 
 LARGEST_ERROR = 0.1  # relative error of ΔL by the model beyond which a plate is refused
 _OF_SPREAD = 0.5  # share of the impedance's error at twice the chosen wavenumber that all waves together make
@@ -45,23 +54,6 @@ _WHERE = 0.1  # of the largest change at a frequency: smaller changes do not cou
 _NOTHING = 1e-12  # of the change: least size of its real or imaginary part against which errors are taken
 _ALONE = 1.4  # of the fineness, if currents are taken from one mesh without extrapolation
 _AT_ONCE = 2048  # fluxes solved for together
-_LOOPS_AT_ONCE = 64  # places of dipoles
-# loops of two by two about x, y and z
-_SQUARE = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0]])
-_SQUARES = np.array([np.roll(_SQUARE, k, axis=1) for k in (1, 2, 0)])
-
-
-@dataclass(frozen=True, eq=False)
-class EddyCurrents:
-    """Currents on the faces and the rim of a plate.
-
-    `density` (coils, k, 3) in A/m is for 1 A in each coil, on triangles with `corners` (k, 3, 3) in
-    m on the board. The current of a thin plate is the sum over its faces. The current of a magnetic
-    plate is the current in its skin, n × H.
-    """
-
-    corners: FloatArray
-    density: ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +107,7 @@ def moving_plate(
     positions: npt.ArrayLike,
     frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet] = (),
-    beside: Sequence[Plate | FinitePlate] = (),
+    beside: AnyPlates = (),
     *,
     fineness: float = 1.0,
     progress: Progress | None = None,
@@ -162,7 +154,7 @@ def moving_plate(
         )
     f = checked_frequencies(frequencies, positive=True)
     _require_free(plate, where, beside)
-    around = PlatesInAir(paths, LayeredAir.between([one for one in beside if isinstance(one, Plate)], sheets, f))
+    around = PlatesInAir(paths, LayeredAir([one for one in beside if isinstance(one, Plate)], sheets, f))
     magnetic = _magnetic_plate([plate, *beside], f) is not None
     (_, of_inductance, of_resistance), depths = _whole_model_error(paths, plate, where, f, sheets)
     posed = _posed(around, plate, where, sheets, fineness)
@@ -258,7 +250,7 @@ def _changes(
 
 def outlined_inductance(
     source: Source,
-    plates: Sequence[Plate | FinitePlate],
+    plates: AnyPlates,
     frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet] = (),
     *,
@@ -276,21 +268,13 @@ def outlined_inductance(
         beside = [one for one in plates if one is not magnetic]
         moved = moving_plate(paths, magnetic, [magnetic.centre], f, sheets, beside, fineness=fineness)
         return np.asarray(moved.change[0])
-    found: list[ComplexArray] = []
-    for around, posed in _all_posed(paths, plates, f, sheets, fineness):
-        solved = around.solved(posed)
-        change = [
-            -np.tensordot(b[:, 0].T, lu_solve(factors, b[:, 0], check_finite=False), axes=1)
-            for factors, b in zip(solved.factors, solved.b, strict=True)
-        ]
-        both = np.array(change)
-        found.append((both + both.swapaxes(-1, -2)) / 2)
-    return _extrapolated(*found)[0]
+    coarse, fine = (around.solved(posed).change() for around, posed in _all_posed(paths, plates, f, sheets, fineness))
+    return _extrapolated(coarse, fine)[0]
 
 
 def eddy_currents(
     source: Source,
-    plates: Sequence[Plate | FinitePlate],
+    plates: AnyPlates,
     frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet] = (),
     *,
@@ -309,63 +293,23 @@ def eddy_currents(
     endless = [one for one in plates if isinstance(one, Plate)]
     where = np.array([magnetic.centre])
     _require_free(magnetic, where, endless)
-    around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
+    around = PlatesInAir(paths, LayeredAir(endless, sheets, f))
     posed = _posed(around, magnetic, where, sheets, _ALONE * fineness)[1]
     return [[EddyCurrents(posed.corners, density)] for density in magnetic_currents(around, posed, alone=alone)]
 
 
-@dataclass(frozen=True, eq=False)
-class OutlinedPlates:
-    """Finite non-magnetic plates, solved together for coils."""
-
-    around: PlatesInAir
-    plates: Sequence[PosedPlate]
-    solved: SolvedPlates
-
-    def eddy_currents(self) -> list[list[EddyCurrents]]:
-        """Return the currents for 1 A in each coil, by frequency."""
-        starts = np.cumsum([0, *(one.currents[0].shape[1] for one in self.plates)]).tolist()
-        found = []
-        for factors, b in zip(self.solved.factors, self.solved.b, strict=True):
-            potentials = -lu_solve(factors, b[:, 0], check_finite=False)
-            currents = []
-            for plate, (start, stop) in zip(self.plates, pairwise(starts), strict=True):
-                density = np.stack([(K @ potentials[start:stop]).T for K in plate.currents], axis=-1)
-                currents.append(EddyCurrents(plate.corners, density))
-            found.append(currents)
-        return found
-
-    def returned(self, places: FloatArray, size: float) -> ComplexArray:
-        """Return the field in T reflected to dipoles of 1 A·m², (n, f, 3, 3).
-
-        The dipoles are square loops of a `size` in m at one height, along the board's axes.
-        """
-        found = []
-        for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
-            loops = [place + size / 2 * square for place in places[start:stop] for square in _SQUARES]
-            around = replace(self.around, paths=as_conductors(loops))
-            b = np.concatenate([around.linked([one])[0][:, :, 0] for one in self.plates], axis=1) / size**2
-            b = b.reshape(*b.shape[:2], -1, 3)
-            parts = [
-                -np.einsum("upa,upb->pab", own, lu_solve(factors, own.reshape(len(own), -1)).reshape(own.shape))
-                for factors, own in zip(self.solved.factors, b, strict=True)
-            ]
-            found.append(np.stack(parts, axis=1))
-        return np.concatenate(found)
-
-
 def solve_outlined(
     source: Source,
-    plates: Sequence[Plate | FinitePlate],
+    plates: AnyPlates,
     frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet] = (),
     *,
     fineness: float = 1.0,
-) -> OutlinedPlates:
+) -> SolvedPlates:
     """Solve all finite plates, none of them magnetic, for `eddy_currents`."""
     f = checked_frequencies(frequencies, positive=True)
     _, (around, posed) = _all_posed(as_conductors(source), plates, f, sheets, _ALONE * fineness)
-    return OutlinedPlates(around, posed, around.solved(posed))
+    return around.solved(posed)
 
 
 def _whole_model_error(
@@ -410,7 +354,7 @@ def _posed(
     return [PosedPlate(body, plate, where, impedances) for body in (EddyBody(coarse, fine), fine)]
 
 
-def _magnetic_plate(plates: Sequence[Plate | FinitePlate], frequencies: FloatArray) -> FinitePlate | None:
+def _magnetic_plate(plates: AnyPlates, frequencies: FloatArray) -> FinitePlate | None:
     """Return the allowed magnetic finite plate, or None."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for one in outlined:
@@ -498,23 +442,19 @@ def _model_error(
 
 
 def _all_posed(
-    paths: Sequence[Conductor],
-    plates: Sequence[Plate | FinitePlate],
-    frequencies: FloatArray,
-    sheets: Sequence[Sheet],
-    fineness: float,
+    paths: Sequence[Conductor], plates: AnyPlates, frequencies: FloatArray, sheets: Sequence[Sheet], fineness: float
 ) -> list[tuple[PlatesInAir, list[PosedPlate]]]:
     """Infinite layers, and plates with the coarse and fine mesh."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])
-    air = LayeredAir.between([one for one in plates if isinstance(one, Plate)], sheets, frequencies)
+    air = LayeredAir([one for one in plates if isinstance(one, Plate)], sheets, frequencies)
     around = PlatesInAir(paths, air)
     both = [_posed(around, one, np.array([one.centre]), sheets, fineness) for one in outlined]
     return [(around, [one[number] for one in both]) for number in (0, 1)]
 
 
-def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate | FinitePlate]) -> None:
+def _require_free(plate: FinitePlate, where: FloatArray, beside: AnyPlates) -> None:
     """Refuse positions (n, 3) in m where plates intersect."""
     bottom, top = np.array(plate.heights) - plate.centre[2]
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
@@ -536,7 +476,7 @@ def _ground(plate: FinitePlate) -> shapely.Polygon:
     return shapely.Polygon(plate.on_board(outline.exterior), [plate.on_board(hole) for hole in outline.holes])
 
 
-def _coupled(matrix: ComplexArray, b: FloatArray | ComplexArray) -> ComplexArray:
+def _coupled(matrix: ComplexArray, b: NumberArray) -> ComplexArray:
     """−bᵀ matrix⁻¹ b of each position for b (u, positions, paths)."""
     factors = lu_factor(matrix, overwrite_a=True, check_finite=False)
     parts = []

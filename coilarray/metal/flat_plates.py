@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import qr
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, NumberArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import Source, as_conductors, grid_points, magnetic_field
@@ -224,11 +224,7 @@ class _Around:
     """
 
     def __init__(
-        self,
-        paths: Sequence[Conductor],
-        cases: Sequence[Sequence[Plate]],
-        sheets: Sequence[Sheet],
-        omega: FloatArray,
+        self, paths: Sequence[Conductor], cases: Sequence[Sequence[Plate]], sheets: Sequence[Sheet], omega: FloatArray
     ) -> None:
         top, bottom = max(map(top_of, paths)), -max(top_of(mirrored(path, 0.0)) for path in paths)
         gaps = []
@@ -420,7 +416,7 @@ class _Waves:
         self,
         above: bool,
         profiles: Sequence[ComplexArray] | ComplexArray,
-        slopes: FloatArray | ComplexArray,
+        slopes: NumberArray,
         free: tuple[FloatArray, FloatArray] | None = None,
     ) -> ComplexArray:
         """Sum the waves with profiles over height, (3, n, nx, ny).

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BarycentricInterpolator
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, NumberArray
 from coilarray.errors import MetalError
 
 _INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
@@ -78,7 +78,7 @@ class ChangeOverFrequency:
     """Changes ΔL − jΔR/ω in H at a band's nodes (cases…, nodes, n, n), constant beyond."""
 
     band: FrequencyBand
-    values: FloatArray | ComplexArray
+    values: NumberArray
 
     def shares(self, frequencies: FloatArray) -> FloatArray:
         """Weights (f, nodes) of the nodes' values at frequencies in Hz."""

@@ -46,7 +46,7 @@ import shapely
 from scipy.linalg import block_diag, lu_factor, lu_solve
 from scipy.sparse.linalg import splu
 
-from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.constants import MU_0
@@ -134,11 +134,11 @@ class Potentials:
         self,
         basis: sp.csr_array,
         means: sp.csr_array,
-        rest: FloatArray | ComplexArray,
-        outer: FloatArray | ComplexArray,
+        rest: NumberArray,
+        outer: NumberArray,
         S: sp.csr_array,
-        b: FloatArray | ComplexArray,
-        t: FloatArray | ComplexArray,
+        b: NumberArray,
+        t: NumberArray,
         known: slice,
     ) -> None:
         self.basis, self.means, self.rest, self.outer, self.known = basis, means, rest, outer, known
@@ -277,9 +277,7 @@ def _currents(plate: PosedPlate) -> list[sp.csr_array]:
     return [sum(plate.plate.axes[own, axis] * halves[own] for own in range(3)) for axis in range(3)]
 
 
-def _between_layers(
-    around: PlatesInAir, plate: PosedPlate
-) -> list[tuple[FloatArray | ComplexArray, FloatArray | ComplexArray]]:
+def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[tuple[NumberArray, NumberArray]]:
     """Operators ½ − K (2k, u) in m² and Λ (u, u) in m with reflections, by frequency."""
     body, images = plate.body, around.images_of(plate, plate)
     k, n = len(body.mesh.triangles), len(body.mesh.nodes)
@@ -299,7 +297,7 @@ def _between_layers(
     corners = plate.corners.copy()
     corners[k:] = corners[k:, ::-1]  # so that all normals point outwards
     nodes = np.concatenate((body.mesh.triangles, body.mesh.triangles[:, ::-1] + n))
-    every: list[list[FloatArray | ComplexArray]] = [
+    every: list[list[NumberArray]] = [
         [part.astype(np.complex128) if size > 8 else part.copy() for part in vacuum] for _ in distinct
     ]
     for image, of_image in zip(images, distinct.T, strict=True):
@@ -324,9 +322,7 @@ def _parities(values: FloatArray) -> FloatArray:
     return np.concatenate((upper + lower, upper - lower))
 
 
-def _outer(
-    V: FloatArray | ComplexArray, rest: FloatArray | ComplexArray, W: FloatArray | ComplexArray
-) -> FloatArray | ComplexArray:
+def _outer(V: NumberArray, rest: NumberArray, W: NumberArray) -> NumberArray:
     """Outer operator Λ = W + (½ − K)ᵀ V⁻¹ (½ − K), made symmetric."""
     made = W + rest.T @ lu_solve(lu_factor(V, check_finite=False), rest, check_finite=False)
     return np.asarray((made + made.T) / 2)

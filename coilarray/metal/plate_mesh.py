@@ -298,7 +298,7 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     required = _Required(step, fineness, above)
     finest = required.least(plane.area)
 
-    rims = [_Rim.of(ring) for ring in (plane.exterior, *plane.interiors)]
+    rims = [_Rim(ring) for ring in (plane.exterior, *plane.interiors)]
     largest = min(max(_WIDEST * inscribed, _OF_HEIGHT * height), along) / fineness
     sides = partial(required.sides, finest=finest, largest=largest)
     places, apart = _divided(rims, sides, max(fineness, _COARSEST), height)
@@ -350,45 +350,28 @@ def _plane(outline: Outline) -> shapely.Polygon:
     return shapely.orient_polygons(shapely.Polygon(outline.exterior, outline.holes))
 
 
-@dataclass(frozen=True, eq=False)
 class _Rim:
-    """Ring by corners (n, 2) and places (n + 1,) along it, in m.
+    """Ring by corners (n, 2) and places (n + 1,) along it, `ends`, in m.
 
     `before` and `after` (n, 2) are the unit normals to the left at both ends of every side,
-    `middle` at the corners. `turns` (n,) are the angles there in rad, positive to the left.
+    `middle` at the corners. `turns` (n,) are the angles there in rad, positive to the left. The
+    corners `sharp` turn sharply.
     """
 
-    corners: FloatArray
-    ends: FloatArray
-    before: FloatArray
-    after: FloatArray
-    middle: FloatArray
-    turns: FloatArray
-
-    @classmethod
-    def of(cls, ring: shapely.LinearRing) -> _Rim:
-        """Make a ring from a shapely ring."""
-        corners = np.array(ring.coords)[:-1]
-        sides = np.roll(corners, -1, axis=0) - corners
+    def __init__(self, ring: shapely.LinearRing) -> None:
+        self.corners = np.array(ring.coords)[:-1]
+        sides = np.roll(self.corners, -1, axis=0) - self.corners
         lengths = np.hypot(*sides.T)
         normal = np.column_stack((-sides[:, 1], sides[:, 0])) / lengths[:, None]
         last = np.roll(normal, 1, axis=0)
-        turns = np.arctan2(last[:, 0] * normal[:, 1] - last[:, 1] * normal[:, 0], (last * normal).sum(axis=1))
-        middle = last + normal
-        middle /= np.maximum(np.hypot(*middle.T), 1e-9)[:, None]
-        sharp = (np.abs(turns) > _CORNER)[:, None]
-        before = np.where(sharp, normal, middle)
-        after = np.where(np.roll(sharp, -1, axis=0), normal, np.roll(middle, -1, axis=0))
-        return cls(corners, np.append(0.0, np.cumsum(lengths)), before, after, middle, turns)
-
-    @property
-    def length(self) -> float:
-        return float(self.ends[-1])
-
-    @property
-    def sharp(self) -> IntArray:
-        """Indices of the corners where it turns sharply."""
-        return np.flatnonzero(np.abs(self.turns) > _CORNER)
+        self.turns = np.arctan2(_cross(last, normal), (last * normal).sum(axis=1))
+        self.middle = last + normal
+        self.middle /= np.maximum(np.hypot(*self.middle.T), 1e-9)[:, None]
+        turned = np.abs(self.turns) > _CORNER
+        self.before = np.where(turned[:, None], normal, self.middle)
+        self.after = np.where(np.roll(turned, -1)[:, None], normal, np.roll(self.middle, -1, axis=0))
+        self.ends, self.sharp = np.append(0.0, np.cumsum(lengths)), np.flatnonzero(turned)
+        self.length = float(self.ends[-1])
 
     def at(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points (n, 2) and unit normals to the left, places in m."""
