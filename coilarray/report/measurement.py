@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -16,7 +16,7 @@ from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
 from coilarray.compute.table import Details, Picture, Section, Table, Warn, dataset_table
 from coilarray.paper.ellipse import PARAMETERS
-from coilarray.report.page import comparison_pictures, draw, html_page, now, provenance_section
+from coilarray.report.page import draw, html_page, now, provenance_section
 
 _PLAIN = DisplayUnit(significant=True)
 _FOUR = DisplayUnit(digits=4)
@@ -343,6 +343,22 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
     return notes
 
 
+def _comparison_pictures(comparison: xr.Dataset, outlines: Sequence[FloatArray] = ()) -> list[Picture]:
+    """Draw the residuals between two responses, and x0 of both."""
+    deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
+    caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
+    dots = draw("readings", caption, viz.plot_readings(comparison, -1))
+    if min(comparison.sizes["x"], comparison.sizes["y"]) == 1:
+        return [dots]
+    maps = draw(
+        "residuals",
+        f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
+        "with the outlines of the coils, and x0 of the ellipses of both, a band of two standard deviations.",
+        viz.comparison_figure(comparison, -1, outlines),
+    )
+    return [maps, dots]
+
+
 def write_comparison_page(
     comparison: xr.Dataset, path: Path, names: tuple[str, str], outlines: Sequence[FloatArray] = ()
 ) -> None:
@@ -351,7 +367,13 @@ def write_comparison_page(
     `names` are of the measured and the simulated response. `outlines` are the corners of the coils
     in m from the map's origin, each of shape (m, 2).
     """
-    tables = {table.name: table for table in comparison_tables(comparison)}
+    tables, attrs = {table.name: table for table in comparison_tables(comparison)}, comparison.attrs
+    made = {
+        f"{who}, {key.replace('_', ' ')}": str(attrs[f"{who}_{key}"])
+        for who in ("measured", "simulated")
+        for key in ("source", "design", "design_hash", "coilarray_version", "recording")
+        if f"{who}_{key}" in attrs
+    } | {"compared with coilarray": metadata.version("coilarray"), "date": now()}
     whose = [
         name + " (from the emulator: no real board was read)" * bool(comparison.attrs.get(f"{side}_emulated", 0))
         for name, side in zip(names, ("measured", "simulated"), strict=True)
@@ -368,7 +390,7 @@ def write_comparison_page(
             "simulated (before), and scaled and shifted (after). Where the rms after is well above the noise, the maps "
             "differ in more than scale and place.",
             tables["remains"],
-            *comparison_pictures(comparison, outlines),
+            *_comparison_pictures(comparison, outlines),
         )),
         Section("Ellipses", (
             "Both maps at the same positions through the same refinement, levels and ellipse fit: centre x0 and "
@@ -382,7 +404,7 @@ def write_comparison_page(
     page = html_page(
         "Measured beside simulated",
         [f"Measured: **{whose[0]}**. Simulated: **{whose[1]}**.", *map(Warn, comparison_notes(comparison))],
-        [*sections, provenance_section(_provenance(comparison.attrs))],
+        [*sections, provenance_section(made)],
         title=f"{names[0]} beside {names[1]}",
     )
     write_text(path, page)
@@ -397,20 +419,6 @@ _OF_INDUCTANCES = {
 }
 
 _WHERE = ("depth", "state")
-
-
-def _provenance(attrs: Mapping[str, object]) -> dict[str, str]:
-    """Origin of a response for the page."""
-    kept = ("source", "design", "design_hash", "coilarray_version", "recording")
-    made = {
-        f"{who}, {key.replace('_', ' ')}": str(attrs[f"{who}_{key}"])
-        for who in ("measured", "simulated")
-        for key in kept
-        if f"{who}_{key}" in attrs
-    }
-    made["compared with coilarray"] = metadata.version("coilarray")
-    made["date"] = now()
-    return made
 
 
 def _problem(measured: str, simulated: str) -> str:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import jinja2
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from coilarray import viz
@@ -152,22 +151,6 @@ def ellipse_pictures(design: Design, positions: MapPositions, published: Ellipse
     fitted = f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}."
     crossed = f"Ellipses for the readings at {at}. They meet where the indenter may be."
     return [draw("ellipse_parameters", fitted, parameters), draw("ellipses", crossed, ellipses)]
-
-
-def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
-    """Draw the residuals between two responses, and x0 of both."""
-    deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
-    caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
-    dots = draw("readings", caption, viz.plot_readings(comparison, -1))
-    if min(comparison.sizes["x"], comparison.sizes["y"]) == 1:
-        return [dots]
-    maps = draw(
-        "residuals",
-        f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
-        "with the outlines of the coils, and x0 of the ellipses of both, a band of two standard deviations.",
-        viz.comparison_figure(comparison, -1, outlines),
-    )
-    return [maps, dots]
 
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
@@ -15,7 +14,6 @@ from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.geometry import FinitePlate
-from coilarray.metal.finite_plates import PlateError
 from coilarray.response.dataset import NO_ANSWER
 
 _NO_RING = 1e-6  # of the depth, below which a rise is rounding
@@ -258,21 +256,17 @@ def plate_table(design: Design, frequency: float) -> Table:
         material = plate.material
         depth = material.skin_depth(frequency)
         numbers = (material.conductivity, material.relative_permeability, depth, plate.thickness / depth)
+        of_model: tuple[Value, ...] = ("", "") if errors else ()  # without columns where all plates are infinite
+        if plate.name in errors:
+            of_model = errors[plate.name].inductance, errors[plate.name].resistance
         rows.append(
             (
                 plate.name, outline, plate.heights[0], plate.thickness, material.words,
                 *("" if not math.isfinite(number) else number for number in numbers),
-                *_errors(errors, plate.name),
+                *of_model,
             )
         )  # fmt: skip
     return Table("plates", "Plates", columns, tuple(rows))
-
-
-def _errors(errors: Mapping[str, PlateError], name: str) -> tuple[Value, ...]:
-    """Cells of a plate's errors, none if all are infinite."""
-    if name in errors:
-        return errors[name].inductance, errors[name].resistance
-    return ("", "") if errors else ()
 
 
 def beside_plates_table(scan: xr.Dataset, without: xr.Dataset) -> Table:

@@ -23,7 +23,6 @@ from coilarray.circuit.coupling import (
     sweep_frequencies,
     terminations_of,
 )
-from coilarray.compute.arrays import FloatArray
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
 from coilarray.design.fabs import load_profile
 from coilarray.design.model import Design, DesignFile, metal_words
@@ -61,6 +60,13 @@ class Results:
         self.file, self.design, self.distortion = file, file.design, distortion
         self.several = len(self.design.array.names) > 1
         self.active = self.design.array.middle_coil
+        self.outlines = list(page.board_outlines(self.design).values())  # corners in m on the board
+        switches = self.design.circuit.switches
+        self.beside_q = switches.beside_q  # words about the resistance of switches in Q
+        given = switches.off_capacitance or switches.terminal_capacitance or switches.bus_capacitance
+        self.strays = "AC resistance, the capacitance of the windings" + (
+            " and the switches" if given else " (those of the switches are 0 in this design)"
+        )
         self.problems: dict[str, str] = {}
         self.fields: tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]] = ({}, {})
         self.positions: position.MapPositions | None = None
@@ -90,11 +96,6 @@ class Results:
             return ()
         caption = f"δ of each state over the {where}, with the outlines of the coils."
         return (self.plot("response_figure", name, caption, response, page.map_outlines(self.design, response)),)
-
-    @property
-    def outlines(self) -> list[FloatArray]:
-        """Corners of every coil's outline in m on the board."""
-        return list(page.board_outlines(self.design).values())
 
     @cached_property
     def margins(self) -> Sequence[Margin]:
@@ -149,20 +150,6 @@ class Results:
         coupling = self.coupling.result()
         share = np.diag(coupling.sheet_inductance) / coupling.open_inductance.values
         return {"least": float(share.min()), "most": float(share.max())}
-
-    @property
-    def beside_q(self) -> str:
-        """Words about the resistance of switches in Q."""
-        return self.design.circuit.switches.beside_q
-
-    @property
-    def strays(self) -> str:
-        """Words about the strays in the circuit."""
-        switches = self.design.circuit.switches
-        given = switches.off_capacitance or switches.terminal_capacitance or switches.bus_capacitance
-        return "AC resistance, the capacitance of the windings" + (
-            " and the switches" if given else " (those of the switches are 0 in this design)"
-        )
 
 
 def _copper(r: Results) -> Section:
@@ -281,7 +268,17 @@ def _circuit_section(r: Results) -> Section:
     ]
     if line := tables.close_line(r.close_states):
         blocks.append(line)
-    blocks += [shown, *_elastomer_words(shown)]
+    blocks.append(shown)
+    causes = {
+        "elastomer_delta": "when the elastomer is laid on the board",
+        "dent_delta_bound": "at most for a dent that stays in the topmost sheet",
+    }
+    names = {column.name for column in shown.columns}
+    if said := [words for name, words in causes.items() if name in names]:
+        blocks.append(
+            "The apparent δ is the relative change of L that the elastomer's permittivity causes, without the magnetic "
+            f"effect: {', and '.join(said)}."
+        )
     pictured = (
         ("apparent_inductance", "Apparent inductance Im Z/ω", "apparent_inductance"),
         ("resistance", "Effective resistance Re Z", "impedance_real"),
@@ -300,22 +297,6 @@ def _circuit_section(r: Results) -> Section:
         blocks.append(Details("Currents in each state", (currents,)))
     blocks.append(Details("Impedance over frequency", (tables.sweep_table(sweep),)))
     return Section("Circuit", tuple(blocks), (windings, currents, limits, drives))
-
-
-def _elastomer_words(windings: Table) -> list[str]:
-    """Explain the columns about the elastomer's permittivity, if any."""
-    names = {column.name for column in windings.columns}
-    causes = {
-        "elastomer_delta": "when the elastomer is laid on the board",
-        "dent_delta_bound": "at most for a dent that stays in the topmost sheet",
-    }
-    found = [words for name, words in causes.items() if name in names]
-    if not found:
-        return []
-    return [
-        "The apparent δ is the relative change of L that the elastomer's permittivity causes, without the magnetic "
-        f"effect: {', and '.join(found)}."
-    ]
 
 
 def _plates(r: Results) -> Section | None:
@@ -563,14 +544,11 @@ def _press(design: Design) -> xr.Dataset | None:
     setup = design.indentation
     if setup is None:
         return None
-    return contact_at(setup, design.sheets, _curve(setup.depths)).assign_attrs(provenance(design))
-
-
-def _curve(depths: Sequence[float]) -> list[float]:
-    """Depths in m of a smooth curve, with a design's."""
+    depths = setup.depths  # of a smooth curve are those between them too
     between = np.linspace(0.0, depths[-1], _CURVE_POINTS + 1)[1:-1]
     apart = np.abs(between[:, None] - depths).min(axis=1) > _CURVE_APART * depths[-1]
-    return sorted([*depths, *between[apart].tolist()])
+    curve = sorted([*depths, *between[apart].tolist()])
+    return contact_at(setup, design.sheets, curve).assign_attrs(provenance(design))
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
@@ -589,17 +567,8 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
             for label, terminated in states.items()
         }
 
-    x = np.linspace(x_min, x_max, _samples(x_max - x_min))
-    y = np.linspace(y_min, y_max, _samples(y_max - y_min))
+    x, y = (
+        np.linspace(low, high, int(np.clip(round((high - low) / _PLANE_STEP) + 1, *_PLANE_POINTS)))
+        for low, high in ((x_min, x_max), (y_min, y_max))
+    )
     return both(np.linspace(x_min, x_max, _LINE_POINTS), place.y), both(x, y)
-
-
-def _samples(extent: float) -> int:
-    least, most = _PLANE_POINTS
-    return min(max(round(extent / _PLANE_STEP) + 1, least), most)
-
-
-def both_planes(plane: dict[str, xr.Dataset]) -> xr.Dataset:
-    """Combine both states of the plane along ``others``."""
-    joined = xr.concat(list(plane.values()), dim="others", combine_attrs="drop_conflicts")
-    return joined.assign_coords(others=[label.removeprefix("others ") for label in plane])

@@ -63,6 +63,13 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
             "front spans the unit box. Files of all its designs: `pareto_NN.toml`."
         ]
     trials, reasons = trial_table(result), reason_table(result)
+    warnings: list[Warn] = []
+    if not result.front:
+        text = none_better(result)
+        warnings = [Warn(f"{text[0].upper()}{text[1:]}. No design is written beside this page.")]
+    elif not result.start.feasible:
+        reason = f": {result.start.reason}" if result.start.reason else ""
+        warnings = [Warn(f"The given design does not keep all bounds{reason}.")]
     sections = [Section("Before and after", (
         Group("text", (quantity_table(result, chosen),)), Group("text", (variable_table(result, chosen),)),
         *files,
@@ -85,7 +92,7 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
     name = result.design.title or result.design.name
     page = html_page(
         goal.title or f"Optimisation of {result.design.name}",
-        [name, _search_words(result), *_warnings(result)],
+        [name, _search_words(result), *warnings],
         [*sections, provenance_section(
             {**provenance(result.design), "date": now()},
             "The goal, the trials and all numbers: `result.json` and `trials.csv`.",
@@ -109,14 +116,6 @@ def _search_words(result: Optimization) -> str:
         f"{sum(trial.feasible for trial in result.trials)} keep all bounds"
         f"{f', {impossible} give no design' if impossible else ''}."
     )
-
-
-def _warnings(result: Optimization) -> list[Warn]:
-    if not result.front:
-        text = none_better(result)
-        return [Warn(f"{text[0].upper()}{text[1:]}. No design is written beside this page.")]
-    reason = f": {result.start.reason}" if result.start.reason else ""
-    return [] if result.start.feasible else [Warn(f"The given design does not keep all bounds{reason}.")]
 
 
 def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
@@ -205,7 +204,13 @@ def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequenc
         *(Column(one.label) for one in chosen),
         Column("says", "what it is"),
     )
-    wanted = _wishes(result)
+    wishes: dict[str, list[str]] = {key: [] for key in result.goal.quantities}
+    for objective in result.goal.objectives:
+        target = objective.target
+        wishes[objective.quantity].append(f"{objective.direction}" if target is None else f"to {target:g}")
+    for constraint in result.goal.constraints:
+        wishes[constraint.quantity].append(true_minus(constraint.wish.removeprefix(constraint.quantity).strip()))
+    wanted = {key: ", ".join(texts) or "watched" for key, texts in wishes.items()}
     cheap = [q.name for q in QUANTITIES.values() if q.cost in _CHEAP and not any(o.required for o in q.options)]
     keys = keys or tuple(dict.fromkeys((*result.goal.quantities, *cheap)))
     values = [
@@ -308,17 +313,6 @@ def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Pict
         wishes = " and ".join(objectives[k].wish for k in (i, j))
         pictures.append(draw(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the given design.", axes))
     return pictures
-
-
-def _wishes(result: Optimization) -> dict[str, str]:
-    """Return the goal's wish for each quantity."""
-    wishes: dict[str, list[str]] = {key: [] for key in result.goal.quantities}
-    for objective in result.goal.objectives:
-        target = objective.target
-        wishes[objective.quantity].append(f"{objective.direction}" if target is None else f"to {target:g}")
-    for constraint in result.goal.constraints:
-        wishes[constraint.quantity].append(true_minus(constraint.wish.removeprefix(constraint.quantity).strip()))
-    return {key: ", ".join(texts) or "watched" for key, texts in wishes.items()}
 
 
 def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:

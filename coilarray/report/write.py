@@ -20,9 +20,9 @@ from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, LocalizeError, OutputError
 from coilarray.geometry.array import array_words
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
-from coilarray.report import page, position, tables
+from coilarray.report import page, tables
 from coilarray.report.drawing import drawing_beside
-from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, both_planes, lead, model_words
+from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, lead, model_words
 from coilarray.report.summary import summary_table, verdicts
 from coilarray.response.dataset import coils_outside
 
@@ -176,6 +176,15 @@ def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str,
     """Numbers and words of the page beside the tables."""
     design, coupling = r.design, r.coupling.result()
     indentation = r.problems.get("Indentation") or r.problems.get("Response") or ""
+    located = r.positions and {
+        "coils": list(r.positions.model.names),
+        "depth_m": r.positions.depth,
+        "axis": r.positions.axis,
+        "semiaxis_addition_m": SEMIAXIS_ADDITION,
+        "places": len(r.positions.readings),
+        "located": len(r.positions.found),
+        "largest_error_m": r.positions.largest_error(),
+    }
     return {
         "schema": 1,
         "provenance": made_with,
@@ -196,31 +205,22 @@ def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str,
         "field_problem": r.problems.get("Field", ""),
         "target_problem": r.problems.get("Target", ""),
         "target_noise": None if r.target_or_none is None else float(r.target_or_none.attrs["sigma"]),
-        "position": None if r.positions is None else _position_data(r.positions),
+        "position": located,
         "sheet_share": r.sheet_share,
         "field_coil": r.active,
         "field_height_m": design.field_height,
     }
 
 
-def _position_data(found: position.MapPositions) -> dict[str, object]:
-    return {
-        "coils": list(found.model.names),
-        "depth_m": found.depth,
-        "axis": found.axis,
-        "semiaxis_addition_m": SEMIAXIS_ADDITION,
-        "places": len(found.readings),
-        "located": len(found.found),
-        "largest_error_m": found.largest_error(),
-    }
-
-
 def _datasets(r: Results) -> dict[str, xr.Dataset | None]:
     """Arrays of the report by the names of their files."""
-    _, plane = r.fields
+    field, (_, plane) = None, r.fields
+    if plane:  # of both states, along ``others``
+        field = xr.concat(list(plane.values()), dim="others", combine_attrs="drop_conflicts")
+        field = field.assign_coords(others=[label.removeprefix("others ") for label in plane])
     return {
         "coupling": r.coupling.result(),
-        "field": both_planes(plane) if plane else None,
+        "field": field,
         "scan": r.scan,
         "impedance": r.circuit.result()[1],
         "target": None if r.targeting.exception() else r.targeting.result(),
