@@ -329,6 +329,12 @@ class Shifts:
         ]
         return tuple(f"shift_{parameter}_mm[{place}]" for parameter, place in pairs)
 
+    def undetermined(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Undetermined unknowns like ``y at x_mm=0,y_mm=0,depth_mm=1``."""
+        unknowns = range(self.model.unknowns)
+        missing = [[PARAMETERS[axis] for axis in unknowns if axis not in axes] for axes in self.determined]
+        return tuple(f"{', '.join(axes)} at {place}" for place, axes in zip(places, missing, strict=True) if axes)
+
     def matrix(self) -> FloatArray:
         """Shifts in mm per Δδ (shifts, places · states)."""
         states = len(self.model.states)
@@ -398,13 +404,8 @@ def _with_shifts(
     good = np.isfinite(sampled).all(axis=1)
     located = np.full((len(sampled), len(by_delta)), np.nan)
     located[good], found = shifts.located(sampled[good, first:] - nominal[first:])
-    undetermined = []  # as ``y at x_mm=0,y_mm=0,depth_mm=1``
-    for place, axes in zip(outputs.places(), shifts.determined, strict=True):
-        missing = [PARAMETERS[axis] for axis in range(shifts.model.unknowns) if axis not in axes]
-        if missing:
-            undetermined.append(f"{', '.join(missing)} at {place}")
-    readings = int(good.sum()) * len(shifts.points)
-    attributes = {"found": f"{found} of {readings} readings", "undetermined": "; ".join(undetermined)}
+    readings, unknown = int(good.sum()) * len(shifts.points), shifts.undetermined(outputs.places())
+    attributes = {"found": f"{found} of {readings} readings", "undetermined": "; ".join(unknown)}
     effects = np.hstack((effects, effects @ matrix.T))
     return np.append(nominal, np.zeros(len(by_delta))), effects, np.hstack((sampled, located)), attributes
 
