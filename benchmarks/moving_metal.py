@@ -26,8 +26,7 @@ from coilarray.metal.finite_plates import moving_plate
 from coilarray.paper.ellipse_model import published_model
 from coilarray.response.map import Imperfections, MapAccuracy, respond, response_map
 from coilarray.response.setup import indentation_of
-from coilarray.studies.calibrate.data import COARSE, measurement, model_values
-from coilarray.studies.calibrate.plan import load_plan
+from coilarray.studies.calibrate.plan import COARSE, load_plan, measurement, model_values
 
 IDEAL = Imperfections(network="ideal")
 HEIGHTS = np.geomspace(10e-3, 32e-3, 7)  # of its lower face over the flat sheets, in m

@@ -433,8 +433,7 @@ def _print_dent(
 
 def _experiment(texts: Sequence[str]) -> Imperfections:
     """Return the imperfections of an experiment."""
-    from coilarray.studies.calibrate.data import imperfections_of
-    from coilarray.studies.calibrate.plan import IMPERFECTIONS
+    from coilarray.studies.calibrate.plan import IMPERFECTIONS, imperfections_of
 
     values: dict[str, float] = {}
     known = (*IMPERFECTIONS, f"{_SHEET}SHEET", "noise", "seed", _REST)

@@ -22,7 +22,7 @@ from coilarray.design.bundled import names
 from coilarray.design.model import build_design, build_design_file
 from coilarray.design.write import as_file, design_text
 from coilarray.report.tables import design_table
-from coilarray.studies.tolerance.perturb import perturb
+from coilarray.studies.tolerance.tolerances import perturb
 
 VIA = ca.PlatedHole(0.25e-3, 0.5e-3)
 TWO_LAYERS = ca.Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))

@@ -20,9 +20,8 @@ from coilarray.paper.ellipse_model import published_map, published_model
 from coilarray.response.map import Imperfections, response_map
 from coilarray.studies.calibrate import calibration
 from coilarray.studies.calibrate.calibration import calibrated_imperfections, posterior_draws
-from coilarray.studies.calibrate.data import measurement
 from coilarray.studies.calibrate.fit import Problem, bounded_normal, fit, information, together
-from coilarray.studies.calibrate.plan import DataTable, check_plan, load_plan
+from coilarray.studies.calibrate.plan import DataTable, check_plan, load_plan, measurement
 
 PAPER = load_design("gast2020")
 MU, STIFF, DEPTH = "elastomer.1.relative_permeability", "elastomer.1.youngs_modulus_kPa", "imperfections.depth_error_mm"

@@ -26,7 +26,7 @@ from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.scan.settings import board_network
 from coilarray.response.setup import DEFAULT_MESH
 from coilarray.studies.calibrate import calibration
-from coilarray.studies.calibrate.data import evaluate_model
+from coilarray.studies.calibrate.plan import evaluate_model
 
 pytestmark = pytest.mark.slow
 

@@ -27,9 +27,19 @@ from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
 from coilarray.paper.ellipse_model import EllipseModel, difference_from_published, published_model
 from coilarray.response.setup import Imperfections, indentation_of
-from coilarray.studies.calibrate.data import Measurement, evaluate_model, imperfections_of, measurement
 from coilarray.studies.calibrate.fit import DRAWS, Fit, Problem, at_bound, fit, posterior, together
-from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, Plan, Unknown, separated, simple_plan
+from coilarray.studies.calibrate.plan import (
+    IMPERFECTION,
+    Choice,
+    Measurement,
+    Plan,
+    Unknown,
+    evaluate_model,
+    imperfections_of,
+    measurement,
+    separated,
+    simple_plan,
+)
 from coilarray.studies.optimize.goal import value_of
 from coilarray.studies.sweep import SAYS_NOTHING, decisive, run_cached
 

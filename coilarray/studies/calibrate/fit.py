@@ -51,7 +51,7 @@ class Problem:
     """Least-squares problem of a fit, unknowns in any units.
 
     A flat prior has a mean of NaN and an infinite deviation. `measured`, `std`, `weight` and
-    `noise_freedom` are as in `coilarray.studies.calibrate.data.Measurement`.
+    `noise_freedom` are as in `coilarray.studies.calibrate.plan.Measurement`.
     """
 
     low: FloatArray
@@ -310,16 +310,13 @@ def _log_likelihood(problem: Problem, found: Fit) -> float:
 
 def _log_prior(problem: Problem, point: FloatArray) -> float:
     """Logarithm of the prior density, cut off at the bounds."""
-    total = 0.0
-    for low, high, mean, std, at in zip(
-        problem.low, problem.high, problem.prior_mean, problem.prior_std, point, strict=True
-    ):
-        if not np.isfinite(std):
-            total -= np.log(high - low)
-            continue
-        ends = log_ndtr(np.array([low - mean, high - mean]) / std)
-        mass = ends[1] + np.log1p(-np.exp(ends[0] - ends[1]))
-        total -= ((at - mean) / std) ** 2 / 2 + np.log(np.sqrt(2 * np.pi) * std) + mass
+    flat = ~np.isfinite(problem.prior_std)
+    every = (problem.low, problem.high, problem.prior_mean, problem.prior_std, point)
+    low, high, mean, std, at = (values[~flat] for values in every)
+    below, above = log_ndtr((low - mean) / std), log_ndtr((high - mean) / std)
+    mass = above + np.log1p(-np.exp(below - above))
+    normal = ((at - mean) / std) ** 2 / 2 + np.log(np.sqrt(2 * np.pi) * std) + mass
+    total = -np.log(problem.span[flat]).sum() - normal.sum()
     return float(total)
 
 

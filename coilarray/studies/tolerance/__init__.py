@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from coilarray.studies.tolerance.analysis import analyse, check_analysis, default_quantities
-from coilarray.studies.tolerance.perturb import error_names, perturb
 from coilarray.studies.tolerance.tolerances import (
     Contributor,
     Limit,
@@ -12,9 +11,11 @@ from coilarray.studies.tolerance.tolerances import (
     Tolerances,
     contributors,
     draw,
+    error_names,
     errors_of,
     load_tolerances,
     parse_tolerances,
+    perturb,
     typical_text,
 )
 

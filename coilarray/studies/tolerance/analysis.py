@@ -41,7 +41,6 @@ from coilarray.localize.inverse import locate_all
 from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, request
 from coilarray.studies.sweep import Outcome, run_cached
-from coilarray.studies.tolerance.perturb import perturb
 from coilarray.studies.tolerance.tolerances import (
     UNITS,
     Contributor,
@@ -51,6 +50,7 @@ from coilarray.studies.tolerance.tolerances import (
     contributors,
     draw,
     errors_of,
+    perturb,
 )
 
 UNREAD = "unread values"
