@@ -174,28 +174,20 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
     along /= np.hypot(*along.T)[:, None]
     step = _chord_angle(max(radii, default=0.0) or 1.0)
     near = 1e-12 * float(np.ptp(corners))  # the straight piece between two arcs may have no length
-    points = [corners[:1]]
-    arcs: list[Arc] = []
-    count = 1
-
-    def add(piece: FloatArray) -> None:
-        nonlocal count
-        if np.hypot(*(piece[0] - points[-1][-1])) <= near:
-            piece = piece[1:]
-        points.append(piece)
-        count += len(piece)
-
-    for corner, before, after, radius in zip(corners[1:-1], along[:-1], along[1:], radii, strict=True):
+    points, count, arcs = [corners[:1]], 1, list[Arc]()
+    ends = zip(corners[1:], along, [*along[1:], along[-1]], [*radii, 0.0], strict=True)  # the last end does not turn
+    for corner, before, after, radius in ends:
         turn = math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after))
-        if radius * (1 - math.cos(turn / 2)) <= _FLATTEST:
-            add(corner[None])
-            continue
-        tangent = radius * math.tan(abs(turn) / 2)
-        inwards = (after - before) / float(np.hypot(*(after - before)))
-        middle = corner + radius * (1 / math.cos(turn / 2) - 1) * inwards
-        begin, end = corner - tangent * before, corner + tangent * after
-        piece = _arc_pieces(begin, middle, end, math.ceil(abs(turn) / step - 1e-9))
-        add(piece)
-        arcs.append(Arc(count - len(piece), count - 1, math.tan(turn / 4)))
-    add(corners[-1:])
+        piece = corner[None]
+        if radius * (1 - math.cos(turn / 2)) > _FLATTEST:
+            tangent = radius * math.tan(abs(turn) / 2)
+            inwards = (after - before) / float(np.hypot(*(after - before)))
+            middle = corner + radius * (1 / math.cos(turn / 2) - 1) * inwards
+            begin, end = corner - tangent * before, corner + tangent * after
+            piece = _arc_pieces(begin, middle, end, math.ceil(abs(turn) / step - 1e-9))
+        repeated = int(np.hypot(*(piece[0] - points[-1][-1])) <= near)
+        points.append(piece[repeated:])
+        count += len(piece) - repeated
+        if len(piece) > 1:
+            arcs.append(Arc(count - len(piece), count - 1, math.tan(turn / 4)))
     return np.vstack(points), tuple(arcs)

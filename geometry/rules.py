@@ -412,7 +412,13 @@ def _gap_within(array: Array, placement: Placement, layer: str, limit: float) ->
     coil = placement.coil
     holes = [pad for pad in drills_of(array, placement) if layer in pad.layers]
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
-    found: list[_Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
+    found: list[_Gap | None] = []
+    for a, b in itertools.combinations(holes, 2):  # pads that no short trace joins
+        copper = (a.pad + b.pad) / 2
+        joined = (line for line, _ in traces if None not in (_end_at(line, a), _end_at(line, b)))
+        if not any(np.hypot(*np.diff(line, axis=0).T).sum() <= _PAD_DETOUR * (copper + limit) for line in joined):
+            middle = np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])
+            found.append((math.hypot(a.x - b.x, a.y - b.y) - copper, middle))
     for line, half in traces:
         found += _pads_to_trace(line, half, holes, limit)
         found += [_trace_to_itself(line, half, limit, within=_HORIZON * limit)]
@@ -521,10 +527,8 @@ def _nearest_beyond(
 
 def _end_at(line: FloatArray, hole: Drill) -> str | None:
     """Return which end of a line is at a pad."""
-    for end, point in (("first", line[:1]), ("last", line[-1:])):
-        if len(point) and np.hypot(point[0, 0] - hole.x, point[0, 1] - hole.y) < 1e-9:
-            return end
-    return None
+    near = np.hypot(*(line[[0, -1]] - (hole.x, hole.y)).T) < 1e-9
+    return "first" if near[0] else "last" if near[1] else None
 
 
 def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[_Gap]:
@@ -545,18 +549,6 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
             distance[start + t < _PAD_DETOUR * distance] = np.inf
         k = int(np.argmin(distance - radius))
         yield float(distance[k]) - hole.pad / 2 - float(radius[k]), points[k] + t[k] * along[k]
-
-
-def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[_Gap]:
-    """Gaps between pads of one net without a short trace."""
-    lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
-    for a, b in itertools.combinations(holes, 2):
-        copper = (a.pad + b.pad) / 2
-        if not any(
-            length <= _PAD_DETOUR * (copper + limit) and None not in (_end_at(line, a), _end_at(line, b))
-            for line, length in zip(lines, lengths, strict=True)
-        ):
-            yield math.hypot(a.x - b.x, a.y - b.y) - copper, np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])
 
 
 _NO_GAP = FabRules(min_gap=0.0)

@@ -261,7 +261,11 @@ def _poles(points: FloatArray) -> tuple[Pole, ...]:
     faces, area = faces[real], area[real]
     if not len(faces):
         return ()
-    times = _winding_numbers(shapely.get_coordinates(shapely.point_on_surface(faces)), ring)
+    (x0, y0), (x1, y1) = ring[:-1].T, ring[1:].T
+    px, py = (axis[:, None] for axis in shapely.get_coordinates(shapely.point_on_surface(faces)).T)
+    left = (x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)
+    up, down = (y0 <= py) & (y1 > py) & (left > 0), (y0 > py) & (y1 <= py) & (left < 0)
+    times = up.sum(axis=1) - down.sum(axis=1)
     middles = shapely.get_coordinates(shapely.centroid(faces))
     found = []
     for sense in (1, -1):
@@ -280,12 +284,3 @@ def turns_about(points: FloatArray, place: tuple[float, float]) -> float:
     about = points - np.array(place)
     a, b = about[:-1], about[1:]
     return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum() / (2 * math.pi))
-
-
-def _winding_numbers(places: FloatArray, ring: FloatArray) -> IntArray:
-    """Winding numbers (m,) of a closed path about places (m, 2)."""
-    (x0, y0), (x1, y1) = ring[:-1].T, ring[1:].T
-    px, py = places[:, :1], places[:, 1:]
-    left = (x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)
-    up, down = (y0 <= py) & (y1 > py) & (left > 0), (y0 > py) & (y1 <= py) & (left < 0)
-    return np.asarray(up.sum(axis=1) - down.sum(axis=1))

@@ -47,7 +47,12 @@ class DisplayUnit:
         shown = [number * self.factor for number in numbers]
         if self.significant:
             return [true_minus(_with_power(f"{number:.{self.digits or _LARGEST_DIGITS}g}")) for number in shown]
-        digits = _decimals(shown) if self.digits is None else self.digits
+        digits = self.digits
+        if digits is None:
+            largest = max((abs(number) for number in shown if math.isfinite(number)), default=0.0)
+            whole = largest == 0.0 or all(float(number).is_integer() for number in shown)
+            wanted = 0 if whole else _LARGEST_DIGITS - 1 - math.floor(math.log10(largest))
+            digits = min(max(wanted, 0), _MOST_DECIMALS)
         return [number_text(number, digits) for number in shown]
 
     def of(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -90,14 +95,6 @@ def _with_power(text: str) -> str:
 def true_minus(text: str) -> str:
     """Replace hyphens by minus signs, as wide as a plus."""
     return text.replace("-", "−")
-
-
-def _decimals(numbers: Sequence[float]) -> int:
-    """Return the decimals for four digits of the largest number."""
-    largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
-    if largest == 0.0 or all(float(number).is_integer() for number in numbers):
-        return 0
-    return min(max(_LARGEST_DIGITS - 1 - math.floor(math.log10(largest)), 0), _MOST_DECIMALS)
 
 
 PLAIN = DisplayUnit()

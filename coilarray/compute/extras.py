@@ -30,19 +30,6 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 
 def not_installed(purpose: str, package: str, extra: str) -> str:
     """Return the message on how to install a package."""
-    command = f"{python_command(Path.cwd())} -m pip install {_requirement(extra)}"
-    return f"{purpose} need {package}, which is not installed: {command}."
-
-
-def python_command(folder: Path) -> str:
-    """Return the running Python, as typed in a folder."""
-    path = Path(sys.executable or "python")
-    typed = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
-    return f'"{typed}"' if " " in typed else typed
-
-
-def _requirement(extra: str) -> str:
-    """Return the requirement by which pip finds this coilarray."""
     from importlib.metadata import PackageNotFoundError, distribution  # every command imports this module
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
@@ -52,11 +39,21 @@ def _requirement(extra: str) -> str:
     except PackageNotFoundError:
         record = None
     origin: dict[str, Any] = {"url": ""} if record is None else json.loads(record)
-    if "vcs_info" in origin:
-        return f'"coilarray[{extra}] @ {origin["vcs_info"]["vcs"]}+{origin["url"]}"'
     address = urlsplit(origin["url"])
     path = Path(url2pathname(address.path))
-    if address.scheme != "file" or not path.exists():
-        return f'"coilarray[{extra}]"'
-    editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
-    return f'{editable}"{"." if path == Path.cwd() else path}[{extra}]"'
+    if "vcs_info" in origin:
+        wanted = f'"coilarray[{extra}] @ {origin["vcs_info"]["vcs"]}+{origin["url"]}"'
+    elif address.scheme != "file" or not path.exists():
+        wanted = f'"coilarray[{extra}]"'
+    else:
+        editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
+        wanted = f'{editable}"{"." if path == Path.cwd() else path}[{extra}]"'
+    command = f"{python_command(Path.cwd())} -m pip install {wanted}"
+    return f"{purpose} need {package}, which is not installed: {command}."
+
+
+def python_command(folder: Path) -> str:
+    """Return the running Python, as typed in a folder."""
+    path = Path(sys.executable or "python")
+    typed = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+    return f'"{typed}"' if " " in typed else typed

@@ -445,15 +445,6 @@ class _Scan:
     slopes: FloatArray
     forms: FloatArray
 
-    def badness(self, readings: FloatArray) -> FloatArray:
-        """Compute |e|² − |Qᵀe|² (n, *shape) for whitened readings."""
-        offsets = np.einsum("fsc,cs->fc", self.forms, self.scaled)
-        along = np.tensordot(readings, self.forms, axes=(1, 1))
-        total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
-        for k in range(1, len(self.forms)):
-            total -= (along[:, k] - offsets[k]) ** 2
-        return np.asarray(total.reshape(-1, *self.shape))
-
 
 @lru_cache(maxsize=8)
 def _kept_scan(model: ForwardModel, noise: tuple[float, ...] | None) -> _Scan:
@@ -498,7 +489,13 @@ def _all_starts(
 
 def _starts(scan: _Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
     """Find the starts of readings by one scan."""
-    badness = scan.badness(readings)
+    # |e|² − |Qᵀe|² in every cell
+    offsets = np.einsum("fsc,cs->fc", scan.forms, scan.scaled)
+    along = np.tensordot(readings, scan.forms, axes=(1, 1))
+    total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
+    for k in range(1, len(scan.forms)):
+        total -= (along[:, k] - offsets[k]) ** 2
+    badness = total.reshape(-1, *scan.shape)
     level = badness.argmin(axis=-1)
     least = np.take_along_axis(badness, level[..., None], axis=-1)[..., 0]
     hollow = least <= minimum_filter(least, size=(1, 3, 3), mode="nearest")

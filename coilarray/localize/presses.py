@@ -95,8 +95,16 @@ class PressDetector:
             if deviation <= max(limit, self._least / REMAINS):
                 if deviation <= limit:
                     self._add(values)
-                else:
-                    self._begin_anew(time, values)
+                    return None
+                # a scan of a line that may replace the old
+                self._fresh.advance(time)
+                _, apart, most = self._deviation(self._fresh, values)
+                if apart > most:
+                    self._fresh = _Line(len(self._names))
+                    self._fresh.advance(time)
+                self._fresh.add(values, 1.0)
+                if self._fresh.count >= self._scans:
+                    self._line, self._fresh, self._least = self._fresh, _Line(len(self._names)), 0.0
                 return None
             self.number += 1
             self._press = Press(self.number, time, None, 0.0, None)
@@ -137,17 +145,6 @@ class PressDetector:
             found = float(steps @ steps) / (2 * steps.size) + _ROUNDING**2
             self._variance += (found - self._variance) * more / (before + more)
             self._freedom = before + more
-
-    def _begin_anew(self, time: float, values: FloatArray) -> None:
-        """Add a scan to a line that may replace the old."""
-        self._fresh.advance(time)
-        _, deviation, limit = self._deviation(self._fresh, values)
-        if deviation > limit:
-            self._fresh = _Line(len(self._names))
-            self._fresh.advance(time)
-        self._fresh.add(values, 1.0)
-        if self._fresh.count >= self._scans:
-            self._line, self._fresh, self._least = self._fresh, _Line(len(self._names)), 0.0
 
 
 class _Line:
