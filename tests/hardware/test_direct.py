@@ -12,7 +12,7 @@ from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Oscillator
-from coilarray.hardware.scan.readings import SampleFault, judge, read_scan
+from coilarray.hardware.scan.readings import SampleFault, judge
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, SwitchFault
 
 SAFE = WIRING.safe_words
@@ -137,35 +137,19 @@ def test_the_defaults_take_as_long_as_the_board_of_the_paper(board):
     assert board.clock.now() - start == pytest.approx(0.2935, rel=0.02)
 
 
-@pytest.mark.parametrize(("clock", "before"), [(40e6, 24), (35.5e6, 60)])
-def test_status_is_read_after_the_interrupt_of_every_converter(clock, before):
-    """`before` of the looks came too early when the wait was that of the nominal 43.4 MHz."""
-    scans = {}
-    for settings in (settings_of(WIRING, drives=7), settings_of(WIRING, drives=7, clock=clock)):
+@pytest.mark.parametrize("clock", [40e6, 35.5e6])
+def test_status_is_read_after_the_interrupt_of_every_converter(clock):
+    """With the wait of the nominal 43.4 MHz, looks come too early."""
+    unknown, measured = settings_of(WIRING, drives=7), settings_of(WIRING, drives=7, clock=clock)
+    nominal = dataclasses.replace(unknown, slowest_clock=43.4e6)
+    for settings in (unknown, measured, nominal):
         board = plain(strict=False, oscillator=Oscillator(clock))
         reader, log = watched(board)
         reader.configure(settings)
-        scans[settings.clock] = [sample.status for sample in reader.scan().samples]
-        assert [log.count(("read", 0x18)), board.misuse.notes] == [6, []]
-    nominal = dataclasses.replace(settings_of(WIRING, drives=7), slowest_clock=43.4e6)
-    board = plain(strict=False, oscillator=Oscillator(clock))
-    reader, log = watched(board)
-    reader.configure(nominal)
-    reader.scan()
-    assert [log.count(("read", 0x18)), len(board.misuse.notes)] == [before + 6, before]
-    assert all("before INTB" in note for note in board.misuse.notes)
-
-
-def test_words_are_those_of_the_chip_unchanged(board):
-    reader = reader_of(board)
-    settings = quick_settings(drives=6)  # an amplitude below 1.2 V: a flag in the upper word
-    reader.configure(settings)
-    scan = reader.scan()
-    assert all(sample.msb >> 12 == 1 and sample.status == 0x0248 for sample in scan.samples)
-    assert [judge(sample)[0] for sample in scan.samples] == ["doubtful"] * 6
-    reading = read_scan(scan, settings, 120e-12)
-    # 120 pF and the losses of 20 Ω: f² falls by (R/L)²/ω² = 9e-4, L seems so much larger
-    assert reading.inductances == pytest.approx({f"coil{k + 1}": (50 + k) * 1e-6 for k in range(6)}, rel=1.1e-3)
+        reader.scan()
+        early = log.count(("read", 0x18)) - 6
+        assert (len(board.misuse.notes), early > 0) == (early, settings is nominal)
+        assert all("before INTB" in note for note in board.misuse.notes)
 
 
 def test_a_read_back_that_differs_is_told_after_three_attempts(board):

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from coilarray.hardware.chips.ldc1614 import registers
 from coilarray.hardware.emulator import (
     Drift,
     Ldc1614,
@@ -113,6 +114,8 @@ def test_reset_values_and_that_nothing_else_is_there():
     chip = Chip(strict=False)
     assert {address: chip.read(address) for address in RESETS} == RESETS
     assert set(chip.chip.table) == set(RESETS)
+    named = {"RCOUNT0": 0x08, "OFFSET0": 0x0C, "SETTLECOUNT0": 0x10, "CLOCK_DIVIDERS3": 0x17, "CONFIG": 0x1A}
+    assert {name: entry.address for name, entry in registers().items() if name in named} == named
     # data is read while the chip sleeps, and every LSB after its MSB: nothing else is misused
     assert all("slept" in note for note in chip.misuse.notes)
 

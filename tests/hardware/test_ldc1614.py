@@ -1,6 +1,11 @@
-"""LDC1614: codes, frequencies, limits and times against the data sheet's own examples and the paper's scan time."""
+"""LDC1614: registers, codes, frequencies, limits and times against the data sheet's own examples.
 
+Addresses and values after a reset are compared in test_emulator_chip.py, whose chip has the same table.
+"""
+
+import functools
 import math
+import operator
 import re
 from functools import partial
 
@@ -18,13 +23,19 @@ from coilarray.circuit.converter_limits import (
     drive_of,
 )
 from coilarray.design.readout import conversion_time
+from coilarray.errors import HardwareError
 from coilarray.hardware import code_to_frequency, inductance_from_frequency, settle_count
 from coilarray.hardware.chips.ldc1614 import (
+    ASLEEP,
     bus_time,
+    decode,
     deglitch_for,
+    encode,
     input_divider,
+    register,
+    registers,
     settle_time,
-)
+)  # fmt: skip
 
 
 def test_code_of_two_megahertz():
@@ -176,3 +187,58 @@ def test_times_of_the_parts():
 @pytest.mark.parametrize(("count", "clocks"), [(0, 32), (2, 32), (3, 48), (0x100, 4096)])
 def test_settling(count, clocks):
     assert settle_time(count, 21.7e6) == pytest.approx(clocks / 21.7e6, rel=1e-12)
+
+
+FIXED_DRIVE = {"RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}
+
+
+def test_what_can_be_written():
+    read_only = {name for name, entry in registers().items() if not entry.writable_mask}
+    data = {f"DATA{k}_{part}" for k in range(4) for part in ("MSB", "LSB")}
+    assert read_only == data | {"STATUS", "MANUFACTURER_ID", "DEVICE_ID"}
+    assert [entry.address for entry in registers().values()] == sorted({e.address for e in registers().values()})
+
+
+@pytest.mark.parametrize("name", registers())
+def test_every_bit_once(name):
+    masks = [field.mask for field in register(name).fields]
+    assert sum(masks) == functools.reduce(operator.or_, masks) == 0xFFFF
+    assert all(field.reset <= field.largest for field in register(name).fields)
+
+
+@pytest.mark.parametrize(("name", "fields", "value"), [
+    # the data sheet's worked examples
+    ("RCOUNT0", {"RCOUNT0": 0x04D6}, 0x04D6),
+    ("MUX_CONFIG", {"AUTOSCAN_EN": 1, "DEGLITCH": 4}, 0x820C),
+    *(("DRIVE_CURRENT0", {"IDRIVE0": code}, word) for code, word in ((18, 0x9000), (31, 0xF800), (19, 0x9800))),
+    ("CONFIG", {"SLEEP_MODE_EN": 0, "REF_CLK_SRC": 1, **FIXED_DRIVE}, 0x1601),
+    # of the reference board
+    ("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}, 0x1002),
+    ("CONFIG", FIXED_DRIVE, 0x3401),
+    ("RESET_DEV", {"RESET_DEV": 1}, 0x8000),
+])  # fmt: skip
+def test_registers_of_the_data_sheets_examples(name, fields, value):
+    assert encode(name, fields) == value
+    assert decode(name, value) | fields == decode(name, value)
+    assert register("CONFIG").field("SLEEP_MODE_EN").mask == ASLEEP
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    # a stuck bus is no CONFIG; the reset value of the dividers is reserved, so the register must be programmed
+    *((partial(decode, "CONFIG", stuck), "CONFIG must read") for stuck in (0x0000, 0xFFFF)),
+    (lambda: decode("CONFIG", 0x10000), "CONFIG holds 0 to 0xFFFF; got 0x10000"),
+    (lambda: register("RCOUNT4"), "no register 'RCOUNT4'"),
+    (lambda: encode("STATUS", {}), "STATUS is read-only"),
+    *((partial(encode, "CONFIG", {name: 1}), f"CONFIG has the fields ACTIVE_CHAN, .*; got '{name}'")
+      for name in ("SLEEP", "RESERVED")),
+    *((partial(encode, "CONFIG", {"ACTIVE_CHAN": value}), f"ACTIVE_CHAN must be .* 0 to 3; got {value}")
+      for value in (4, -1, 1.0, True)),
+    (lambda: encode("RCOUNT0", {"RCOUNT0": 4}), "RCOUNT0 must be 5 to 65535; got 4"),
+    (lambda: encode("CLOCK_DIVIDERS1", {}), "FIN_DIVIDER1 must be 1 to 15; got 0"),
+    (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 1}), "FREF_DIVIDER1 must be 1 to 1023; got 0"),
+    (lambda: encode("MUX_CONFIG", {"DEGLITCH": 3}), "DEGLITCH must be 1, 4, 5 or 7"),
+    (lambda: encode("DRIVE_CURRENT0", {"INIT_IDRIVE0": 1}), "INIT_IDRIVE0 must be 0 when it is written; got 1"),
+])  # fmt: skip
+def test_registers_refuse(call, message):
+    with pytest.raises(HardwareError, match=message):
+        call()

@@ -1,10 +1,7 @@
 """The driver of a board against a board in memory on a clock of its own: every wait is exact, none is real.
 
-| what                                    | checked in                                        |
-| --------------------------------------- | ------------------------------------------------- |
-| start-up, configuration, scans, streams | here                                              |
-| each end of a stream or session         | test_microcontroller_ends.py                      |
-| faults of the chips, no wrong value     | test_chip_faults.py, against the real firmware     |
+Every way in which a stream or a session ends has its name, its time, and a way on. Faults of the chips behind the real
+firmware are in test_board_firmware.py.
 """
 
 import itertools
@@ -16,6 +13,7 @@ import pytest
 from support.emulated_reader import quick_settings
 from support.refusals import refused
 from support.scripted_board import (
+    LONGEST,
     REPLY,
     SCAN_TIME,
     SETTINGS,
@@ -28,9 +26,19 @@ from support.scripted_board import (
 )
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.scan.readings import SampleFault
 from coilarray.hardware.scan.wiring import wired_to_channels
-from coilarray.hardware.wire import buses as faults
+from coilarray.hardware.wire.buses import (
+    BoardRestarted,
+    BusFault,
+    CommandRefused,
+    DeviceLost,
+    NoAnswer,
+    NotABoard,
+    SwitchFault,
+    VersionMismatch,
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -56,7 +64,7 @@ def test_opening_stops_the_board_before_it_greets_it(board):
 def test_a_board_whose_converter_does_not_obey_can_be_opened(board):
     board.refuse["STOP"] = (6, "converter not put to sleep")
     reader = opened(board)
-    refused(faults.BusFault, "refused STOP", reader.rest)
+    refused(BusFault, "refused STOP", reader.rest)
     reader.configure(SETTINGS)  # and is not asked to STOP once more
     assert verbs(board).count("STOP") == 2
 
@@ -79,12 +87,12 @@ OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for vers
 @pytest.mark.parametrize(
     ("changes", "fault", "text", "least", "most"),
     [
-        (SILENT, faults.NoAnswer, "did not answer STOP in 3 attempts", ATTEMPTS, ATTEMPTS),
-        (SPOILT, faults.NotABoard, "another device, or another baud rate", 0.0, 2 * ATTEMPTS),
-        ({"deaf": True}, faults.NoAnswer, "did not answer STOP", 0.0, 3 * ATTEMPTS),
-        ({"greeting_tail": "54,3055,64,8"}, faults.NoAnswer, "did not answer HELLO", 0.0, 3 * ATTEMPTS),
-        (OLDER, faults.VersionMismatch, "speaks version 1.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
-        (NEWER, faults.VersionMismatch, "speaks version 3.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
+        (SILENT, NoAnswer, "did not answer STOP in 3 attempts", ATTEMPTS, ATTEMPTS),
+        (SPOILT, NotABoard, "another device, or another baud rate", 0.0, 2 * ATTEMPTS),
+        ({"deaf": True}, NoAnswer, "did not answer STOP", 0.0, 3 * ATTEMPTS),
+        ({"greeting_tail": "54,3055,64,8"}, NoAnswer, "did not answer HELLO", 0.0, 3 * ATTEMPTS),
+        (OLDER, VersionMismatch, "speaks version 1.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
+        (NEWER, VersionMismatch, "speaks version 3.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
     ],
 )
 def test_what_is_no_board_of_this_protocol_is_named_in_time(board, changes, fault, text, least, most):
@@ -118,7 +126,7 @@ def test_too_many_states_and_illegal_switching_are_refused_before_anything_is_se
     [("BEGIN", 1), ("REG", 2), ("STATE", 4), *(("COMMIT", code) for code in (5, 6, 7, 8)), ("SAFE", "F")],
 )
 def test_a_refusal_has_its_name_and_reason(board, verb, code):
-    reader, fault = opened(board), faults.BusFault if code in (6, 7, 8) else faults.CommandRefused
+    reader, fault = opened(board), BusFault if code in (6, 7, 8) else CommandRefused
     board.refuse[verb] = (code, "because")
     refused(fault, rf"refused {verb} \(error {code}, .+\): because\.", reader.configure, SETTINGS)
     refused(HardwareError, "must be configured", reader.scan)
@@ -149,7 +157,7 @@ def test_a_lost_command_and_a_lost_reply_cost_one_repeat_each(board, reader):
 
 def test_no_answer_in_time(board, reader):
     board.deaf = board.silent = True
-    with Lasting(board) as it, pytest.raises(faults.NoAnswer, match="did not answer SCAN in 3 attempts"):
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="did not answer SCAN in 3 attempts"):
         reader.scan()
     assert it.seconds == pytest.approx(REPLY, abs=0.01)
     board.deaf = board.silent = False
@@ -168,16 +176,14 @@ def test_no_answer_in_time(board, reader):
 def test_a_scan_with_other_settings_or_after_a_reset_is_not_taken(board, reader, attribute, value, text):
     before = getattr(board, attribute)
     setattr(board, attribute, value)
-    refused(faults.BoardRestarted, text, reader.scan)
+    refused(BoardRestarted, text, reader.scan)
     refused(HardwareError, "must be configured", reader.scan)
     setattr(board, attribute, before)
     reader.configure(SETTINGS)
     assert reader.scan().configuration == SETTINGS.hash
 
 
-@pytest.mark.parametrize(
-    ("word", "fault"), [("!1", faults.BusFault), ("!5", faults.SwitchFault), ("01798210", faults.CommandRefused)]
-)
+@pytest.mark.parametrize(("word", "fault"), [("!1", BusFault), ("!5", SwitchFault), ("01798210", CommandRefused)])
 def test_a_board_that_measures_no_more_is_named_after_its_last_scan(board, reader, word, fault):
     board.words = lambda number: [word] * 6
     reader.scan()
@@ -225,7 +231,7 @@ def test_who_does_not_fetch_loses_the_stream(board, reader):
     stream = reader.scans()
     next(stream)
     board.clock.sleep(15.0)
-    refused(faults.NoAnswer, "heard nothing of this computer in time", list, stream)
+    refused(NoAnswer, "heard nothing of this computer in time", list, stream)
     assert reader.scan().samples
 
 
@@ -264,3 +270,138 @@ def test_settings_of_coils_at_channels_are_refused(board):
     settings = quick_settings(wired_to_channels(["left", "right"], [0, 1]))
     refused(HardwareError, "the firmware converts channel 0 alone", opened(board).configure, settings)
     assert "BEGIN" not in verbs(board)
+
+
+def stream_of(reader, scans=3):
+    stream = reader.scans()
+    for _ in range(scans):
+        next(stream)
+    return stream
+
+
+@pytest.mark.parametrize(
+    ("code", "fault", "text"),
+    [
+        (1, NoAnswer, "heard nothing of this computer"),
+        (2, BoardRestarted, "the converter was reset"),
+        (3, BusFault, "the converter does not answer"),
+        (4, SwitchFault, "switches do not hold"),
+    ],
+)
+def test_an_end_has_its_name(board, reader, code, fault, text):
+    stream = stream_of(reader)
+    board.end(code, "because")
+    refused(fault, f"{text}.* \\(because\\)", list, stream)
+    if code != 1:
+        refused(HardwareError, "must be configured", reader.scan)
+        reader.configure(SETTINGS)
+    assert len(list(itertools.islice(reader.scans(), 3))) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [("01798210", NoAnswer), ("!1", BusFault), ("!2", BusFault), ("!3", NoAnswer), ("!5", SwitchFault)],
+)
+def test_an_end_whose_line_was_lost_is_named_after_the_last_scan(board, reader, words, fault):
+    board.words = lambda number: ["01798210"] * 5 + [words]
+    stream = stream_of(reader)
+    board.mode = "i"
+    with Lasting(board) as it, pytest.raises(fault):
+        list(stream)
+    assert it.seconds < TIMES.gap * SETTINGS.period() + TIMES.reply
+
+
+def test_a_scan_after_a_reset_is_the_last(board, reader):
+    stream = stream_of(reader)
+    board.words = lambda number: ["!4"] * 6
+    assert {sample.fault for sample in next(stream).samples} == {SampleFault.CONVERTER_RESET}
+    refused(BoardRestarted, "configure it again", next, stream)
+
+
+def test_a_restart_ends_the_session(board, reader):
+    stream = stream_of(reader)
+    board.restart()
+    refused(BoardRestarted, "session 1234ABCE after 1234ABCD", list, stream)
+    for call in (reader.scan, lambda: reader.configure(SETTINGS), reader.rest):
+        refused(BoardRestarted, "this session has ended", call)
+    reader.close()
+
+
+def test_a_heartbeat_tells_of_an_end(board, reader):
+    stream = reader.scans(50.0)
+    next(stream)
+    board.mode = "i"
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="its reason was lost"):
+        next(stream)
+    assert it.seconds < 1.1  # heartbeats are a second apart
+
+
+def test_a_stalled_stream_is_no_answer_in_time(board, reader):
+    stream = stream_of(reader)
+    board.silent = board.deaf = True
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="no scan came"):
+        next(stream)
+    gap = max(TIMES.gap * SETTINGS.period(), TIMES.least_gap + LONGEST)
+    assert it.seconds == pytest.approx(gap + REPLY, abs=0.05)  # and a STOP that nobody answers
+    board.silent = board.deaf = False
+    assert reader.scan().samples
+    assert "STOP" in verbs(board)  # it was owed
+
+
+def test_unplugging_is_a_lost_device_for_good(board, reader):
+    stream = stream_of(reader)
+    board.unplugged = True
+    with Lasting(board) as it, pytest.raises(DeviceLost, match="is gone"):
+        next(stream)
+    assert it.seconds == 0.0
+    board.unplugged = False
+    refused(DeviceLost, "this session has ended: scripted is gone", reader.scan)
+
+
+def test_closing_rests_the_board_and_never_raises(board, reader):
+    stream = stream_of(reader)
+    reader.close()
+    assert (board.mode, board.closed) == ("i", True)
+    reader.close()
+    refused(DeviceLost, "was closed", reader.scan)
+    assert list(stream) == []
+
+
+def test_a_silent_board_is_waited_for_once_after_an_interrupt(board, reader):
+    stream = stream_of(reader)
+    board.silent = board.deaf = True
+
+    def read(seconds):
+        del board.read
+        raise KeyboardInterrupt
+
+    board.read = read
+    with Lasting(board) as it, pytest.raises(KeyboardInterrupt):
+        next(stream)
+    assert it.seconds == pytest.approx(REPLY, abs=0.05)
+    with Lasting(board) as it:
+        reader.close()
+    assert (it.seconds, board.closed) == (0.0, True)
+
+
+def test_reconnecting_is_a_new_session_without_settings(board, reader):
+    sessions = []
+
+    def reopen():
+        sessions.append(board.clock.now())
+        if len(sessions) < 4:
+            raise HardwareError("port scripted does not exist.")
+        board.closed = False
+        return MicrocontrollerReader(board, clock=board.clock, reopen=reopen)
+
+    first = MicrocontrollerReader(board, clock=board.clock, reopen=reopen)
+    board.restart()
+    second = first.reconnect(patience=1.0)
+    assert len(sessions) == 4
+    assert second is not first
+    assert second.identity.boot == first.identity.boot + 1
+    refused(HardwareError, "must be configured", second.scan)
+    refused(BoardRestarted, "this session has ended", first.scan)
+    sessions.clear()
+    refused(HardwareError, "does not exist", second.reconnect)
+    refused(HardwareError, "cannot be opened again by this reader", reader.reconnect)

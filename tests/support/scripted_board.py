@@ -1,6 +1,6 @@
 """A board in memory, on a clock of its own: as much of the protocol as the tests of the driver need, and its faults.
 
-Written from `hardware/firmware/PROTOCOL.md` for these tests; the real firmware speaks in test_chip_faults.py.
+Written from `hardware/firmware/PROTOCOL.md` for these tests; the real firmware speaks in test_board_firmware.py.
 """
 
 from collections import deque
