@@ -20,8 +20,7 @@ import coilarray as ca
 from coilarray import geometry
 from coilarray.design.bundled import names
 from coilarray.design.model import build_design, build_design_file
-from coilarray.design.write import as_file, design_text
-from coilarray.report.tables import design_table
+from coilarray.design.write import design_text
 from coilarray.studies.tolerance.tolerances import perturb
 
 VIA = ca.PlatedHole(0.25e-3, 0.5e-3)
@@ -257,20 +256,6 @@ def test_a_map_covers_the_array_where_no_positions_are_given():
     assert -10e-3 < setup.x[0] - 1e-3 < setup.x[-1] + 1e-3 < 8e-3
     off = replace(design, indentation=replace(pressed, sample_bounds=(0.9, 0.9, 0.91, 0.93))).indentation
     assert (off.x, off.y) == ((0.905,), (0.915,))  # its middle, which the response refuses
-
-
-def test_a_sweep_is_one_line():
-    swept = ca.sweep(ROW, {"array.pitch_mm": [20, 22]}, ["span_mm"])
-    assert float(swept.span_mm.diff("array.pitch_mm")[0]) == pytest.approx(2 * 2.0, rel=1e-9)
-    assert swept["array.pitch_mm"].attrs["design_value"] == 20
-    assert ca.vary(ROW, {"array.pitch_mm": 22}).array.centres[2, 0] == pytest.approx(22e-3)
-
-
-def test_the_table_of_a_report_shows_its_values():
-    """Reports of designs without a file are tested with the others; none of their values is assumed."""
-    rows = {row["key"]: row for row in design_table(as_file(ROW)).records()}
-    assert rows["coils.shape1.trace_width_mm"]["value"] == "0.15"
-    assert {row["origin"] for row in rows.values()} == {"given", "default"}
 
 
 @pytest.mark.parametrize(

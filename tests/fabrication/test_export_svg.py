@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 import shapely
 from support.boards import VIA, WOUND, reference_board, wound_board
-from support.refusals import refused
 
-from coilarray.errors import OutputError
 from coilarray.fabrication.drawings import write_svg
 from coilarray.geometry import Array, Placement, Stackup, copper_by_layer, drills, path_coil
 
@@ -108,11 +106,3 @@ def test_equal_boards_give_equal_bytes_and_any_name_is_kept(tmp_path):
     assert root.find(f"{SVG}title").text == "<&>"
     (path,) = groups(root)['<top> & "µ"']
     assert path.find(f"{SVG}title").text == "A<&>'\"ü"
-
-
-def test_files_that_cannot_be(tmp_path):
-    array = BOARDS["triangle"]
-    refused(OutputError, r"the suffix must be \.svg; got '\.png'", write_svg, array, tmp_path / "board.png")
-    message = r"cannot write .*board\.svg: No such file or directory"
-    refused(OutputError, message, write_svg, array, tmp_path / "missing" / "board.svg")
-    assert list(tmp_path.iterdir()) == []

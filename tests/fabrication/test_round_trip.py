@@ -5,22 +5,28 @@ readers by boards of other make.
 """
 
 import re
+import sys
 import zipfile
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import shapely
 from support.boards import VIA, arcs_board, many_layers, one_coil, reference_board, small_board
+from support.refusals import refused
 
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.fabrication.drawings import write_dxf, write_svg
 from coilarray.fabrication.gerber_reader import read_gerbers
 from coilarray.fabrication.gerber_writer import write_gerbers
 from coilarray.fabrication.kicad_reader import read_kicad
 from coilarray.fabrication.kicad_writer import write_kicad
 from coilarray.fabrication.nets import board_layers, check_nets
+from coilarray.fabrication.solid_files import write_step
 from coilarray.fabrication.tracing import trace_coils, traced_array
 from coilarray.geometry import Array, FabRules, Placement, PlatedHole, copper_by_layer, drills, path_coil
 from coilarray.geometry.arcs import CHORD_ERROR
@@ -140,3 +146,25 @@ def test_equal_coils_are_one_shape(tmp_path):
     np.testing.assert_allclose(np.diff(found.array.centres[:, 0]), 13.28e-3, atol=1e-15)
     assert found.array.placements[0].coil.gap == pytest.approx(0.1e-3, abs=1e-6)
     assert set(found.assumed) == {"coils.*.via.plating_um"}
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix", "extra", "modules"),
+    [
+        (write_svg, "svg", "", ()),
+        (write_dxf, "dxf", "fab", ("ezdxf",)),
+        (partial(write_gerbers, name="board"), "zip", "fab", ("gerbonara", "gerbonara.newstroke")),
+        (partial(write_step, name="board"), "step", "step", ("OCP", "OCP.STEPCAFControl")),
+    ],
+)
+def test_what_cannot_be_written(write, suffix, extra, modules, tmp_path, monkeypatch):
+    array = BOARDS["one layer"]
+    for module in modules:
+        pytest.importorskip(module)
+    refused(OutputError, rf"the suffix must be \.{suffix}.*; got '\.rar'", write, array, tmp_path / "board.rar")
+    refused(OutputError, "cannot write .*: No such file", write, array, tmp_path / "nowhere" / f"board.{suffix}")
+    for module in modules:
+        monkeypatch.setitem(sys.modules, module, None)
+    if modules:
+        refused(MissingDependencyError, rf"-m pip install .*\[{extra}\]", write, array, tmp_path / f"board.{suffix}")
+    assert list(tmp_path.iterdir()) == []

@@ -14,7 +14,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.board_text import KICAD_8, board, pads, path, segment, square_spiral, via
+from support.board_text import KICAD_8, board, pads, pair, path, segment, square_spiral, via
 from support.boards import many_layers, one_coil
 from support.refusals import refused
 
@@ -403,9 +403,6 @@ def test_shapes_that_differ_by_more_than_the_grid_are_two():
     assert not two(5e-6)
 
 
-# ---- a board as people draw it in KiCad 8: arcs, a header turned by 90°, a ground plane, teardrops
-
-
 PITCH, OUTSIDE = 1.0, 10.0  # mm
 
 
@@ -422,83 +419,42 @@ def half_circles(turns):
     return front, back
 
 
-def drawn_by_hand(turns):
-    inner = OUTSIDE - turns * PITCH
-
-    def at(name, point):
-        return f"\t\t({name} {50 + point[0]:g} {40 - point[1]:g})"
-
-    def item(kind, *rows, layer, net=1):
-        inside = "\n".join(rows)
-        return f'\t({kind}\n{inside}\n\t\t(width 0.25)\n\t\t(layer "{layer}")\n\t\t(net {net})\n\t\t(uuid "0-1")\n\t)'
-
-    front, back = half_circles(turns)
-    arcs = [
-        item("arc", at("start", a), at("mid", b), at("end", c), layer=layer)
-        for layer, half in (("F.Cu", front), ("B.Cu", back))
-        for a, b, c in half
-    ]
-    ends = [("F.Cu", (14, 1.27), (10, 0)), ("F.Cu", (inner, 0), (3.5, 0))]
-    ends += [("B.Cu", (3.5, 0), (inner, 0)), ("B.Cu", (10, 0), (14, -1.27))]
-    arcs = arcs[::-1] + [item("segment", at("start", a), at("end", b), layer=layer) for layer, a, b in ends]
-    return f"""(kicad_pcb
-\t(version {KICAD_8}) (generator "pcbnew") (generator_version "8.0") (paper "A5")
-\t(general (thickness 0.8) (legacy_teardrops no))
-\t(layers (0 "F.Cu" signal) (31 "B.Cu" signal "back side") (37 "F.SilkS" user "F.Silkscreen") (44 "Edge.Cuts" user))
-\t(setup (pad_to_mask_clearance 0) (aux_axis_origin 50 40))
-\t(net 0 "") (net 1 "/sensor/coil (1)") (net 2 "GND")
-\t(footprint "Connector:Header_1x02"
-\t\t(layer "F.Cu") (uuid "0-2") (at 64 38.73 -90) (attr through_hole)
-\t\t(property "Reference" "J1" (at 0 -2.33 90) (layer "F.SilkS") (effects (font (size 1 1) (thickness 0.15))))
-\t\t(fp_line (start -1 -1) (end 3 -1) (stroke (width 0.12) (type solid)) (layer "F.SilkS") (uuid "0-3"))
-\t\t(pad "1" thru_hole rect (at 0 0 270) (size 1.7 1.7) (drill 1) (layers "*.Cu" "*.Mask")
-\t\t\t(remove_unused_layers no) (net 1 "/sensor/coil (1)") (pinfunction "Pin_1") (uuid "0-4"))
-\t\t(pad "2" thru_hole oval (at 2.54 0 270) (size 1.7 1.7) (drill 1) (layers "*.Cu" "*.Mask")
-\t\t\t(remove_unused_layers no) (net 1 "/sensor/coil (1)") (uuid "0-5"))
-\t)
-\t(footprint "MountingHole:M3" (layer "F.Cu") (at 35 25)
-\t\t(pad "" np_thru_hole circle (at 0 0) (size 3.2 3.2) (drill 3.2) (layers "*.Cu" "*.Mask") (uuid "0-6"))
-\t)
-\t(gr_rect (start 30 20) (end 70 60) (stroke (width 0.1) (type default)) (fill none) (layer "Edge.Cuts") (uuid "0-7"))
-\t(gr_text "coil (1)" (at 50 57) (layer "F.SilkS") (uuid "0-8") (effects (font (size 1 1)) (justify left)))
-{chr(10).join(arcs)}
-\t(via (at 53.5 40) (size 0.8) (drill 0.4) (layers "F.Cu" "B.Cu") (free yes) (net 1) (uuid "0-9"))
-\t(segment locked (start 31 58) (end 69 58) (width 0.5) (layer "F.Cu") (net 2) (uuid "0-a"))
-\t(zone (net 2) (net_name "GND") (layers "F&B.Cu") (uuid "0-b") (name "ground") (hatch edge 0.5)
-\t\t(connect_pads (clearance 0.5)) (min_thickness 0.25) (fill yes (thermal_gap 0.5) (thermal_bridge_width 0.5))
-\t\t(polygon (pts (xy 30 20) (xy 70 20) (xy 70 60) (xy 30 60)))
-\t\t(filled_polygon (layer "F.Cu") (pts (xy 31 54) (xy 69 54) (xy 69 59) (xy 31 59)))
-\t)
-\t(zone (net 1) (net_name "/sensor/coil (1)") (layer "F.Cu") (uuid "0-c") (name "$teardrop_padvia$") (hatch edge 0.5)
-\t\t(priority 30000) (attr (teardrop (type padvia))) (connect_pads yes (clearance 0)) (min_thickness 0.0254)
-\t\t(polygon (pts (xy 53.5 39.6) (xy 54.5 39.9) (xy 54.5 40.1) (xy 53.5 40.4)))
-\t\t(filled_polygon (layer "F.Cu") (pts (xy 53.5 39.6) (xy 54.5 39.9) (xy 54.5 40.1) (xy 53.5 40.4)))
-\t)
-\t(group "" (uuid "0-d") (members "0-1" "0-2"))
-)
-"""
-
-
 @pytest.mark.slow
-def test_a_board_drawn_by_hand(read):
-    tracing = trace_coils(copper_read := read(drawn_by_hand(5)))
+def test_a_coil_of_arcs_beside_a_ground_plane(read):
+    """As people draw it in KiCad 8: arcs, a header turned by 90°, a plane, a teardrop."""
+    front, back = half_circles(5)
+    arcs = [
+        f'(arc {pair("start", *a)} {pair("mid", *b)} {pair("end", *c)} (width 0.25) (layer "{layer}") (net 1))'
+        for layer, half in (("F.Cu", front), ("B.Cu", back))
+        for a, b, c in 1e-3 * np.array(half)
+    ]
+    leads = [path((14, 1.27), (10, 0), width="0.25"), path((5, 0), (3.5, 0), width="0.25")]
+    leads += [path(*ends, width="0.25", layer="B.Cu") for ends in (((3.5, 0), (5, 0)), ((10, 0), (14, -1.27)))]
+    header = pads((0, 0), (2.54, 0), turn=-90, at=(14, 1.27), net='1 "/coil (1)"', size="1.7 1.7")
+    fill = '(filled_polygon (layer "F.Cu") (pts (xy {0} {2}) (xy {1} {2}) (xy {1} {3}) (xy {0} {3})))'
+    plane = f'(zone (net 2) (layers "F&B.Cu") {fill.format(81, 119, 114, 119)})'
+    drop = f'(zone (net 1) (layer "F.Cu") (attr (teardrop (type padvia))) {fill.format(103.5, 104.5, 99.8, 100.2)})'
+    items = (*arcs[::-1], *leads, header, via(3.5, 0, size="0.8", drill="0.4"), plane, drop)
+    ground = path((-19, -18), (19, -18), net="2")
+    nets, users = ("/coil (1)", "GND"), ("F.Cu", "back side")
+    copper_read = read(board(*items, ground, version=KICAD_8, nets=nets, users=users, thickness="0.8"))
+    tracing = trace_coils(copper_read)
     (coil,) = tracing.coils
-    assert coil.name == "/sensor/coil (1)"
+    assert coil.name == "/coil (1)"
     assert "GND has a filled zone on F.Cu, which cannot be taken as a current path" in tracing.left_out["GND"]
     assert coil.layers == ("F.Cu", "back side")
     assert [(via.x, via.y, via.pad) for via in coil.vias] == [(pytest.approx(3.5e-3), 0, 0.8e-3)]
     assert [end.number for end in coil.ends] == ["1", "2"]
     np.testing.assert_allclose(coil.path[[0, -1]], [(14e-3, 1.27e-3), (14e-3, -1.27e-3)], atol=1e-15)
     assert coil.turns == pytest.approx(10, abs=0.05)
-    front, back = half_circles(5)
-    arcs = sum(math.pi * math.dist(a, c) / 2 for a, _, c in front + back)
+    length = sum(math.pi * math.dist(a, c) / 2 for a, _, c in front + back)
     # pieces that zigzag by 0.9 µm about arcs of 5 to 10 mm are longer by a third of that over the radius
-    assert coil.length * 1e3 == pytest.approx(arcs + 3 + 2 * math.hypot(4, 1.27), rel=6e-5)
+    assert coil.length * 1e3 == pytest.approx(length + 3 + 2 * math.hypot(4, 1.27), rel=6e-5)
     found = traced_array(copper_read, [coil])
     assert found.notes[0] == "1 teardrop at the ends of tracks left out."
     placement = found.array.placements[0]
     assert placement.coil.gap == pytest.approx(0.75e-3, abs=2e-6)  # chords beside chords
-    assert placement.coil.terminal == PlatedHole(1e-3, 1.7e-3)
+    assert placement.coil.terminal == PlatedHole(0.5e-3, 1.7e-3)
     assert math.hypot(placement.x, placement.y) < 0.3e-3
     assert set(found.assumed) >= {"stackup.dielectric_thickness_mm", "stackup.copper_thickness_um"}
 

@@ -94,7 +94,7 @@ class Kind:
 
 
 _TEXT = (change.toml_changed, change.toml_changed, change.toml_changed, change.text_changed, change.bytes_changed)
-_NETCDF = (change.dataset_changed, change.dataset_changed, change.dataset_changed, change.bytes_changed, change.one_bit)
+_NETCDF = (change.dataset_changed, change.dataset_changed, change.dataset_changed, change.bytes_changed)
 
 
 def numbers_of(answer: Any) -> Iterable[float]:
@@ -153,17 +153,10 @@ shape = "polygon"
 sides = 6
 outer_across_flats_mm = 8.0
 turns_per_layer = 3
-winding_layers = 2
 trace_width_mm = 0.2
 gap_mm = 0.2
-[coils.a.via]
-drill_mm = 0.25
-pad_mm = 0.5
-[coils.a.leads]
-length_mm = 2.0
-spacing_mm = 1.5
-pad_mm = 1.0
-drill_mm = 0.5
+via = { drill_mm = 0.25, pad_mm = 0.5 }
+leads = { length_mm = 2.0, spacing_mm = 1.5, pad_mm = 1.0, drill_mm = 0.5 }
 [array]
 lattice = "linear"
 coil = "a"
@@ -189,12 +182,6 @@ y_mm = [-4, 4]
 step_mm = 2.0
 [circuit]
 capacitance_pF = 330
-[fab]
-min_trace_mm = 0.1
-min_gap_mm = 0.1
-min_drill_mm = 0.2
-min_annular_ring_mm = 0.1
-min_edge_clearance_mm = 0.3
 """
 
 
@@ -502,7 +489,7 @@ def _imported(path: Path) -> Any:
     return [one.vertices for one in parse_design(text, "board").array.conductors()]
 
 
-_LINES = (change.text_changed, change.bytes_changed, change.lines_changed, change.cut)
+_LINES = (change.text_changed, change.bytes_changed, change.cut)
 _CSV = (change.text_changed, change.text_changed, change.bytes_changed)
 _DATABASE = (change.database_changed, change.database_changed, change.bytes_changed)
 _ZIP = (change.zip_changed, change.zip_changed, change.bytes_changed)

@@ -71,13 +71,6 @@ def bytes_changed(random: np.random.Generator, data: bytes) -> bytes:
     return bytes(changed)
 
 
-def one_bit(random: np.random.Generator, data: bytes) -> bytes:
-    """Flip one bit."""
-    changed = bytearray(data)
-    changed[int(random.integers(len(changed)))] ^= 1 << int(random.integers(8))
-    return bytes(changed)
-
-
 def text_changed(random: np.random.Generator, data: bytes) -> bytes:
     """Replace a number or a word, or delete, double, swap or cut lines."""
     lines = data.split(b"\n")
@@ -102,22 +95,6 @@ def text_changed(random: np.random.Generator, data: bytes) -> bytes:
             start = int(random.integers(len(lines[at]) + 1))
             lines[at] = lines[at][:start] + _pick(random, _TEXTS) + lines[at][start:]
     return b"\n".join(lines)
-
-
-def lines_changed(random: np.random.Generator, data: bytes) -> bytes:
-    """Delete, double, move or shuffle whole lines."""
-    lines = data.splitlines(keepends=True)
-    at, to = (int(random.integers(len(lines))) for _ in range(2))
-    match int(random.integers(4)):
-        case 0:
-            del lines[at : at + int(random.integers(1, 4))]
-        case 1:
-            lines.insert(to, lines[at])
-        case 2:
-            lines.insert(to, lines.pop(at))
-        case _:
-            random.shuffle(lines)
-    return b"".join(lines)
 
 
 def cut(random: np.random.Generator, data: bytes) -> bytes:

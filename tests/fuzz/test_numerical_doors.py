@@ -25,7 +25,6 @@ from coilarray import (
     geometry,
     inductance_matrix,
     magnetic_field,
-    mutual_inductance,
     self_inductance,
     vector_potential,
 )
@@ -59,27 +58,6 @@ def bars(size, *, at=(0.0, 0.0, 0.0)):
         Conductor(square(size, z=z) + np.array(at), size / 100, size / 200, name=name)
         for name, z in (("lower", 0.0), ("upper", size / 10))
     ]
-
-
-@pytest.mark.parametrize("size", [1e-6, 1e-3, 10.0])
-def test_inductance_and_resistance_scale_with_the_size(size):
-    """L is proportional to the size and R to its inverse; the kernels have no length of their own."""
-    one, other = bars(1.0), bars(size)
-    np.testing.assert_allclose(inductance_matrix(other), size * inductance_matrix(one), rtol=ROUNDING)
-    np.testing.assert_allclose(self_inductance(other), size * self_inductance(one), rtol=ROUNDING)
-    np.testing.assert_allclose(mutual_inductance(*other), size * mutual_inductance(*one), rtol=ROUNDING)
-    np.testing.assert_allclose(dc_resistance(other), dc_resistance(one) / size, rtol=ROUNDING)
-
-
-@pytest.mark.parametrize("size", [1e-6, 1e-3, 10.0])
-def test_field_and_potential_scale_with_the_size(size):
-    points = np.random.default_rng(1).uniform(-1, 1, (50, 3))
-    np.testing.assert_allclose(
-        magnetic_field([square(size)], size * points) * size, magnetic_field([square(1.0)], points), rtol=1e-9
-    )  # 1e-9: beside the wire, at 1e-3 of its length, the difference of near coordinates has lost three digits
-    np.testing.assert_allclose(
-        vector_potential([square(size)], size * points), vector_potential([square(1.0)], points), rtol=1e-9, atol=1e-18
-    )
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e-2, 1.0])
