@@ -206,19 +206,6 @@ def test_the_origin_follows_its_coil():
     assert there == pytest.approx(np.add(design.indentation.origin_point, (1e-3, 0)), abs=1e-15)
 
 
-@pytest.mark.parametrize(("change", "line"), [
-    ({"sheets": (ca.Sheet("s", 1e-3), ca.Sheet("s", 2e-3))}, "elastomer sheets must have different names; got s, s."),
-    ({"sheets": (ca.Sheet("s", 9e-3),)}, "elastomer.0.youngs_modulus_kPa is missing; [indentation] needs it"),
-    ({"sheets": (ca.Sheet("s", 1e-3, youngs_modulus=1e4),)},
-     "indentation.depths_mm must be less than the 1 mm of all sheets; got 1."),
-    ({"circuit": ca.Circuit(terminations={"x": "open"})}, "circuit.terminations.x names no coil; there are coil1"),
-    ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("x", 1),)),))}, "state s names the coil 'x'; there are coil1"),
-    ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("coil1", 1),)),) * 2)}, "scan must give each state a different"),
-])  # fmt: skip
-def test_what_cannot_be_is_one_clear_line(change, line):
-    refused(ca.errors.DesignError, f"^{re.escape(line)}", replace, ca.load_design("gast2020"), **change)
-
-
 def test_an_indentation_that_cannot_be():
     ball = ca.Hemisphere(1e-3)
     refused(ca.errors.DesignError, "at least one depth", ca.Indentation, ball, ())

@@ -79,7 +79,7 @@ class Bench:
         if kind.name not in self._examples:
             folder = self._folder / re.sub(r"\W+", "_", kind.name)
             folder.mkdir()
-            self._examples[kind.name] = sorted(kind.examples(folder))
+            self._examples[kind.name] = kind.write_examples(folder)
         return self._examples[kind.name]
 
     def mutated(self, kind: Kind, number: int) -> tuple[Path, bytes]:

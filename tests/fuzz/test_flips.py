@@ -25,7 +25,7 @@ def examples(tmp_path, name):
                 raise one
         return digest(found)
 
-    return [(path, lambda path=path: read(path)) for path in kind.examples(tmp_path)]
+    return [(path, lambda path=path: read(path)) for path in kind.write_examples(tmp_path)]
 
 
 def cuts(data, most):
