@@ -76,15 +76,6 @@ def test_a_table_gives_the_amplitudes_between_its_offsets(solved):
         assert np.abs(change - expected).max() < 1e-4 * np.abs(expected).max()
 
 
-def test_a_grid_holds_its_ends_and_its_middle():
-    axis, points = offset_grid(10e-3, 5e-3)
-    assert axis[[0, -1]].tolist() == [-10e-3, 10e-3]
-    assert len(points) == len(axis) ** 2
-    assert (np.abs(points).min(axis=0) < 1e-15).all()
-    assert np.diff(axis).max() <= 5e-3 / 3 + 1e-15
-    assert points[1].tolist() == [axis[0], axis[1]]
-
-
 def test_too_many_offsets_are_refused(solved, monkeypatch):
     monkeypatch.setenv("COILARRAY_MEMORY_GB", "0.001")
     with pytest.raises(MemoryLimitError, match=r"the field of coils at 2000 offsets needs about .* GB") as refused:

@@ -7,7 +7,6 @@ images over a perfect conductor; a lift of the sheets against thicker ones; limi
 from __future__ import annotations
 
 import math
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -89,21 +88,6 @@ def test_a_plate_of_nothing_and_a_far_one_change_nothing() -> None:
     alone = dent_inductance(FEW, [pit()], PLACES, MESH)[0]
     np.testing.assert_allclose(over(Layer(1e-3, 1.0, 1e-9), pit()), alone, rtol=1e-11)
     np.testing.assert_allclose(over(PERFECT, pit(), face=-1.0), alone, rtol=1e-5)  # (6 mm/1 m)³
-
-
-@pytest.mark.slow
-def test_without_layers_half_the_memory_is_taken() -> None:
-    """A hundred copies of one dent, whose energies are nearly all that is kept: 16 bytes a complex number, or 8."""
-    places, coils = np.zeros((60, 2)), FEW * 4
-    peaks = []
-    for backing in (None, Backing(FACE, (ALUMINIUM,), 1e4)):
-        tracemalloc.start()
-        dents = [pit()] * 100
-        found = dent_inductance(coils, dents, places, MESH, backing=backing)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-        assert found.dtype == (np.float64 if backing is None else np.complex128)
-    assert peaks[0] < 0.75 * peaks[1]
 
 
 def test_a_plate_within_its_skin_depth_is_transparent_and_a_thick_one_perfect() -> None:

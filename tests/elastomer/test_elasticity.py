@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 from scipy.special import j0, jn_zeros
-from skfem import Functional, LinearForm, MeshQuad
+from skfem import Functional, LinearForm
 
 from coilarray.elastomer.contact import compliance, elastic_response
 from coilarray.elastomer.contact_grid import (
@@ -28,7 +28,6 @@ from coilarray.elastomer.contact_grid import (
     far_field,
     graded,
     hoop_strain,
-    radial_points,
     stack_of,
     weight,
 )
@@ -222,33 +221,6 @@ def test_surfaces_of_the_compliance_are_in_units_of_the_stack():
 
 
 # meshes
-
-
-def test_graded_points_follow_the_size():
-    x = graded(0.0, 10.0, lambda r: 0.1 + 0.2 * r)
-    step, middle = np.diff(x), (x[1:] + x[:-1]) / 2
-    assert (x[0], x[-1]) == (0.0, 10.0)
-    assert (step[1:] / step[:-1]).max() < 1.25
-    # all steps stretched by the same few per cent so that the last ends at 10
-    assert step / (0.1 + 0.2 * middle) == pytest.approx(np.ones(len(step)), abs=0.1)
-    assert len(graded(0.0, 1.0, lambda r: 10.0, least=4)) == 5
-    mesh = contact_mesh(np.array([0.0, 1.0, 3.0]), np.array([-2.0, 0.0]))
-    assert isinstance(mesh, MeshQuad)
-    counts = {name: len(facets) for name, facets in mesh.boundaries.items()}
-    assert counts == {"axis": 1, "outer": 1, "bottom": 2, "top": 2}
-
-
-def test_sharp_zone_has_a_vertex_and_the_smallest_elements_at_the_edge():
-    zone = ContactZone(0.3, 0.3, 0.3, sharp=True)
-    r = radial_points(zone, 1.0, 20.0, ContactMesh(12))
-    k = int(np.flatnonzero(r == 0.3)[0])
-    step = np.diff(r)
-    assert step.min() == min(step[k - 1], step[k])
-    assert step.min() < 0.3 / 100  # 1/n² of the radius: 144
-    # a refined mesh has twice the elements each way
-    zone, coarse = ContactZone(0.3, 0.3, 0.8), ContactMesh(8, 1.5)
-    first, second = (len(radial_points(zone, 1.0, 25.0, mesh)) - 1 for mesh in (coarse, coarse.refined()))
-    assert second / first == pytest.approx(2, rel=0.15)  # √growth − 1 is a little less than half of growth − 1
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ import pytest
 from support.contacts import coarse_maps, first_coils_design
 from support.first_assumed import first_assumed
 
-import coilarray.elastomer.finite_sample as finite_sample
 import coilarray.response.setup as pressing
 from coilarray import load_design
 from coilarray.circuit.coupling import design_circuit
@@ -217,13 +216,12 @@ def test_the_default_mesh_gives_the_faces_to_a_percent() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("half", [(60e-3, 11.5e-3), (30e-3, 20e-3)])
 def test_the_default_mesh_gives_the_paper_s_map_to_two_percent_of_what_sides_change(
-    half: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     design = load_design("gast2020")
     assert design.indentation is not None
-    setup = replace(design.indentation, sample_bounds=(-half[0], -half[1], *half), strain="linear")
+    setup = replace(design.indentation, sample_bounds=(-30e-3, -20e-3, 30e-3, 20e-3), strain="linear")
     finite, finer = replace(design, indentation=setup), BoxMesh(degree=4, edge=0.5, growth=0.6, widest=1.0)
     axes = map_axes(finite, x=np.linspace(-26e-3, 26e-3, 5), y=[-6e-3, 0.0, 3e-3])
 
@@ -234,7 +232,7 @@ def test_the_default_mesh_gives_the_paper_s_map_to_two_percent_of_what_sides_cha
         return inductance_changes(finite, axes)[0]
 
     usual, expected = changes(DEFAULT_BOX_MESH), changes(finer)
-    # measured 0.6 and 1.5 % (a mesh that knows nothing of the places: 2.3 and 5.5 %)
+    # measured 1.5 %, 0.6 % in a sample of 120 by 23 mm (a mesh that knows nothing of the places: 5.5 and 2.3 %)
     assert np.abs(usual - expected).max() < 0.02 * np.abs(expected - wide).max()
 
 
@@ -242,22 +240,6 @@ def test_a_sample_too_large_for_the_memory_is_refused_before_the_work(monkeypatc
     monkeypatch.setenv("COILARRAY_MEMORY_GB", "1")
     with pytest.raises(MemoryLimitError, match=r"a sample of 100 by 100 of its thicknesses needs .* sample_x_mm"):
         corrected((-0.4, -0.4, 0.4, 0.4))
-
-
-@pytest.mark.slow
-def test_what_weak_patterns_of_the_loads_leave_out_is_below_their_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    places = tuple((x, y) for x in np.linspace(-20e-3, 20e-3, 15) for y in (-6e-3, 0.0, 4e-3))
-    uneven = Unevenness(stiffness_slope=(10.0, 0.0))
-
-    def moved(part: float) -> np.ndarray:
-        monkeypatch.setattr(finite_sample, "_RANK", part)
-        return corrected(places=places, unevenness=uneven, slope=300.0).moved
-
-    used = finite_sample._RANK
-    everything = moved(1e-9)
-    for part in (1e-3, used):
-        assert np.abs(moved(part) - everything).max() < part * np.abs(everything).max()
-    assert np.abs(moved(1e-3) - everything).max() > 0  # something is left out
 
 
 @pytest.mark.slow

@@ -156,24 +156,24 @@ def test_a_target_beside_a_shield_with_a_hole():
     shield = FinitePlate("shield", Ring(12e-3, 7e-3), (0.0, 0.0, 0.6e-3), 0.2e-3, ALUMINIUM)
     target = disc(6e-3, (3e-3, 1e-3, 4e-3))
     back = Plate("back", -4e-3, 0.2e-3, PERFECT)
-    (added,) = moving_plate(loops, target, [target.centre], [1e6], (), [back, shield], fineness=0.2).change
-    both, alone = (outlined_inductance(loops, p, [1e6], fineness=0.2) for p in
+    (added,) = moving_plate(loops, target, [target.centre], [1e6], (), [back, shield], fineness=0.12).change
+    both, alone = (outlined_inductance(loops, p, [1e6], fineness=0.12) for p in
                    ([back, target, shield], [shield, back]))  # fmt: skip
     # the solver's rounding, and the images of bodies together and one by one
     np.testing.assert_allclose(added, both - alone, atol=1e-4 * np.abs(added).max())
     total = both + plate_inductance(loops, [back], [1e6])
     assert (np.linalg.eigvalsh(-total.imag) > -1e-6 * np.abs(total.imag).max()).all()
-    (found,) = eddy_currents(loops, [back, target, shield], [1e6], fineness=0.2)
+    (found,) = eddy_currents(loops, [back, target, shield], [1e6], fineness=0.12)
     assert [len(one.density) for one in found] == [2, 2]
     moving = Target(Plate("wide", 0.0, 1e-3, ALUMINIUM), (4e-3,))
-    changed = target_inductance(loops, moving, np.zeros((1, 2)), [4e-3], np.array([1e6]), (), [shield], fineness=0.2)[
+    changed = target_inductance(loops, moving, np.zeros((1, 2)), [4e-3], np.array([1e6]), (), [shield], fineness=0.12)[
         0
     ][0]
     wide = Plate("wide", 4e-3, 1e-3, ALUMINIUM)
-    with_target = outlined_inductance(loops, [shield, wide], [1e6], fineness=0.2) + plate_inductance(
+    with_target = outlined_inductance(loops, [shield, wide], [1e6], fineness=0.12) + plate_inductance(
         loops, [wide], [1e6]
     )
-    without = outlined_inductance(loops, [shield], [1e6], fineness=0.2)
+    without = outlined_inductance(loops, [shield], [1e6], fineness=0.12)
     np.testing.assert_allclose(changed[0], with_target - without, rtol=1e-9)
 
 

@@ -207,13 +207,13 @@ def test_a_slender_ring_is_a_turn_of_wire():
     L = inductance_matrix([turn, Conductor(coil, 1e-5, 1e-5, name="coil")])
     R = 2 * np.pi * 8e-3 / (ring.material.conductivity * 1e-3 * 0.1e-3)
     expected = -(L[0, 1] ** 2) / (L[0, 0] + R / (2j * np.pi * f))
-    (change,) = moving_plate([coil], ring, [ring.centre], [f]).change.ravel()
+    (change,) = moving_plate([coil], ring, [ring.centre], [f], fineness=0.5).change.ravel()
     assert change == pytest.approx(expected, rel=1e-2)
     angle = np.linspace(0.02, 2 * np.pi - 0.02, 60)
     arc = np.column_stack((np.cos(angle), np.sin(angle)))
     corners = tuple(map(tuple, np.concatenate((8.5e-3 * arc, 7.5e-3 * arc[::-1])).tolist()))
     (cut,) = moving_plate(
-        [coil], replace(ring, outline=Polygon(corners)), [ring.centre], [f], fineness=0.5
+        [coil], replace(ring, outline=Polygon(corners)), [ring.centre], [f], fineness=0.3
     ).change.ravel()
     assert abs(cut) < 0.05 * abs(change)
 

@@ -182,10 +182,9 @@ def test_addition_alone_moves_x_by_less_than_the_papers_error(fits):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_x_errors_with_noise_off_the_grid(seed):
+def test_x_errors_with_noise_off_the_grid():
     """Noise of 1e-5 in every δ of the map and of the readings, at 240 places of which none is on the grid."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     x, y = (np.sort(random.uniform(-reach, reach, n)) for reach, n in ((13.3e-3, 20), (6e-3, 12)))
     maps = (published_map(), published_map(x, y))
     sampled, readings = (m.assign(delta=m.delta + 1e-5 * random.standard_normal(m.delta.shape)) for m in maps)
