@@ -371,21 +371,14 @@ def _factors(
     return _Factors(kept, alike, tuple(found), cholesky(own, lower=True, check_finite=False))
 
 
-@dataclass(frozen=True, eq=False)
-class WideField:
-    """Displacement and stress about the axis at heights, by radii (…).
-
-    `moved` gives u_r and u_z, `stress` σ_rr, hoop stress and σ_rz, (…, 2 or 3, cases, heights).
-    """
-
-    moved: CubicSpline
-    stress: CubicSpline
-
-
 def wide_field(
     stack: Stack, base: Base, r: FloatArray, pressure: FloatArray, heights: FloatArray, extent: float
-) -> WideField:
-    """Field of a wide stack under pressures (cases, n) linear between radii, heights −1 to 0."""
+) -> tuple[CubicSpline, CubicSpline]:
+    """Displacement and stress of a wide stack about the axis, splines of radii (…).
+
+    The pressures (cases, n) are linear between radii, the heights −1 to 0. The first spline gives
+    u_r and u_z, the second σ_rr, hoop stress and σ_rz, (…, 2 or 3, cases, heights).
+    """
     loaded = np.flatnonzero((pressure > 0).any(axis=0))
     contact = float(r[min(loaded[-1] + 1, len(r) - 1)]) if len(loaded) else 1.0
     highest = _CUT / (_SMOOTH * contact)
@@ -417,7 +410,7 @@ def wide_field(
     mean = summed(isotropic, even)
     stress = [mean + summed(2 * k[:, None] * widening, even) - hoop, mean + hoop, summed(shearing, odd)]
     moved = [summed(U, odd), summed(W, even)]
-    return WideField(CubicSpline(radii, np.stack(moved, axis=1)), CubicSpline(radii, np.stack(stress, axis=1)))
+    return CubicSpline(radii, np.stack(moved, axis=1)), CubicSpline(radii, np.stack(stress, axis=1))
 
 
 def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> tuple[FloatArray, ...]:

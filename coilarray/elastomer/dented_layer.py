@@ -178,11 +178,25 @@ def dent_energies(
         solved.append(shapes[dent.shape] if backing is None else shapes[dent.shape].over(backing, dent))
         if progress is not None:
             progress(len(solved), total)
-    waves = _Waves([segment_spectra(images, wavenumbers) for images in seen], moved, accuracy.harmonics)
+    level = [segment_spectra(images, wavenumbers) for images in seen]
+    motions = list(dict.fromkeys(dent.motion for dent in moved))
+    turned = {motion.slope: [turned_spectra(spectra, motion.slope) for spectra in level] for motion in motions}
+    kinds, kind_of_coil = np.unique([one.shape_of for one in level], axis=1, return_inverse=True)
+
+    def amplitudes_at(task: tuple[FloatArray, int]) -> list[list[NumberArray]]:
+        """Amplitudes of every dent's patterns, by harmonic, at offsets in m of a kind of coil."""
+        offsets, kind = task
+        about: dict[Motion, FloatArray] = {}
+        for motion in motions:
+            spectra = zip(turned[motion.slope], kinds[:, kind].tolist(), strict=True)
+            waves = [incident_waves(one, shape, offsets, accuracy.harmonics + 1, motion) for one, shape in spectra]
+            about[motion] = np.concatenate(waves, axis=2)
+        return [one.amplitudes(about[dent.motion]) for one, dent in zip(solved, moved, strict=True)]
+
     factors = 2 * np.pi * np.array([1.0, *[2.0] * accuracy.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
-        work, place = _distinct(points[start:stop, None] - centres, waves.shape_of_coil)
-        amplitudes = run_blocks(lambda task: waves.amplitudes(solved, *task), work)
+        work, place = _distinct(points[start:stop, None] - centres, kind_of_coil.ravel())
+        amplitudes = run_blocks(amplitudes_at, work)
         for index, scattering, of_groups in zip(moving, solved, zip(*amplitudes, strict=True), strict=True):
             by_harmonic = [np.concatenate(parts, axis=2) for parts in zip(*of_groups, strict=True)]
             energy = scattering.energy(by_harmonic, place, factors)
@@ -190,29 +204,6 @@ def dent_energies(
         if progress is not None:
             progress(len(moving) + done, total)
     return change
-
-
-class _Waves:
-    """Incident waves of coils and images about dents, equal coils by `shape_of_coil`."""
-
-    def __init__(self, images: Sequence[CoilSpectra], dents: Sequence[Dent], harmonics: int) -> None:
-        self._motions = [dent.motion for dent in dents]
-        self._orders = harmonics + 1
-        self._spectra = {
-            slope: [turned_spectra(spectra, slope) for spectra in images]
-            for slope in dict.fromkeys(motion.slope for motion in self._motions)
-        }
-        self._shapes, shape_of_coil = np.unique([one.shape_of for one in images], axis=1, return_inverse=True)
-        self.shape_of_coil: IntArray = shape_of_coil.ravel()
-
-    def amplitudes(self, solved: Sequence[Scattering], offsets: FloatArray, shape: int) -> list[list[NumberArray]]:
-        """Amplitudes of every dent's patterns, by harmonic, at offsets in m."""
-        about: dict[Motion, FloatArray] = {}
-        for motion in dict.fromkeys(self._motions):
-            spectra = zip(self._spectra[motion.slope], self._shapes[:, shape].tolist(), strict=True)
-            waves = [incident_waves(one, number, offsets, self._orders, motion) for one, number in spectra]
-            about[motion] = np.concatenate(waves, axis=2)
-        return [one.amplitudes(about[motion]) for one, motion in zip(solved, self._motions, strict=True)]
 
 
 def _distinct(offsets: FloatArray, shape_of: IntArray) -> tuple[list[tuple[FloatArray, int]], IntArray]:

@@ -243,10 +243,10 @@ class _Problem:
         heights, inside = np.concatenate((z_points, stack.levels)), len(z_points)
         extent = np.hypot(*np.abs(at[:, None] - corners).max(axis=(0, 1)))
         radii, scaled = r / stack.length, pressure / stack.stress
-        wide = wide_field(stack, base, radii, scaled, heights, float(extent) * 1.01 + 1)
-        self.upwards = _part(wide.moved, np.s_[1, :, inside:])
-        self._stress = [_part(wide.stress, np.s_[:, case, :inside]) for case in range(len(scaled))]
-        self._bottom = [_part(wide.moved, np.s_[:, case, inside]) for case in range(len(scaled))]
+        moved, stress = wide_field(stack, base, radii, scaled, heights, float(extent) * 1.01 + 1)
+        self.upwards = _part(moved, np.s_[1, :, inside:])
+        self._stress = [_part(stress, np.s_[:, case, :inside]) for case in range(len(scaled))]
+        self._bottom = [_part(moved, np.s_[:, case, inside]) for case in range(len(scaled))]
         first, third = (np.trapezoid(scaled * radii**power, radii, axis=1) for power in (1, 3))
         self._ring = np.sqrt(third / np.where(first > 0, first, 1.0))
 

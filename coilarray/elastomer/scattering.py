@@ -269,7 +269,7 @@ def scatter(
         incident = waves.dented * scale
         strengths, mixed = np.linalg.eigh(incident.T @ incident)  # squares of the singular values
         mixed = mixed[:, strengths > mesh.rank**2 * strengths[-1]]
-        patterns = waves.mixed(scale[:, None] * mixed)
+        patterns = Waves(**{name: values @ (scale[:, None] * mixed) for name, values in vars(waves).items()})
         force = space.force(m, patterns)
         return mixed.T / scale, space.unanswered(m, patterns) - space.energies(m, force)
 
@@ -292,10 +292,6 @@ class Waves:
     normal: FloatArray
     dented_normal: FloatArray
 
-    def mixed(self, shares: FloatArray) -> Waves:
-        """Superpose the waves by shares (n, patterns)."""
-        return Waves(**{name: values @ shares for name, values in vars(self).items()})
-
 
 class DentedSpace:
     """Elements of sheets and air with a dent at nodes `moved`."""
@@ -314,7 +310,7 @@ class DentedSpace:
         both = None if flat.around is None or self._change.around is None else flat.around + self._change.around
         self._dented = self._blocks(flat.gradient + self._change.gradient, both)
         self._mapping = one, 1 + stretch, -shear, rise
-        self._faces = _faces(self.basis, dent)
+        self._faces = _Faces(self.basis, dent)
 
     def _blocks(self, gradient: csr_matrix, around: csr_matrix | None) -> Blocks:
         """Parts of the energies without and with m²."""
@@ -379,55 +375,39 @@ class DentedSpace:
         return energies(gradient if around is None else gradient + m**2 * around, parts)
 
 
-@dataclass(frozen=True, eq=False)
 class _Faces:
-    """Points on the faces that move, at the same `r` on each.
+    """Gauss points on the faces that move, between edges and knots, at the same `r` on each.
 
-    `z` is their height, `up` their displacement and `slope` its slope. `weights` are the weights of
-    an integral with the contrast. `trace` (points, nodes) gives the values of elements there.
+    `z` is their height, `up` their displacement and `slope` its slope. `weights` are of an integral
+    with the contrast. `trace` (points, nodes) gives the values of elements there. Between knots a
+    dent is a cubic. With the elements' own points the sheets' volume, which hardly changes, would
+    be so inaccurate that the energy would be 10 % off.
     """
 
-    r: FloatArray
-    z: FloatArray
-    up: FloatArray
-    slope: FloatArray
-    weights: FloatArray
-    trace: csr_matrix
-
-
-def _faces(basis: Basis, dent: Dent) -> _Faces:
-    """Gauss points on the faces between edges and knots.
-
-    Between knots a dent is a cubic. With the elements' own points the sheets' volume, which hardly
-    changes, would be so inaccurate that the energy would be 10 % off.
-    """
-    mu, heights = np.array([*dent.permeabilities, 1.0]), dent.heights
-    edges = np.unique(basis.mesh.p[0])
-    knots = np.unique(np.concatenate((edges, dent.radius)).round(12))
-    knots = knots[knots <= dent.extent]
-    nodes, rule = np.polynomial.legendre.leggauss(_FACE_NODES)
-    half = np.diff(knots)[:, None] / 2
-    r = (knots[:-1, None] + half * (1 + nodes)).ravel()
-    area = (half * rule).ravel() * (r if dent.symmetry == "axial" else 1.0)
-    up, slope = dent.faces(r), dent.faces(r, 1)
-    element = np.searchsorted(edges, r) - 1
-    t = (r - edges[element]) / np.diff(edges)[element]
-    shapes = np.column_stack(((1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)))
-    columns, rows = 2 * element[:, None] + np.arange(3), np.repeat(np.arange(len(r)), 3)
-    moving = [face for face in dent.contrasts if dent.displacement[:, face].any()]
-    traces = []
-    for face in moving:
-        along = np.flatnonzero(np.abs(basis.doflocs[1] - heights[face]) < _SAME)
-        along = along[np.argsort(basis.doflocs[0, along])]  # corners and middles of the edges in turn
-        traces.append(csr_matrix((shapes.ravel(), (rows, along[columns].ravel())), (len(r), basis.N)))
-    return _Faces(
-        r,
-        np.repeat(heights[moving], len(r)),
-        up[:, moving].T.ravel(),
-        slope[:, moving].T.ravel(),
-        np.concatenate([(mu[face - 1] - mu[face]) * area for face in moving]),
-        vstack(traces, format="csr"),
-    )
+    def __init__(self, basis: Basis, dent: Dent) -> None:
+        mu, heights = np.array([*dent.permeabilities, 1.0]), dent.heights
+        edges = np.unique(basis.mesh.p[0])
+        knots = np.unique(np.concatenate((edges, dent.radius)).round(12))
+        knots = knots[knots <= dent.extent]
+        nodes, rule = np.polynomial.legendre.leggauss(_FACE_NODES)
+        half = np.diff(knots)[:, None] / 2
+        r = (knots[:-1, None] + half * (1 + nodes)).ravel()
+        area = (half * rule).ravel() * (r if dent.symmetry == "axial" else 1.0)
+        up, slope = dent.faces(r), dent.faces(r, 1)
+        element = np.searchsorted(edges, r) - 1
+        t = (r - edges[element]) / np.diff(edges)[element]
+        shapes = np.column_stack(((1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)))
+        columns, rows = 2 * element[:, None] + np.arange(3), np.repeat(np.arange(len(r)), 3)
+        moving = [face for face in dent.contrasts if dent.displacement[:, face].any()]
+        traces = []
+        for face in moving:
+            along = np.flatnonzero(np.abs(basis.doflocs[1] - heights[face]) < _SAME)
+            along = along[np.argsort(basis.doflocs[0, along])]  # corners and middles of the edges in turn
+            traces.append(csr_matrix((shapes.ravel(), (rows, along[columns].ravel())), (len(r), basis.N)))
+        self.r, self.z = r, np.repeat(heights[moving], len(r))
+        self.up, self.slope = up[:, moving].T.ravel(), slope[:, moving].T.ravel()
+        self.weights = np.concatenate([(mu[face - 1] - mu[face]) * area for face in moving])
+        self.trace: csr_matrix = vstack(traces, format="csr")
 
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -265,29 +265,6 @@ class _Layout:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Required:
-    """Sides in m that the `copper` requires, at most a `step`."""
-
-    step: float
-    fineness: float
-    copper: Footprint | None
-
-    def least(self, area: float) -> float:
-        """Smallest side in m that is required on an area in m²."""
-        if self.copper is None:
-            return self.step
-        smallest = math.sqrt(min(area, self.copper.area.area) / _MOST_BELOW)
-        near = max(_NEAR_COILS * max(self.copper.spread, self.copper.height), smallest)
-        return min(self.step, near / self.fineness)
-
-    def sides(self, points: FloatArray, finest: float, largest: float) -> FloatArray:
-        """Sides in m at points (n, 2) in m, from `finest` to `largest`."""
-        if self.copper is None or finest == self.step:
-            return np.full(len(points), largest)
-        return np.clip(_OF_DISTANCE / self.fineness * self.copper.distances(points), finest, largest)
-
-
 def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: Footprint | None) -> _Layout:
     """Lay out the coarser mesh: rims, strips inwards, lattice inside."""
     inscribed = float(shapely.maximum_inscribed_circle(plane).length)
@@ -295,12 +272,24 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     plane = shapely.orient_polygons(shapely.Polygon(outer, holes))
     along, height = max(plane.length / _ALONG, _FINEST * inscribed), 0.0 if above is None else above.height
     step = min(_WIDEST * inscribed, along) / fineness
-    required = _Required(step, fineness, above)
-    finest = required.least(plane.area)
 
+    def least(area: float) -> float:
+        """Smallest side in m that the copper requires on an area in m²."""
+        if above is None:
+            return step
+        smallest = math.sqrt(min(area, above.area.area) / _MOST_BELOW)
+        return min(step, max(_NEAR_COILS * max(above.spread, above.height), smallest) / fineness)
+
+    def required(points: FloatArray, finest: float, largest: float) -> FloatArray:
+        """Sides in m at points (n, 2) in m, from `finest` to `largest`."""
+        if above is None or finest == step:
+            return np.full(len(points), largest)
+        return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, largest)
+
+    finest = least(plane.area)
     rims = [_Rim(ring) for ring in (plane.exterior, *plane.interiors)]
     largest = min(max(_WIDEST * inscribed, _OF_HEIGHT * height), along) / fineness
-    sides = partial(required.sides, finest=finest, largest=largest)
+    sides = partial(required, finest=finest, largest=largest)
     places, apart = _divided(rims, sides, max(fineness, _COARSEST), height)
 
     nodes = [rim.at(place) for rim, place in zip(rims, places, strict=True)]
@@ -310,7 +299,7 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     strips = max(round(_STRIPS * fineness), 2)
     depths = _DEPTH * (np.arange(strips + 1) / strips) ** 2
     for share in (0.0, depths[-1]):  # the last strip, which is the widest, is no wider than required
-        widest = required.sides(points + share * radii[:, None] * normals, finest, step)
+        widest = required(points + share * radii[:, None] * normals, finest, step)
         radii = np.minimum(radii, widest / (depths[-1] - depths[-2]))
     radii = _graded(points, radii, 1.0)
     ways = np.split(radii[:, None] * normals, np.cumsum([len(place) for place in places])[:-1])
@@ -325,12 +314,12 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
     local = np.maximum(_LATTICE / fineness * radii, np.concatenate(spacings))
 
     def inside(points: FloatArray) -> FloatArray:
-        return np.minimum(required.sides(points, finest, step), _graded(points, local, _GRADING, edge))
+        return np.minimum(required(points, finest, step), _graded(points, local, _GRADING, edge))
 
     smallest = max(min(float(inside(edge).min()), finest), float(np.ptp(edge, axis=0).max()) / 400)
     inner, core = _lattice(last, step, min(smallest, step), inside)
     on_rim = [1.0, 0.0] if thickness / 2 <= _THIN * inscribed / fineness else [1.0, 1 - _UPPER, 0.0]
-    of_holes = required.least(max((shapely.Polygon(hole).area for hole in plane.interiors), default=plane.area))
+    of_holes = least(max((shapely.Polygon(hole).area for hole in plane.interiors), default=plane.area))
     return _Layout(
         rims=tuple(rims),
         places=tuple(places),
@@ -342,7 +331,7 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
         thickness=thickness,
         inscribed=inscribed,
         step=step,
-        sizes=partial(required.sides, finest=of_holes, largest=step),
+        sizes=partial(required, finest=of_holes, largest=step),
     )
 
 

@@ -152,9 +152,9 @@ def test_the_wide_field_is_that_of_the_finite_elements_of_the_contact(base: Seat
     stack = stack_of(SHEETS)
     r = found.r.values / stack.length
     pressure = found.pressure.values / stack.stress
-    field = wide_field(stack, base, r, pressure, stack.levels, 8.0)
+    field, _ = wide_field(stack, base, r, pressure, stack.levels, 8.0)
     some = (r > 0.4) & (r < 6)  # beyond the contact, whose pressure is smoothed
-    moved = np.moveaxis(np.asarray(field.moved(r[some]))[:, :, 0], 0, -1) * stack.length
+    moved = np.moveaxis(np.asarray(field(r[some]))[:, :, 0], 0, -1) * stack.length
     expected = np.array([found.displacement_r.values[0][:, some], found.displacement_z.values[0][:, some]])
     # the smoothing leaves 3e-4 of the depth at twice the contact's radius, less beyond
     np.testing.assert_allclose(moved, expected, atol=1e-3 * 1e-3)
@@ -163,9 +163,9 @@ def test_the_wide_field_is_that_of_the_finite_elements_of_the_contact(base: Seat
 def test_the_seat_carries_the_force_of_the_wide_field() -> None:
     stack = stack_of(SHEETS)
     r, pressure = contact_pressure(4e-3)
-    field = wide_field(stack, SEAT, r / stack.length, pressure / stack.stress, stack.levels[:1], 15.0)
+    field, _ = wide_field(stack, SEAT, r / stack.length, pressure / stack.stress, stack.levels[:1], 15.0)
     at = np.linspace(0, 15, 3001)
-    seat = SEAT.stiffness * np.asarray(field.moved(at))[:, 1, 0, 0] * stack.length
+    seat = SEAT.stiffness * np.asarray(field(at))[:, 1, 0, 0] * stack.length
     carried = -np.trapezoid(seat * at, at) * stack.length**2
     # ∫ p r dr = p0 a²/6; beyond 15 thicknesses 1e-4 of it is left
     assert carried == pytest.approx(1e3 * (4e-3) ** 2 / 6, rel=1e-3)
@@ -189,9 +189,9 @@ def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None
     at = np.hypot(px[:, None] * stack.length - place[0], py * stack.length - place[1])
     load = np.interp(at, r, pressure[0], right=0.0) / stack.stress * wx[:, None] * wy
     direct = pressed(box, x.basis(px).T @ load @ y.basis(py))[:, 2, :, [0, mesh.degree]] * stack.length
-    field = wide_field(stack, SEAT, r / stack.length, pressure / stack.stress, stack.levels[:2], 8.0)
+    field, _ = wide_field(stack, SEAT, r / stack.length, pressure / stack.stress, stack.levels[:2], 8.0)
     distance = np.hypot(found.x.nodes[:, None] - place[0], found.y.nodes - place[1]) / stack.length
-    wide = np.asarray(field.moved(distance))[..., 1, 0, :] * stack.length
+    wide = np.asarray(field(distance))[..., 1, 0, :] * stack.length
     total = np.moveaxis(wide, -1, 0) + found.moved[0, 0, :2]
     assert np.abs(found.moved[0, 0, 0]).max() > 0.05 * np.abs(total).max()
     away = distance > 2.5  # two elements from the contact, which the box alone resolves less well than the wide field

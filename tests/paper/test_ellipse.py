@@ -1,8 +1,8 @@
 """The ellipse model: level curves, their ellipses, polynomials, and the position where two ellipses meet.
 
 Who checks whom: fitted ellipses against the exact ones of a hill with elliptic level curves, with measured convergence
-in the level's width and in the refinement; the axis-aligned conic against Gal's with all its terms; intersections against closed forms and against points put on both ellipses; the whole on the
-simulated board against the positions of the indenter.
+in the level's width and in the refinement; the axis-aligned conic against Gal's with all its terms; intersections
+against closed forms and points on both ellipses; the whole on the simulated board against the indenter's positions.
 """
 
 from dataclasses import replace
