@@ -396,9 +396,8 @@ class PlatesInAir:
 
     def matrices(self, plate: PosedPlate) -> ComplexArray:
         """Matrices (f, u, u) in H of a plate with its reflections at the layers."""
-        own = np.array(
-            [block_diag(*(parity.matrix(one) for parity in plate.body.parities)) for one in plate.impedances]
-        )
+        blocks = ([parity.matrix(one) for parity in plate.body.parities] for one in plate.impedances)
+        own = np.array([block_diag(*both) for both in blocks], dtype=np.complex128)  # real in perfect conductors
         images = self.images_of(plate, plate)
         if not images:
             return own
