@@ -98,24 +98,22 @@ def response_map(
     Parameters
     ----------
     design : Design or DesignFile
-        Design with an indentation. The material of its indenter and its plates count, see the
-        notes.
+        Design with an indentation. Its plates and the material of its indenter count.
     depths, x, y : array_like, shape (n,), optional
-        Depths and positions of the indenter in m, positions from the map's origin. By default they
-        are given in the design. A depth below 0 is a height above the sheets, where only the
-        material of an indenter counts.
+        Depths and positions in m from the map's origin, by default of the design. A depth below 0
+        is a height above the sheets, where only the material of an indenter counts.
     imperfections : Imperfections, optional
-        Deviations of the experiment from the design, its circuit included. None by default.
+        Deviations of the experiment from the design, its circuit included.
     accuracy : float, "auto", MapAccuracy or None
-        Coils that count at a position. None: every coil, and the resonance of the whole circuit
-        with all inductance changes. A number from 1e-4 to 0.1: only the coils near the indenter,
-        out to a distance that keeps the error of δ below this part of its peak. The cost of a
-        position then does not grow with the array. "auto": None up to 5 million inductance changes
-        (depths × positions × coils²), above that 1e-3, unless the indenter has a material or there
-        are plates. A `MapAccuracy` holds such a value and the mesh of the magnetic problem.
+        Coils that count at a position. None: every coil, with the resonance of the whole circuit. A
+        number from 1e-4 to 0.1: only the coils near the indenter, to a distance that keeps the
+        error of δ below this part of its peak, so that the cost of a position does not grow with
+        the array. "auto": None up to 5 million inductance changes (depths × positions × coils²),
+        above that 1e-3, unless the indenter has a material or there are plates. A `MapAccuracy`
+        holds such a value and the mesh of the magnetic problem.
     keep : callable
-        Keeps the finished parts of a map of all coils, so that an interrupted run goes on from
-        there, for example ``coilarray.compute.store.Store(folder).dataset``.
+        Keeps the finished parts of a map of all coils for a run that goes on, for example
+        ``coilarray.compute.store.Store(folder).dataset``.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -125,16 +123,12 @@ def response_map(
         Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil`` and ``other``. The variables are
 
         - ``delta`` (depth, y, x, state): (L_peak − L_0)/L_0 as the converter sees it, with L =
-          1/((2πf)² C),
-        - ``base_inductance`` (state): L_0 in H,
-        - ``inductance`` (coil, other): in H, with flat sheets,
+          1/((2πf)² C), and ``base_inductance`` (state): L_0 in H,
+        - ``inductance`` (coil, other) in H with flat sheets and, with every coil,
+          ``inductance_change`` (depth, y, x, coil, other) in H, dented minus flat,
         - ``force`` in N and ``contact_radius`` in m (depth),
         - ``coil_x`` and ``coil_y`` (coil): centres in m from the map's origin, which the attributes
           ``origin_x`` and ``origin_y`` place on the board (`coilarray.response.dataset.on_board`).
-
-        With every coil also
-
-        - ``inductance_change`` (depth, y, x, coil, other): in H, dented minus flat.
 
         Unless the circuit is ideal, and for a design with a converter, ``frequency`` in Hz,
         ``parallel_resistance`` in Ω and ``quality_factor`` (depth, y, x, state), and ``readable``
@@ -142,20 +136,14 @@ def response_map(
         hold for the flat board, over state.
 
         With an indenter whose material counts, ``delta`` and ``inductance_change`` include its
-        effect, and
+        effect. ``metal_delta``, ``metal_inductance_change`` in H and ``metal_resistance_change`` in
+        Ω are its share relative to the indenter at rest. The attributes ``indenter_material``,
+        ``metal_frequency_Hz`` and ``rest_m`` give material, frequency and height at rest.
 
-        - ``metal_delta``, ``metal_inductance_change`` in H and ``metal_resistance_change`` in Ω are
-          the share of the material, relative to the indenter at rest,
-        - the attributes ``indenter_material``, ``metal_frequency_Hz`` and ``rest_m`` give the
-          material, the frequency of these shares and the height at rest.
-
-        Beside plates
-
-        - ``resistance_change`` (depth, y, x, coil, other): in Ω, the change of the losses in the
-          plates by the dent. It and ``inductance_change`` hold at the mean frequency of the states,
-          the attribute ``plate_frequency_Hz``.
-        - ``plate_inductance_change`` and ``plate_resistance_change``: the same over
-          ``plate_frequency`` in Hz. ``delta`` uses the values at the frequency of each state.
+        Beside plates ``resistance_change`` (depth, y, x, coil, other) in Ω is the change of their
+        losses by the dent. It and ``inductance_change`` hold at the mean frequency of the states,
+        ``plate_frequency_Hz``. ``plate_inductance_change`` and ``plate_resistance_change`` are the
+        same over ``plate_frequency`` in Hz, of which ``delta`` uses the frequency of each state.
 
         Attributes: ``noise`` is the standard deviation of δ of a reading by the noise budget of the
         design, which is not in ``delta``. ``error_of_peak`` is the error that `accuracy` allows, 0
@@ -166,31 +154,25 @@ def response_map(
     Raises
     ------
     ElastomerError
-        A design without an indentation, grids that are not finite and rising, a contact that is
-        outside the sample or lost on a tilted sample, an `accuracy` outside its limits or a number
-        with plates or a material.
+        A design without an indentation, grids that are not finite and rising, a contact outside the
+        sample or lost on a tilted sample, an `accuracy` outside its limits or a number with metal.
     MetalError
         Plates above the sheets.
     NetworkError
-        A state without a resonance. With a number as `accuracy` also a network with stray
-        capacitances, and states and switches that `coilarray.circuit.state_sensitivity` does not
-        treat.
+        A state without a resonance. With a number as `accuracy` also stray capacitances, and states
+        and switches that `coilarray.circuit.state_sensitivity` does not treat.
 
     Notes
     -----
-    Eq. 2 of Gast & Zimmermann (2020). With every coil each position is solved: contact, dented
-    sheets, and the resonance of the whole circuit with the changed inductance matrix. With near
-    coils δ_a = Re(w_a i_aᵀ ΔL i_a) to first order in ΔL, with the currents of the whole flat board,
-    see `coilarray.response.near`.
+    Eq. 2 of Gast & Zimmermann (2020). With near coils δ_a = Re(w_a i_aᵀ ΔL i_a) to first order in
+    ΔL, with the currents of the whole flat board, see `coilarray.response.near`.
 
     The eddy currents and the magnetisation of an indenter with a material count at the mean
-    frequency of the states, `coilarray.metal.ball.indenter_inductance`. Beside plates below the
-    coils, every position includes the field of coils and dent that the plates send back. Their
-    losses count in the resonance. For plates with an outline, only the field of the coils is
-    included. The field of the dent is left out. It would change ΔL by up to 2 % if a dent comes
-    within 1.4 mm of the plate. The change of the coils' capacitance by the elastomer that a dent
-    moves is left out. The converter takes it for a change of L of about 1e-7, for which
-    `coilarray.scan_design` has a bound.
+    frequency of the states. Plates below the coils send the field of coils and dent back, and their
+    losses count in the resonance. Plates with an outline send back the field of the coils only. The
+    field of the dent would change ΔL by up to 2 % if a dent comes within 1.4 mm of the plate. The
+    change of the coils' capacitance by the elastomer that a dent moves is left out. The converter
+    takes it for a change of L of about 1e-7, for which `coilarray.scan_design` has a bound.
 
     Examples
     --------

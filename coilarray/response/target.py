@@ -89,22 +89,20 @@ def target_map(
         Distances of the target's nearest point from the upper face of the sheets or the board, and
         places of its centre, in m, places from the map's origin. By default given in the design.
     noise : float, optional
-        Standard deviation of δ in a reading, for range and resolution. By default from the noise
-        budget of the design, `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute
-        ``sigma`` holds it. The attribute ``noise`` holds the part that is independent from state to
-        state, and ``common_noise`` the rest.
+        Standard deviation of δ in a reading, for range and resolution, by default from the noise
+        budget, `coilarray.circuit.noise_budget.NoiseBudget.largest`. It is the attribute ``sigma``,
+        ``noise`` is the part that is independent from state to state, ``common_noise`` the rest.
     network : Network or "ideal", optional
-        Coils, switches and strays of this design without the target. By default
-        `coilarray.circuit.coupling.design_circuit`. "ideal" leaves AC resistance of the copper and
-        all strays out.
+        Coils, switches and strays without the target, by default of the design. "ideal" leaves AC
+        resistance of the copper and all strays out.
     accuracy : {"full", "screen"} or float
         Accuracy of the target's changes and of the network, see `coilarray.inductance_matrix`. A
         given network keeps its own. A number is the fineness of the mesh of a plate with an
         outline: 2 halves the lengths of 1 and takes eight times as long.
     keep : callable
-        Keeps finished distances, so that an interrupted map goes on from there, for example
-        ``coilarray.compute.store.Store(folder).dataset``. They are kept individually for a plate
-        with an outline over magnetic sheets or beside plates, else all at once.
+        Keeps finished distances for a map that goes on, for example
+        ``coilarray.compute.store.Store(folder).dataset``: each one for a plate with an outline over
+        magnetic sheets or beside plates, else all at once.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -119,12 +117,10 @@ def target_map(
           ``parallel_resistance`` in Ω,
         - ``quality_factor`` of the coils without the tank.
 
-        Over (state), ``base_inductance`` and the others whose names begin with ``base_``: the same
-        without the target. Over (distance, y, x, coil, other), at ``matrix_frequency`` (distance,
-        y, x), the mean of the states' resonances there:
-
-        - ``inductance_change`` in H and ``resistance_change`` in Ω of the matrix of the coils,
-        - ``coupling``, the coupling coefficients with the target.
+        Over (state), the variables that begin with ``base_``: the same without the target. Over
+        (distance, y, x, coil, other), at ``matrix_frequency`` (distance, y, x), the mean of the
+        states' resonances there: ``inductance_change`` in H and ``resistance_change`` in Ω of the
+        matrix of the coils, and ``coupling``, the coupling coefficients with the target.
 
         Unless `network` is "ideal", and for a design with a converter, ``readable`` and the others
         of `coilarray.circuit.converter_limits.readability` give the states that it can read, and the
@@ -134,13 +130,11 @@ def target_map(
         resolutions are from `ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the
         map's origin, which the attributes ``origin_x`` and ``origin_y`` place on the board.
 
-        With plates that have an outline
-
-        - the attributes ``plate_error_inductance`` and ``plate_error_resistance`` are the relative
-          errors of ΔL and ΔR by mesh and model, the largest of the target and of the fixed plates.
-          ``plate_skin_depths`` is the thickness of that plate in skin depths.
-        - for a target with an outline, ``delta_error`` (distance, y, x, state) is the error of δ
-          due to the errors of ΔL and ΔR, see `coilarray.metal.finite_plates.moving_plate`.
+        With plates that have an outline, the attributes ``plate_error_inductance`` and
+        ``plate_error_resistance`` are the relative errors of ΔL and ΔR by mesh and model, the
+        largest of all plates, and ``plate_skin_depths`` is the thickness of that plate in skin
+        depths. For a target with an outline, ``delta_error`` (distance, y, x, state) is the error
+        of δ due to them, see `coilarray.metal.finite_plates.moving_plate`.
 
     Raises
     ------
@@ -153,10 +147,9 @@ def target_map(
     Notes
     -----
     ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances
-    lie. This band follows from the least distance. Every place and distance is solved in the whole
-    circuit at its own resonance. The losses in the copper of the coils are computed without the
-    target, and the target has no capacitance to the coils. The attribute ``left_out`` lists these
-    effects and the effects that the network lacks.
+    lie. Every place and distance is solved in the whole circuit at its own resonance. The losses in
+    the copper are computed without the target, and the target has no capacitance to the coils. The
+    attribute ``left_out`` lists these effects and the effects that the network lacks.
     """
     design = design_of(design)
     target = target_of(design)

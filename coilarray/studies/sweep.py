@@ -37,6 +37,17 @@ SAYS_NOTHING = ("title", "source", "assumed")
 """Tables and values of a design that enter no result."""
 Outcome = dict[str, float] | str
 """Quantities of a point by name, or a reason."""
+MOST_POINTS = 100_000
+"""Largest number of points of a sweep."""
+RULES = "fab_broken"
+"""Quantity of every sweep, the number of broken fabrication rules."""
+UNREAD = "converter_unread"
+"""Quantity of a sweep, the number of unreadable values."""
+_VALUES = TomlFiles("value", GoalError)
+_LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
+_STEPS = 9  # values of an interval in a grid
+_DIGITS = 12  # of the values of a range, so that steps of 0.1 have short names
+_RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 
 
 def evaluate_points(
@@ -143,19 +154,6 @@ def run_cached(
         known.extend((number, outcome) for number in equal.pop(key))
         yield from counted()
     yield from counted()
-
-
-MOST_POINTS = 100_000
-"""Largest number of points of a sweep."""
-RULES = "fab_broken"
-"""Quantity of every sweep, the number of broken fabrication rules."""
-UNREAD = "converter_unread"
-"""Quantity of a sweep, the number of unreadable values."""
-_VALUES = TomlFiles("value", GoalError)
-_LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
-_STEPS = 9  # values of an interval in a grid
-_DIGITS = 12  # of the values of a range, so that steps of 0.1 have short names
-_RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 
 
 @dataclass(frozen=True)

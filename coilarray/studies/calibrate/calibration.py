@@ -58,6 +58,18 @@ _SAID = {
     "noise_scale": "scale of the noise", "log_evidence": "ln evidence",
     "determined": "directions that the data determine", "evaluations": "evaluations",
 }  # fmt: skip
+_GUESSED_STEPS = 6  # of a fit, for a progress bar
+CALIBRATION = Schema(
+    GoalError,
+    "value, posterior and entries over combination, draw and unknown",
+    {
+        "value": Entry("", ("combination", "unknown"), needed=True, gaps=True),
+        "posterior": Entry("", ("combination", "draw", "unknown"), needed=True, gaps=True),
+        "unknown": Entry(None, ("unknown",), needed=True),
+        "entries": Entry(None, ("unknown",), needed=True, longest=100_000),
+    },
+)
+"""Variables of a calibration's dataset that draws need."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,20 +214,6 @@ def result_dataset(design: Design, measured: Measurement, plan: Plan, rows: Sequ
     return xr.Dataset(data, coords, {**provenance(design), **about})
 
 
-_GUESSED_STEPS = 6  # of a fit, for a progress bar
-CALIBRATION = Schema(
-    GoalError,
-    "value, posterior and entries over combination, draw and unknown",
-    {
-        "value": Entry("", ("combination", "unknown"), needed=True, gaps=True),
-        "posterior": Entry("", ("combination", "draw", "unknown"), needed=True, gaps=True),
-        "unknown": Entry(None, ("unknown",), needed=True),
-        "entries": Entry(None, ("unknown",), needed=True, longest=100_000),
-    },
-)
-"""Variables of a calibration's dataset that draws need."""
-
-
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """Calibrated design.
@@ -268,9 +266,7 @@ def calibrate(
     workers: int | Executor = 1,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Fit entries of a design to measured data.
-
-    Errors, correlations and undetermined directions are computed too.
+    """Fit entries of a design to measured data, with errors, correlations and what is undetermined.
 
     Parameters
     ----------
@@ -297,38 +293,27 @@ def calibrate(
     -------
     Calibration
         The calibration. Its dataset has a row for each ``combination`` of choices, the most
-        probable combination first. For each ``unknown``:
+        probable first. For each ``unknown``:
+        ``value``, the most probable value, its standard deviation ``std`` from the slopes there,
+        ``low`` and ``high``, the 95 % interval between the bounds, ``at_bound``, ``correlation``
+        with each ``other``, and ``posterior``, draws.
 
-        - ``value``: the most probable value, and ``std``: its standard deviation, from the slopes
-          there.
-        - ``low`` and ``high``: the 95 % interval between the bounds, and ``at_bound``: whether the
-          value lies at a bound.
-        - ``correlation`` with each ``other``, and ``posterior``: draws.
+        For each ``datum``: ``measured`` and its standard deviation ``noise``, ``weight``, the
+        number of independent numbers for which it counts, 0 if only predicted, ``before`` and
+        ``model``, the number of the first guess and of the fit, ``model_std``, the band of the
+        posterior, and ``residual``, fitted minus measured in standard deviations of the noise.
 
-        For each ``datum``:
-
-        - ``measured``: the number, and ``noise``: its standard deviation.
-        - ``weight``: the number of independent numbers for which it counts, 0 if it is only
-          predicted.
-        - ``before`` and ``model``: the number of the first guess and of the fit, and ``model_std``:
-          the band of the posterior.
-        - ``residual``: fitted minus measured, in standard deviations of the noise.
-
-        For each combination:
-
-        - ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``: the probability of a
-          larger χ² by noise of the given size.
-        - ``noise_scale``, ``log_evidence``, and ``probability`` among the combinations.
-        - ``determined``: the number of directions that the data determine better than the priors,
-          and ``undetermined``: a description of the others, one per line.
-        - ``converged``, ``evaluations``, and ``problem``: the reason why a combination has no fit.
+        For each combination: ``chi_square``, ``degrees_of_freedom`` and ``fit_probability``, the
+        probability of a larger χ² by noise of the given size, ``noise_scale``, ``log_evidence``,
+        ``probability`` among the combinations, ``determined``, the number of directions that the
+        data determine better than the priors, ``undetermined``, the others, one per line,
+        ``converged``, ``evaluations``, and ``problem``, the reason why there is no fit.
 
     Raises
     ------
     GoalError
-        If the plan does not fit the design or the data, there are no data and the board is not the
-        board of the paper, there are fewer numbers than unknowns, or no combination has a fit. The
-        last message has the reason of the first combination.
+        If the plan does not fit the design or the data, there are no data and the board is not of
+        the paper, there are fewer numbers than unknowns, or no combination has a fit.
     LocalizeError, ElastomerError
         If the data are not a response, or the design has no indentation.
     ClusterError, OutputError

@@ -145,9 +145,7 @@ def new_design(
     switches: PartName | None = Choices.switches,
     title: str = Choices.title,
 ) -> DesignFile:
-    """Make a new design from a few choices.
-
-    A board house can make it and a converter can read it.
+    """Make a new design, which a board house can make and a converter can read, from a few choices.
 
     Parameters
     ----------
@@ -159,38 +157,32 @@ def new_design(
     shape : {"hexagon", "square", "circle", "rectangle", "racetrack"}
         Shape of the coils.
     size : float or tuple of float, optional
-        Width in m of a coil's copper, 16 mm by default. For a hexagon it is measured across flats,
-        for a circle it is the diameter at which its outer edge starts. A rectangle or racetrack has
-        width and height, 20 and 12 mm by default.
+        Width in m of a coil's copper, 16 mm by default: of a hexagon across flats, of a circle the
+        diameter at which its outer edge starts. Rectangles and racetracks have width and height.
     inductance : float, optional
-        Wanted inductance in H of a coil, alone and under the flat sheets. Turns and trace are found
-        for it. By default the winding has as many turns of a usual trace as fit.
+        Wanted inductance in H of a coil, alone and under the flat sheets. By default the winding
+        has as many turns of a usual trace as fit.
     layers : int, optional
         Copper layers of the board. By default as many as are needed, or the layers of the service
         that `fab` names.
     fab : str, optional
-        Profile of the board house whose limits are kept, see
-        `coilarray.design.fabs.load_profile`. By default a house that makes boards with this
+        Profile of the board house whose limits are kept, by default one that makes boards with this
         number of layers.
     pitch : float, optional
         Distance of neighbouring coils in m. By default they lie side by side with room for their
         terminals.
     overlap : {"none", "decoupled"}
-        ``"decoupled"``: neighbours overlap, on separate layers, so far that their mean coupling is
-        zero.
+        ``"decoupled"``: neighbours overlap on separate layers, so that their mean coupling is zero.
     elastomer : bool
         Lay an elastomer with a magnetic sheet on the board, and an indenter that presses into it.
     frequency : float, optional
-        Frequency in Hz of a coil with its tank. By default it is chosen by
-        `coilarray.studies.create.new_design.tank_capacitance`.
+        Frequency in Hz of a coil with its tank, by default chosen by `tank_capacitance`.
     capacitance : float, optional
         Capacitance in F of the tank, instead of the frequency.
     connector : {"right", "top", "left", "bottom"}, optional
-        Edge of the board to which the leads of all coils are routed. Coils may then lie slightly
-        further apart.
+        Edge of the board to which all leads are routed. Coils may then lie slightly further apart.
     switches : {"ADG714", "ADG738", "ADG739"}, optional
-        Part that connects one coil after another to the converter and grounds the others. By
-        default the switches are ideal.
+        Part that connects one coil after another and grounds the others, by default ideal.
     title : str
         Title in reports. By default it describes the design.
 

@@ -39,6 +39,32 @@ _FROM_TO = {
     "capacitance": (1e-12, 1e-3, 1e12, "pF"),
 }
 """Range of each choice in SI, with its option's unit."""
+_TRACE_STEP = 1e-6  # m, to which a trace is drawn
+_MOST_COUNTS = 8  # numbers of turns that are tried, of all that are possible
+_COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
+_DRILL, _WIDEST_DRILL, _RING = 0.25e-3, 0.6e-3, 0.125e-3  # of vias, in m: coarser than most houses need
+_TERMINAL, _TERMINAL_RING, _TERMINALS_APART = 0.5e-3, 0.25e-3, 1.5e-3
+_PAD_STEP = 50e-6
+_SIDES = tuple({"first_side": side} for side in ("top", "bottom", "right", "left"))
+_ROUGHLY = {"circle": "twelve sides", "racetrack": "rectangle"}
+_BOARD_ASSUMED = {
+    "stackup.dielectric_thickness_mm": "usual of a board of 1.6 mm; ask the board house for its own",
+    "stackup.dielectric_epsilon_r": "usual of FR-4",
+}
+_ELASTOMER: Mapping[str, Any] = {
+    "elastomer": [
+        {"name": "base", "thickness_mm": 3.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 60.0},
+        {"name": "magnetic", "thickness_mm": 1.0, "relative_permeability": 2.5, "youngs_modulus_kPa": 180.0},
+    ],
+    "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
+    "indentation": {"depths_mm": [0.3, 0.6]},
+}
+_ELASTOMER_ASSUMED = {
+    "elastomer.0.youngs_modulus_kPa": "typical of a soft silicone rubber",
+    "elastomer.1.youngs_modulus_kPa": "three times the pure rubber, as 30 % of powder makes it (Guth-Gold)",
+    "elastomer.1.relative_permeability": "typical of 30 % of iron powder",
+    "circuit.elastomer_permittivity": "about 3 for silicone rubber; iron powder raises it",
+}
 
 
 @dataclass(frozen=True)
@@ -178,18 +204,6 @@ class Choices:
         return read_arrangement(self.coils, self.shape)
 
 
-_TRACE_STEP = 1e-6  # m, to which a trace is drawn
-_MOST_COUNTS = 8  # numbers of turns that are tried, of all that are possible
-
-
-_COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
-_DRILL, _WIDEST_DRILL, _RING = 0.25e-3, 0.6e-3, 0.125e-3  # of vias, in m: coarser than most houses need
-_TERMINAL, _TERMINAL_RING, _TERMINALS_APART = 0.5e-3, 0.25e-3, 1.5e-3
-_PAD_STEP = 50e-6
-_SIDES = tuple({"first_side": side} for side in ("top", "bottom", "right", "left"))
-_ROUGHLY = {"circle": "twelve sides", "racetrack": "rectangle"}
-
-
 @dataclass(frozen=True)
 class Winding:
     """Turns per layer, trace width and gap in m."""
@@ -313,26 +327,6 @@ _STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
 }
 # corners of a hexagon that face its neighbours
 _TURNED = _corners(0, 180, 60, 120, 240, 300)
-
-
-_BOARD_ASSUMED = {
-    "stackup.dielectric_thickness_mm": "usual of a board of 1.6 mm; ask the board house for its own",
-    "stackup.dielectric_epsilon_r": "usual of FR-4",
-}
-_ELASTOMER: Mapping[str, Any] = {
-    "elastomer": [
-        {"name": "base", "thickness_mm": 3.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 60.0},
-        {"name": "magnetic", "thickness_mm": 1.0, "relative_permeability": 2.5, "youngs_modulus_kPa": 180.0},
-    ],
-    "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
-    "indentation": {"depths_mm": [0.3, 0.6]},
-}
-_ELASTOMER_ASSUMED = {
-    "elastomer.0.youngs_modulus_kPa": "typical of a soft silicone rubber",
-    "elastomer.1.youngs_modulus_kPa": "three times the pure rubber, as 30 % of powder makes it (Guth-Gold)",
-    "elastomer.1.relative_permeability": "typical of 30 % of iron powder",
-    "circuit.elastomer_permittivity": "about 3 for silicone rubber; iron powder raises it",
-}
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,16 @@ _MOST_CHOICES = 12  # of copper layers; more would need more points than a searc
 _WIDER, _SMALLER = 1.25, 0.6  # relative to the present pitch or size
 _OVERLAP = 0.5  # of the distance at which coils touch: nearer coils are nearly one coil
 _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
+_STEPS = 9  # of a variable with steps in a sweep
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_QUANTITY = r"([^\[\]<>=]+(?:\[[^\[\]]*\])?)"
+_DIRECTED = re.compile(rf"(minimize|maximize)\s+{_QUANTITY}")
+_TARGET = re.compile(rf"{_QUANTITY}\s*=\s*{_NUMBER}")
+_BOUND = re.compile(rf"{_QUANTITY}\s*(>=|<=|≥|≤)\s*{_NUMBER}")
+_TABLES = ("variable", "objective", "constraint")
+_WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
+_KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
+_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 
 @dataclass(frozen=True)
@@ -208,18 +218,6 @@ def _disjoint(names: tuple[str, ...], size: int, count: int) -> Iterator[list[li
             tuple(n for k, n in enumerate(names) if k > first[0] and k not in first), size, count - 1
         ):
             yield [[names[k] for k in first], *rest]
-
-
-_STEPS = 9  # of a variable with steps in a sweep
-_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-_QUANTITY = r"([^\[\]<>=]+(?:\[[^\[\]]*\])?)"
-_DIRECTED = re.compile(rf"(minimize|maximize)\s+{_QUANTITY}")
-_TARGET = re.compile(rf"{_QUANTITY}\s*=\s*{_NUMBER}")
-_BOUND = re.compile(rf"{_QUANTITY}\s*(>=|<=|≥|≤)\s*{_NUMBER}")
-_TABLES = ("variable", "objective", "constraint")
-_WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
-_KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
-_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
 
 
 def parse_bound(text: str) -> dict[str, Any]:

@@ -43,6 +43,10 @@ Sampler = Literal["tpe", "nsga2", "random"]
 _SCORE_ROUNDING = 1e-9  # of a score: less is not a gain
 RULES = ("fab_margin_mm", "fab_broken")
 """Quantities by which a goal treats the fabrication rules."""
+_DIGITS = 15
+_DECIMALS = {"mm": 3, "um": 0}  # of a length that a board house can make: 1 µm
+_LEAST_STEPS = 10  # between bounds; closer bounds are meant for a finer search
+_ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 
 
 def _key(asked: Any) -> str:
@@ -309,14 +313,8 @@ def trial_of(
     return Trial(kind, place, changes, values, goal.scores(values), goal.violations(values), accuracy=accuracy)
 
 
-def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
-    """First of the feasible trials with the best score."""
-    sign = -1 if goal.objectives[0].maximized else 1
-    return min((trial for trial in trials if trial.feasible), key=lambda trial: sign * trial.scores[0], default=None)
-
-
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Feasible trials that no other beats, by the first objective."""
+    """Feasible trials that no other beats, of one objective the first best."""
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
     scores = {k: trial.scores for k, trial in enumerate(trials) if trial.feasible}
     return tuple(trials[k] for k in unbeaten(scores, signs))
@@ -369,12 +367,6 @@ def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...
         reason = reason or ("" if any_read or read[k] else "no LDC1614 can read it.")
         trials.append(trial_of(goal, "search", k, changes, reason or values, plan.accuracy))
     return front_of(trials, goal)
-
-
-_DIGITS = 15
-_DECIMALS = {"mm": 3, "um": 0}  # of a length that a board house can make: 1 µm
-_LEAST_STEPS = 10  # between bounds; closer bounds are meant for a finer search
-_ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 
 
 @dataclass(frozen=True)

@@ -45,9 +45,9 @@ from coilarray.studies.optimize.goal import (
     Goal,
     Trial,
     axes_of,
-    best_of,
     better_than,
     changes_of,
+    front_of,
     start_parameters,
     trial_of,
 )
@@ -64,6 +64,7 @@ _LAST_RADIUS = 1e-7
 _WORSE = 10.0  # cost of an impossible point, relative to the first point
 _INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that points which it allows are allowed
 _MOST_EVALUATIONS = 1_000_000
+_DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +175,12 @@ def optimize_with(
             nonlocal best
             seen.append(trial)
             if single:
-                best = best_of([trial] if best is None else [best, trial], goal)
+                best = next(iter(front_of([trial] if best is None else [best, trial], goal)), None)
             if progress is not None:
                 progress(len(seen), total, best)
 
         tried = _search(goal, axes, points, outcome, evaluate, count)
-        best = best_of(tried, goal) if single else None
+        best = next(iter(front_of(tried, goal)), None) if single else None
         problem = ""
         if not single:
             problem = "a goal with several objectives has no single best point to polish."
@@ -418,9 +419,6 @@ def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Eval
             known[old.name] = trial_of(goal, old.kind, old.place, old.changes, outcome)
             full.add(old.name)
     return list(known.values())
-
-
-_DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:

@@ -71,6 +71,11 @@ _TOLERANCES = TomlFiles("tolerance", GoalError)
 # bounds far beyond any board, so that a typo is refused at its place
 _Micrometres = Annotated[float, Field(ge=0, le=10_000)]
 _UpTo100 = Annotated[float, Field(ge=0, le=100)]
+MOST_SAMPLES = 1_000_000
+_LEAST_TAIL = 2.0**-40  # a probability of 0 or 1 would lie at infinity
+_BLOCK, _MOST_PAIRED = 64, 4096  # boards that are paired at once at first, and from which Sobol's own pairing is good
+_WELL_PAIRED = 6  # errors of which 64 Sobol points correlate by 0.2 at the most
+_MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be uncorrelated to all before
 
 
 @dataclass(frozen=True)
@@ -351,13 +356,6 @@ class _File(Table):
 def _typical() -> Tolerances:
     file = _TOLERANCES.check(_File, _TOLERANCES.parse(typical_text(), "typical.toml"), "typical.toml")
     return file.build(file.spreads(), file.assumed)
-
-
-MOST_SAMPLES = 1_000_000
-_LEAST_TAIL = 2.0**-40  # a probability of 0 or 1 would lie at infinity
-_BLOCK, _MOST_PAIRED = 64, 4096  # boards that are paired at once at first, and from which Sobol's own pairing is good
-_WELL_PAIRED = 6  # errors of which 64 Sobol points correlate by 0.2 at the most
-_MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be uncorrelated to all before
 
 
 def draw(contributors: Sequence[Contributor], count: int, seed: int = 0) -> FloatArray:
