@@ -106,7 +106,7 @@ POSITIONS = "\n[positions]\nx_mm = [3]\ny_mm = [1, 3]\ndepth_mm = 0.3\nnoise = 1
 
 
 def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, linear):
-    """What it makes of them is in tests/studies/test_tolerance_position.py."""
+    """What it makes of them is in tests/studies/test_tolerance_analysis.py."""
     seen = {}
 
     def without_positions(design, wanted, *, table, **settings):
