@@ -382,7 +382,7 @@ def response(
             f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter are included: the error "
             f"of δ is up to {error:g} of its peak; --reach all includes every coil"
         )
-    lines.append(f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}")
+    lines.append(shared.wrote_map(out, result))
     if outside := coils_outside(shown) if x is None and y is None else []:
         lines.append(f"note: the design's positions do not include the centres of {', '.join(outside)}")
     if lifted:
@@ -534,6 +534,6 @@ def target(
         f"noise of δ {sigma}{shared.noise_source(noise, result)}: the range ends where |δ| is "
         f"{result.attrs['range_factor']:g} times that; a step of distance is resolved if it is at least the standard "
         "deviation of one reading",
-        f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
+        shared.wrote_map(out, result),
     ]
     shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[plot, maps])

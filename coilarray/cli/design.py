@@ -19,7 +19,6 @@ from coilarray.errors import DesignError, OutputError
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from coilarray.design.fabs import FabProfile
     from coilarray.geometry import Margin
 
 
@@ -61,7 +60,13 @@ def check(
     from coilarray.report.tables import rules_table
 
     if list_fabs:
-        table = _profile_table([load_profile(name) for name in fabs.names()])
+        keys = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "max_layers")
+        rows = [
+            [one.name, one.title, *(f"{one.limits.get(key, '')}" for key in keys), one.read.isoformat()]
+            for one in map(load_profile, fabs.names())
+        ]
+        headers = ("profile", "board house", "trace", "gap", "drill", "layers", "read")
+        table = text_table(headers, rows, "lengths in mm")
         shared.print_result({"profiles": table.records()}, as_json=as_json, tables=[table])
         return
     if fab is not None and fab not in fabs.names():
@@ -85,9 +90,9 @@ def check(
         write_text(out, rules_table(margins).csv())
     shared.draw(picture, lambda: viz.check_figure(opened.array, shown, [numbers[id(margin)] for margin in shown]))
     names = opened.array.stackup.names
-    rows = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
+    worst = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
     lines: list[str | Table] = [f"board: {array_words(opened.array)}"]
-    shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in rows])
+    shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in worst])
     whose = profile.title if profile else "the design"
     lines.append(
         replace(
@@ -122,16 +127,6 @@ def _layers_text(names: Sequence[str], layers: Collection[str]) -> str:
             else:
                 runs.append([name])
     return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 2 else ", ".join(run) for run in runs)
-
-
-def _profile_table(profiles: Sequence[FabProfile]) -> Table:
-    """Return the bundled profiles with their main limits."""
-    keys = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "max_layers")
-    rows = [
-        [profile.name, profile.title, *(f"{profile.limits.get(key, '')}" for key in keys), profile.read.isoformat()]
-        for profile in profiles
-    ]
-    return text_table(("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, "lengths in mm")
 
 
 def export(

@@ -90,10 +90,7 @@ def docs(
 
 
 def find_page(clone: Path, page: str) -> Path:
-    """Return the file of a page by its path's end.
-
-    Of several it is the first with the shortest path.
-    """
+    """Return a page by its path's end, the shortest path first."""
     built = clone / _BUILT
     if not (built / f"index{_PAGE}").is_file():
         where, python = "a clone of coilarray (an installed package has no pages)", "python"

@@ -19,8 +19,6 @@ from coilarray.compute.threads import Progress
 from coilarray.errors import BoardError, CoilarrayError, DesignError, OutputError
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from coilarray.circuit.converter_limits import Limit
     from coilarray.design.model import Design, DesignFile
     from coilarray.fabrication.board import BoardCopper
@@ -185,6 +183,8 @@ def init(
 
     Example: coilarray init board.toml --from board.kicad_pcb --nets coil1,coil2
     """
+    from coilarray.design import bundled
+
     with writing(file):
         if file.is_dir() and (file.suffix or file.name in ("", "..")):
             raise OutputError(f"{file} is a folder; name a file in it.")
@@ -199,42 +199,30 @@ def init(
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if source is not None and chosen:
         raise DesignError("--from takes a design or a board as it is; it cannot be given with other choices.")
-    is_board = source is not None and _is_board(source)
+    is_board = False
+    if source is not None and source not in bundled.names():
+        path = Path(source)
+        try:
+            is_board = path.suffix.lower() in (".kicad_pcb", ".zip") or path.is_dir()
+        except OSError:  # which the board's reader tells
+            is_board = True
     if not is_board and (nets is not None or stackup is not None):
         raise DesignError("--nets and --stackup are for --from with a board.")
     if source is not None and is_board:
         lines, data = _import(Path(source), nets, stackup, target)
     elif source is not None:
-        lines, data = _copy(source, target)
+        if source not in bundled.names():
+            raise DesignError(
+                f"there is no bundled design {source!r}, nor a board of that name (.kicad_pcb, .zip or a folder); "
+                f"there are {', '.join(bundled.names())}."
+            )
+        write_text(target, bundled.read(source))
+        lines, data = [f"wrote {target}"], {}
     else:
         lines, data = _create(target, chosen)
     quoted = shlex.quote(str(target))
     lines.append(f"next: coilarray check {quoted}, coilarray report {quoted}")
     shared.print_result({"design": str(target), **data}, as_json=as_json, lines=lines)
-
-
-def _is_board(source: str) -> bool:
-    """Whether a source is a board, not a bundled design."""
-    from coilarray.design import bundled
-
-    path = Path(source)
-    try:
-        return source not in bundled.names() and (path.suffix.lower() in (".kicad_pcb", ".zip") or path.is_dir())
-    except OSError:  # which the board's reader tells
-        return True
-
-
-def _copy(name: str, target: Path) -> _Told:
-    """Write a bundled design."""
-    from coilarray.design import bundled
-
-    if name not in bundled.names():
-        raise DesignError(
-            f"there is no bundled design {name!r}, nor a board of that name (.kicad_pcb, .zip or a folder); there are "
-            f"{', '.join(bundled.names())}."
-        )
-    write_text(target, bundled.read(name))
-    return [f"wrote {target}"], {}
 
 
 def _create(target: Path, chosen: dict[str, Any]) -> _Told:
@@ -258,6 +246,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     import numpy as np
 
     from coilarray.circuit.coupling import design_inductance, scan_design
+    from coilarray.electromagnetics.resistance import dc_resistance
     from coilarray.geometry.array import copper_words
     from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling
 
@@ -276,10 +265,13 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
         asked = f" ({wanted:g} wanted{_why_not_met(design) if off else ''})"
     size = " × ".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(**in_si(chosen)).sides))
     copper = copper_words(design.array.unrouted.placements[0].coil)
+    most = int(scan.ac_resistance.values.argmax())  # the coil with the largest resistance
+    R, at_MHz = float(scan.ac_resistance[most]), float(scan.attrs["ac_resistance_frequency_Hz"]) * 1e-6
+    ratio = R / float(dc_resistance(design.array)[most])
     lines = [
         f"coil: {size} mm{copper}, {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
         f"inductance: {span} µH{asked}",
-        _resistance(design, scan),
+        f"resistance: {R:.3g} ohm at {at_MHz:.4g} MHz, {ratio:.2g} times that of direct current",
     ]
     if len(design.array.names) > 1:
         near = neighbour_coupling(design)
@@ -325,16 +317,6 @@ def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whol
     which = state if states == 1 else f"{len({name for name, _ in broken})} of {states} coils, as {state}"
     helps = _HELPS.get((limit.name.partition(" (")[0], too), "")
     return f"WARNING: an LDC1614 cannot read {which}: {limit.words}{helps}"
-
-
-def _resistance(design: Design, scan: xr.Dataset) -> str:
-    """Describe the largest resistance at its frequency of use."""
-    from coilarray.electromagnetics.resistance import dc_resistance
-
-    worst = int(scan.ac_resistance.values.argmax())
-    R, f = float(scan.ac_resistance[worst]), float(scan.attrs["ac_resistance_frequency_Hz"]) * 1e-6
-    ratio = R / float(dc_resistance(design.array)[worst])
-    return f"resistance: {R:.3g} ohm at {f:.4g} MHz, {ratio:.2g} times that of direct current"
 
 
 def _import(board: Path, nets: str | None, stackup: str | None, target: Path) -> _Told:

@@ -75,19 +75,6 @@ def ending_on_interrupt() -> Iterator[None]:
         _heard = Event()
 
 
-def was_interrupted() -> bool:
-    """Whether Ctrl-C came, even if a library raised another exception."""
-    return _heard.is_set()
-
-
-def end_interrupted() -> NoReturn:
-    """End the program at once, without waiting for threads."""
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, AttributeError):
-            stream.flush()
-    os._exit(INTERRUPTED)
-
-
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
@@ -160,10 +147,7 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 
 @functools.cache
 def program(name: str) -> Callable[..., Any]:
-    """Return the program with one command, none, or all.
-
-    Typer takes milliseconds to read the signature of a command, and help and version need none.
-    """
+    """Return the program with one command, none, or all."""
     app = typer.Typer(
         name="coilarray",
         help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\nStart with: coilarray "
@@ -173,6 +157,7 @@ def program(name: str) -> Callable[..., Any]:
         rich_markup_mode=None,
     )
     app.callback(invoke_without_command=True)(_root)
+    # typer takes milliseconds to read the signature of a command, and help and version need none
     wanted = (name,) if name in COMMANDS else () if name.startswith("-") else COMMANDS
     families = {
         family: typer.Typer(name=family, help=text, cls=_Grouped, rich_markup_mode=None)
@@ -214,7 +199,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except Exception as error:
-        code = INTERRUPTED if was_interrupted() else _answer_to(error, command)
+        # a library may make another error of Ctrl-C
+        code = INTERRUPTED if _heard.is_set() else _answer_to(error, command)
     if code == INTERRUPTED:  # also typer's own answer to an interrupt, without a word
         typer.echo("coilarray: interrupted", err=True)
     return code if isinstance(code, int) else 0
@@ -288,8 +274,11 @@ def run() -> None:
             _prepare(stream)
     with nullcontext() if sys.argv[1:2] and sys.argv[1] in _ORDERLY else ending_on_interrupt():
         code = main()
-        if code == INTERRUPTED:
-            end_interrupted()
+        if code == INTERRUPTED:  # at once, without waiting for threads
+            for stream in (sys.stdout, sys.stderr):
+                with suppress(OSError, AttributeError):
+                    stream.flush()
+            os._exit(INTERRUPTED)
     sys.exit(code)
 
 

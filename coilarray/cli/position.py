@@ -6,6 +6,7 @@ import csv
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.paper.ellipse_model import EllipseModel
-    from coilarray.studies.calibrate import Calibration, Plan
+    from coilarray.studies.calibrate import Plan
 
 
 Reading = dict[str, float] | list[float]
@@ -310,7 +311,6 @@ def _by_ellipses(model: Any, names: Sequence[str]) -> _Solution:
 
 
 _PUBLISHED = "published"
-_WRITTEN = ("calibration.html", "calibration.nc", "calibrated.toml")  # and the tables
 
 
 def calibrate(
@@ -360,6 +360,7 @@ def calibrate(
     elastomer.1.relative_permeability=2:4 --out fit
     """
     shared.check_workers(workers, cluster)
+    from coilarray.design.write import file_text
     from coilarray.report import measurement as report
     from coilarray.studies.calibrate import calibrate as fit_to
 
@@ -367,7 +368,12 @@ def calibrate(
         raise GoalError(f"--calibration is for a recording; {data} is not one.")
     opened = shared.open_design_file(design, allow_violations=allow_violations)
     chosen = _plan(plan, unknown, data)
-    measured = _measured(data, calibration)
+    measured: xr.Dataset | EllipseModel | None = None
+    if shared.is_recording(data):
+        measured = shared.recorded_map(Path(data), calibration)[0]
+    elif data != _PUBLISHED:
+        read = shared.read_ellipses if data.lower().endswith(".json") else shared.read_map
+        measured = read(Path(data))
     if out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
     kept = open_store(cache)
@@ -379,7 +385,12 @@ def calibrate(
         found = fit_to(opened, measured, chosen, keep=kept.folder, workers=used, progress=counting(show))
     result = found.dataset
     tables, notes = report.calibration_tables(result), report.calibration_notes(result)
-    written = [] if out is None else _write_calibration(found, out, data)
+    written: list[Path] = []
+    if out is not None:
+        page = partial(report.write_calibration_page, result, data=data)
+        written = shared.write_folder(out, "calibration", page, result, tables)
+        written.insert(2, out / "calibrated.toml")
+        write_text(written[2], file_text(found.file))
     shared.draw(plot, lambda: viz.calibration_figure(result))
     best = str(result.combination.values[0])
     record = {"best": best, "values": dict(found.values), "notes": notes}
@@ -410,27 +421,3 @@ def _plan(plan: str | None, unknown: list[str] | None, data: str) -> Plan:
     if plan is None and data != _PUBLISHED:
         raise GoalError("the unknown entries must be given: --plan FILE, or --unknown KEY=LOW:HIGH.")
     return load_plan("table_a1" if plan is None else plan)
-
-
-def _measured(data: str, calibration: Path | None) -> xr.Dataset | EllipseModel | None:
-    if data == _PUBLISHED:
-        return None
-    if shared.is_recording(data):
-        return shared.recorded_map(Path(data), calibration)[0]
-    return shared.read_ellipses(Path(data)) if data.lower().endswith(".json") else shared.read_map(Path(data))
-
-
-def _write_calibration(found: Calibration, out: Path, data: str) -> list[Path]:
-    """Write page, numbers, tables and the calibrated design."""
-    from coilarray.compute.netcdf import save_dataset
-    from coilarray.design.write import file_text
-    from coilarray.report.measurement import calibration_tables, write_calibration_page
-
-    written = [out / name for name in _WRITTEN]
-    write_calibration_page(found.dataset, written[0], data)
-    save_dataset(found.dataset, written[1])
-    write_text(written[2], file_text(found.file))
-    for table in calibration_tables(found.dataset):
-        written.append(out / f"{table.name}.csv")
-        write_text(written[-1], table.csv())
-    return written

@@ -40,14 +40,11 @@ MARK = "[emulator] "
 
 
 def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, printed: bool = False) -> Any:
-    """Return an option for a file, checked before any work.
-
-    If it is `printed`, --json prints its content, and the file is written only if it is named.
-    """
+    """Return an option for a file, checked before any work."""
 
     def check(context: typer.Context, parameter: typer.CallbackParam, path: Path | None) -> Path | None:
         source = context.get_parameter_source(str(parameter.name))
-        if printed and context.params["as_json"] and source is not None and source.name == "DEFAULT":
+        if printed and context.params["as_json"] and source is not None and source.name == "DEFAULT":  # JSON instead
             return None
         if suffixes:
             check_file(names[0], path, suffixes)
@@ -299,6 +296,25 @@ def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str])
         write_text(out, csv())
 
 
+def write_folder(
+    out: Path, name: str, page: Callable[[Path], None], dataset: xr.Dataset, tables: Sequence[Table]
+) -> list[Path]:
+    """Write a page, its numbers and its tables into a folder."""
+    from coilarray.compute.netcdf import save_dataset
+
+    written = [out / f"{name}.html", out / f"{name}.nc", *(out / f"{table.name}.csv" for table in tables)]
+    page(written[0])
+    save_dataset(dataset, written[1])
+    for path, table in zip(written[2:], tables, strict=True):
+        write_text(path, table.csv())
+    return written
+
+
+def wrote_map(out: Path | None, result: xr.Dataset) -> str:
+    """Say how many values of δ are written."""
+    return f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"
+
+
 def draw(path: Path | None, plot: Callable[[], Figure | Axes]) -> None:
     """Draw a figure into a file, if one is given."""
     if path is None:
@@ -436,10 +452,7 @@ def check_workers(workers: int | None, cluster: str | None) -> None:
 def resumable(
     kept: Callable[[int], str], done: int = 0
 ) -> Iterator[Callable[[Callable[..., None]], Callable[..., None]]]:
-    """Say how many tasks are kept after an interruption.
-
-    The block gets a function that makes a progress function count too.
-    """
+    """Say what is kept when interrupted; yield a wrapper that counts."""
 
     def counting(show: Callable[..., None]) -> Callable[..., None]:
         def progress(now: int, *rest: Any) -> None:

@@ -77,10 +77,7 @@ class MapPositions:
 
 
 def map_positions(response: xr.Dataset) -> MapPositions:
-    """Fit the ellipse model to the deepest map, and locate.
-
-    Raises LocalizeError for fewer than two coils whose curves close, or without a position.
-    """
+    """Fit the ellipse model to the deepest map, and locate."""
     response = in_ellipse_window(response)
     if response.sizes["state"] < 2:
         raise LocalizeError(f"a position needs two coils; the map has only {response.state.values[0]}.")
@@ -137,10 +134,7 @@ _STATUS = {
 
 
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
-    """Return the coefficients of δ⁴ … δ⁰ in m.
-
-    If `compare`, the coefficients of Table A1 are below, by coil.
-    """
+    """Return coefficients of δ⁴ … δ⁰ in m, beside Table A1 if `compare`."""
     four = DisplayUnit("mm", 1e3, significant=True)
     columns = (*map(Column, ("coil", "parameter", "source")), *(Column(power, "", "m", four) for power in _POWERS))
     published = {coil.name: coil for coil in published_model().coils} if compare else {}
@@ -233,10 +227,7 @@ def indenter_table(distortion: xr.Dataset) -> Table:
 
 
 def residual_table(distortion: xr.Dataset) -> Table:
-    """Return predicted and published rms motion of x0, and residuals.
-
-    Levels that the window of one of the two does not determine are counted and left out.
-    """
+    """Return rms motions of x0 and residuals, without undetermined levels."""
     columns = (
         Column("coil"),
         Column("published_rms", "published x0 − centre, rms", "m"),

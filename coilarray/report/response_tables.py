@@ -20,10 +20,7 @@ _NO_RING = 1e-6  # of the depth, below which a rise is rounding
 
 
 def indentation_table(indentation: xr.Dataset) -> Table:
-    """Return force, contact radius, displacements and ring by depth.
-
-    The force is in N, in plane strain in N/m. The ring is empty if the free surface rises nowhere.
-    """
+    """Return force (N or N/m), contact radius, displacements and ring by depth."""
     on_axis = indentation.displacement_z.isel(r=0, drop=True)
     columns = {
         f"{sheet}_displacement": on_axis.sel(interface=sheet, drop=True).assign_attrs(long_name=f"u_z of {sheet}")
@@ -118,10 +115,7 @@ def _with_change(response: xr.Dataset) -> xr.Dataset:
 
 
 def target_table(response: xr.Dataset) -> Table:
-    """Return distances and states where the target moves them most.
-
-    The last column is the standard deviation of a distance from one reading.
-    """
+    """Return distances and states where the target moves them most."""
     response, states = _with_change(response), []
     for state in response.state.values:
         of = response.sel(state=[state])
@@ -169,10 +163,7 @@ def _code(code: int) -> str:
 
 
 def range_table(response: xr.Dataset) -> Table:
-    """Return range and resolved steps of distance by state.
-
-    A number that the last distance of the map limits is marked as "at least".
-    """
+    """Return range and resolved steps of distance by state."""
     columns = [
         Column("state"),
         Column("nearest_readable", "read from", "m"),
@@ -230,10 +221,7 @@ _COMPARED = {
 
 
 def plate_table(design: Design, frequency: float) -> Table:
-    """Return place, material and skin depth of the plates.
-
-    For finite plates it also has the errors of their ΔL and ΔR, by mesh and model.
-    """
+    """Return place, material, skin depth and model errors of the plates."""
     errors = board_circuit(design).plate_errors(frequency)
     columns: tuple[Column, ...] = (
         *map(Column, ("plate", "outline")),

@@ -119,10 +119,7 @@ def _search_words(result: Optimization) -> str:
 
 
 def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
-    """Return the best design, or three of a front.
-
-    They are both ends, and the point nearest to all optima.
-    """
+    """Return the best design, or a front's ends and middle."""
     labels = [Path(name).stem for name in design_names(result)]
     places = set(range(len(result.front)))
     if len(places) > 2:
@@ -192,10 +189,7 @@ def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
 
 
 def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequence[str] = ()) -> Table:
-    """Return quantities before and after.
-
-    They are `keys`, or the quantities of the goal and all cheap ones.
-    """
+    """Return `keys`, or goal and cheap quantities, before and after."""
     columns = (
         Column("quantity"),
         Column("unit"),
@@ -359,10 +353,7 @@ def _significant(digits: int) -> DisplayUnit:
 
 
 def spread_table(result: xr.Dataset) -> Table:
-    """Return nominal values, both spreads and largest contributors by output.
-
-    Values are in the units of the outputs' names.
-    """
+    """Return nominal values, both spreads and largest contributors by output."""
     import xarray as xr
 
     sampled = ("sample_mean", "sample_deviation", "ratio", "ratio_error")

@@ -66,10 +66,7 @@ def summary_table(
 
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Dataset | None) -> list[str]:
-    """Return each kind of broken limit with its worst case.
-
-    `maps` are maps of a target and of an indentation, for positions that the converter cannot read.
-    """
+    """Return broken limits with their worst cases, also of `maps`."""
     lines = broken_rules(margins)
     broken = [] if scan is None else broken_limits(scan)
     for name in dict.fromkeys(limit.name for _, limit in broken):
@@ -209,10 +206,8 @@ def _metal_rows(
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Row of the least and largest finite values, with names.
-
-    A self-resonance that is not found, and R_p without losses, are infinite.
-    """
+    """Row of the least and largest finite values, with names."""
+    # a self-resonance that is not found, and R_p without losses, are infinite
     finite = np.flatnonzero(np.isfinite(values))
     if not len(finite):
         return words, "", "", unit, ""

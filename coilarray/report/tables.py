@@ -57,10 +57,7 @@ def pair_table(coupling: xr.Dataset) -> Table:
 
 
 def design_table(file: DesignFile) -> Table:
-    """Return all values of the design, with reasons if assumed.
-
-    On a board without elastomer its keys are left out, unless they are given.
-    """
+    """Return all values of the design, with reasons if assumed."""
     rows = []
     for key, value in file.values.items():
         if not file.design.sheets and key.rpartition(".")[2].startswith("elastomer") and key not in file.given:
@@ -121,10 +118,7 @@ _MOST_COILS, _MOST_PAIRS = 24, 20  # coils of a printed matrix, and printed pair
 
 
 def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
-    """Return L, M and k, or the strongest pairs.
-
-    `inductance` (n, n) is in H. Of many coils only the strongest pairs are listed.
-    """
+    """Return L, M (H) and k, or of many coils strongest pairs."""
     from coilarray.electromagnetics.inductance import coupling_matrix
 
     if len(names) == 1:

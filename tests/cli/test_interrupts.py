@@ -125,7 +125,7 @@ def test_an_error_that_a_library_makes_of_an_interrupt_is_one(monkeypatch, capsy
     with main.ending_on_interrupt():
         assert main.main(["check"]) == 130
     assert capsys.readouterr().err == "coilarray: interrupted\n"
-    assert not main.was_interrupted()
+    assert not main._heard.is_set()
 
 
 def test_an_interrupt_while_a_process_starts_comes_after_that():

@@ -41,10 +41,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def pressed_keys() -> Iterator[Callable[[], str]]:
-    """Yield a function that returns the newly pressed keys.
-
-    The terminal is as it was when the block is left.
-    """
+    """Yield a reader of newly pressed keys; the terminal is restored."""
     try:
         watched = sys.stdin.isatty() and sys.stdout.isatty()
     except ValueError:  # closed
@@ -269,10 +266,7 @@ def _beside(reading: LiveReading) -> list[str]:
 
 
 def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = ()) -> list[str]:
-    """Return the screen's lines of bars, position and rate.
-
-    A bar is full at |δ| = `scale`.
-    """
+    """Return the screen's lines; a bar is full at |δ| = `scale`."""
     width = max((len(state.name) for state in reading.states), default=0)
     lines = [f"δ in 10⁻⁶; a full bar is {scale * 1e6:.0f}"]
     for state in reading.states:
@@ -333,8 +327,9 @@ class LiveOptions:
     out: Path | None = None  # recording to write
 
     def __post_init__(self) -> None:
-        if self.recording is not None and self.board.given:
-            given = self.board.given
+        names = ("port", "wiring", "rate", "emulate")
+        given = [f"--{one}" for one in names if getattr(self.board, one) not in (getattr(BoardOptions, one), [])]
+        if self.recording is not None and given:
             raise HardwareError(
                 f"--recording replays a file; it cannot be given with {' and '.join(given)}, which "
                 f"{'is' if len(given) == 1 else 'are'} for a board."
@@ -454,10 +449,7 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
 
 
 def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> NoiseBudget | None:
-    """Return the noise budget with these settings.
-
-    It is None if the noise is given, or the states differ.
-    """
+    """Return the noise budget, None for given noise or other states."""
     if asked.board.file.noise is not None or not {one.name for one in settings.states} <= {
         one.name for one in design.plan
     }:
@@ -517,10 +509,7 @@ def _replay(options: LiveOptions, design: Design) -> Iterator[LiveSource]:
 
 
 def tour(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:
-    """Path of a finger all over the map.
-
-    It has time in s, and x, y and depth in m.
-    """
+    """Path of a finger over the map: s, then m."""
     path = [(start, setup.x[0], setup.y[0], 0.0)]
     for k in range(int(_TOUR / _STEP)):
         at = start + k * _STEP
@@ -537,10 +526,7 @@ _LINGER = 5.0  # s to load the page again before the window counts as closed
 
 
 def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None:
-    """Serve a page with the live display until closed.
-
-    HardwareError if the reading of the board failed.
-    """
+    """Serve a page with the live display until closed."""
     from coilarray.viz.studio.services import LOOPBACK, Address, Services, bind, check_studio
     from coilarray.viz.studio.work import Shelf, work_on
 

@@ -83,12 +83,6 @@ class BoardOptions:
 
         return read_file(BoardSettings, "settings", self.settings)
 
-    @property
-    def given(self) -> list[str]:
-        """Names of the board options that are not defaults."""
-        names = ("port", "wiring", "rate", "emulate")
-        return [f"--{name}" for name in names if getattr(self, name) not in (getattr(BoardOptions, name), [])]
-
     def design_file(self, name: str | None) -> DesignFile:
         """Read a design, refused for violations that are not allowed."""
         return open_design_file(name, allow_violations=self.file.allow_violations)
@@ -110,10 +104,7 @@ def is_emulator(port: str) -> bool:
 
 
 def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator: parameter ``options`` becomes fields of `BoardOptions`.
-
-    The command does not have the fields whose names are in `without`.
-    """
+    """Return a decorator: ``options`` becomes fields of `BoardOptions`."""
     hints = get_type_hints(BoardOptions, include_extras=True)
     shared = [
         inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=hints[one.name])

@@ -14,7 +14,7 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
-from coilarray.compute.files import checked_rows, has_checksums, has_seal, make_folder, read_text, unsealed, write_text
+from coilarray.compute.files import checked_rows, has_checksums, has_seal, make_folder, read_text, unsealed
 from coilarray.compute.table import Column, Table, text_table
 from coilarray.errors import HardwareError, LocalizeError, OutputError
 
@@ -395,7 +395,7 @@ def compare(
     """
     if calibration is not None and not shared.is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is not one.")
-    from coilarray.report.measurement import comparison_notes, comparison_tables
+    from coilarray.report.measurement import comparison_notes, comparison_tables, write_comparison_page
     from coilarray.response.dataset import in_ellipse_window
     from coilarray.studies.comparison import compare_responses
 
@@ -415,11 +415,18 @@ def compare(
         first, second = (response_less_reference(one, reference) for one in (first, second))
     with shared.progress_bar("comparison") as progress:
         result = compare_responses(first, second, largest_shift=largest_shift, progress=progress)
-    written = [] if out is None else _write_comparison(result, out, (measured, simulated), outlines)
+    tables, notes = comparison_tables(result), comparison_notes(result)
+    written: list[Path] = []
+    if out is not None:
+        page = partial(write_comparison_page, result, names=(measured, simulated), outlines=outlines)
+        if _is_page(out):
+            page(out)
+            written = [out]
+        else:
+            written = shared.write_folder(out, "comparison", page, result, tables)
     shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
     files = [str(path) for path in (*written, picture) if path is not None]
     emulated = any(bool(one.attrs.get("emulated", 0)) for one in (first, second))
-    tables, notes = comparison_tables(result), comparison_notes(result)
     said = {key: result.attrs[key] for key in ("noise_from", "points_left_out", "points_missing")}
     lacking = {key: [name for name in result.attrs[key].split(", ") if name] for key in _LACKING}
     data = {
@@ -497,22 +504,3 @@ def _around(response: xr.Dataset, largest_shift: float | None) -> tuple[FloatArr
         beyond = step * np.arange(1, 1 + count)
         axes.append(np.concatenate((axis[0] - beyond[::-1], axis, axis[-1] + beyond)))
     return axes[0], axes[1]
-
-
-def _write_comparison(
-    result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequence[FloatArray]
-) -> list[Path]:
-    """Write the page, or a folder with numbers and tables."""
-    from coilarray.compute.netcdf import save_dataset
-    from coilarray.report.measurement import comparison_tables, write_comparison_page
-
-    if _is_page(out):
-        write_comparison_page(result, out, names, outlines)
-        return [out]
-    written = [out / "comparison.html", out / "comparison.nc"]
-    write_comparison_page(result, written[0], names, outlines)
-    save_dataset(result, written[1])
-    for table in comparison_tables(result):
-        written.append(out / f"{table.name}.csv")
-        write_text(written[-1], table.csv())
-    return written
