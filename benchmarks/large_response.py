@@ -19,8 +19,7 @@ import xarray as xr
 from speed import Speed, peak_memory
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from support.first_assumed import first_assumed
-from support.lattices import hexagonal
+from support.first_assumed import first_assumed, hexagonal
 
 from coilarray.circuit.board_circuit import bare_network
 from coilarray.circuit.coupling import design_circuit

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from support.random_plates import COLUMNS, OUTLINES, Case, drawn
 from support.references import FOLDER, rows
+from support.thin_plates import COLUMNS, OUTLINES, Case, drawn
 
 from coilarray.errors import GeometryError, MetalError
 from coilarray.metal.finite_plates import moving_plate

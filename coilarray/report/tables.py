@@ -8,20 +8,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
-from coilarray.circuit.converter_limits import RESISTANCE, check_channel, drive_for, with_reasons
-from coilarray.circuit.coupling import CLOSE_CHANNELS
-from coilarray.circuit.noise_budget import NoiseBudget
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, PER_MILLION, PERCENT, DisplayUnit, display_unit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
-from coilarray.hardware import settle_count
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from coilarray.circuit.noise_budget import NoiseBudget
 
 
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:
@@ -163,6 +160,8 @@ def winding_table(scan: xr.Dataset) -> Table:
 
 def state_table(scan: xr.Dataset) -> Table:
     """Return all states of the scan, where the converter oscillates."""
+    from coilarray.circuit.converter_limits import with_reasons
+
     names = (
         "state", "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
         "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
@@ -173,6 +172,8 @@ def state_table(scan: xr.Dataset) -> Table:
 
 def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
     """Describe states with close frequencies, from `close_channels`."""
+    from coilarray.circuit.coupling import CLOSE_CHANNELS
+
     if not pairs:
         return ""
     one, other, distance = pairs[0]
@@ -193,6 +194,8 @@ def state_current_table(scan: xr.Dataset) -> Table:
 
 def limit_table(scan: xr.Dataset) -> Table:
     """Return the limits of an LDC1614 for every state."""
+    from coilarray.circuit.converter_limits import check_channel
+
     four = DisplayUnit(digits=4)
     columns = (
         *map(Column, ("state", "limit")),
@@ -218,6 +221,9 @@ def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]
 
 def drive_table(scan: xr.Dataset) -> Table:
     """Return the LDC1614's drive and least settling count by state."""
+    from coilarray.circuit.converter_limits import RESISTANCE, drive_for
+    from coilarray.hardware import settle_count
+
     columns = (
         Column("state"),
         Column("idrive_code", "IDRIVE"),

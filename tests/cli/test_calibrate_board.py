@@ -7,8 +7,7 @@ import pytest
 import tomli_w
 from support.command_line import runner, successes, toml_file
 from support.quick_coils import series_tank
-from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import WIRING_TEXT, QuickWorld, two_coils_document
+from support.recorded_boards import WIRING_TEXT, QuickWorld, campaign_file, stream_file, two_coils_document
 
 from coilarray.hardware.emulator import Drift, Oscillator
 from coilarray.hardware.record.calibration import calibrate_board, load_calibration

@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 import tomli_w
 from support.command_line import runner, successes
-from support.quick_recordings import GRID, campaign_file, quick_map, stream_file
-from support.recorded_boards import take_back, two_coils_document, unsealed_text
+from support.recorded_boards import (
+    GRID,
+    campaign_file,
+    quick_map,
+    stream_file,
+    take_back,
+    two_coils_document,
+    unsealed_text,
+)
 
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 from support.command_line import runner, successes
-from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import changed
+from support.recorded_boards import campaign_file, changed, stream_file
 
 from coilarray.compute.files import sealed, with_checksums
 from coilarray.hardware.record.campaign import Campaign

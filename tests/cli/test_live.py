@@ -18,8 +18,7 @@ from support.command_line import runner, toml_file
 from support.contacts import coarse_maps
 from support.emulated_reader import at_rest
 from support.patience import PATIENCE, until
-from support.quick_recordings import stream_file
-from support.recorded_boards import configured, quick_board
+from support.recorded_boards import configured, quick_board, stream_file
 
 from coilarray import load_design, noise_budget
 from coilarray.cli import shared

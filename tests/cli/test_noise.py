@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.command_line import runner, successes
-from support.quick_recordings import stream_file
+from support.recorded_boards import stream_file
 
 from coilarray import load_design, noise_budget, response_map
 from coilarray.localize.forward import forward_model

@@ -23,7 +23,7 @@ if __name__ == "__main__":
 JOB = """
 import threading
 from coilarray.viz.studio.job import Job
-from support.studio_tasks import count_to
+from support.worker_tasks import count_to
 
 if __name__ == "__main__":
     ended = threading.Event()

@@ -32,8 +32,7 @@ from support.board_text import path as tracks
 from support.emulated_reader import settings_of
 from support.made_up import made_up_distortion
 from support.plot_results import response, target
-from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import WIRING_TEXT, board_calibration, two_coils_document
+from support.recorded_boards import WIRING_TEXT, board_calibration, campaign_file, stream_file, two_coils_document
 
 import coilarray.studies.comparison
 from coilarray import load_design

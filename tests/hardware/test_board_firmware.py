@@ -9,8 +9,8 @@ import signal
 import sys
 
 import pytest
-from support.coupled_coils import coupled_board
 from support.emulated_reader import WIRING, at_rest, brown_out, plain, quick_settings, reader_of
+from support.quick_coils import coupled_board
 
 if sys.platform == "win32":
     pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)

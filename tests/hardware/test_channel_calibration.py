@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from support.contacts import IDEAL
 from support.quick_coils import series_tank
-from support.quick_recordings import DESIGN, campaign_file, quick_map, stream_file
-from support.recorded_boards import QuickWorld, board_calibration
+from support.recorded_boards import DESIGN, QuickWorld, board_calibration, campaign_file, quick_map, stream_file
 from support.refusals import refused
 
 from coilarray.errors import HardwareError

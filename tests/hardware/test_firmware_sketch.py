@@ -8,9 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 from support.emulated_reader import settings_of
-from support.firmware_chips import StubChain, StubConverter
+from support.firmware_chips import I2cSlave, ShiftRegisters, StubChain, StubConverter
 from support.firmware_host import SKETCH, SUPPORT, compiled, draft, intact, logic_sources, needs_compiler, seal
-from support.firmware_pins import I2cSlave, ShiftRegisters
 
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.wiring import load_wiring

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from support.emulated_reader import WIRING
-from support.firmware_chips import StubConverter
-from support.firmware_pins import I2cSlave, ShiftRegisters
+from support.firmware_chips import I2cSlave, ShiftRegisters, StubConverter
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board

@@ -12,7 +12,7 @@ from functools import partial
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.converter_words import oscillation_frequency
+from support.emulated_reader import oscillation_frequency
 
 from coilarray.circuit.converter_limits import (
     AMPLITUDE_HIGH,

@@ -6,8 +6,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.converter_words import code_of, oscillation_frequency, result_words
-from support.emulated_reader import settings_of
+from support.emulated_reader import code_of, oscillation_frequency, result_words, settings_of
 
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError

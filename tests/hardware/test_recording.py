@@ -13,13 +13,13 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.patience import until
-from support.quick_recordings import stream_file
 from support.recorded_boards import (
     QuickWorld,
     changed,
     configured,
     quick_board,
     session_of,
+    stream_file,
     two_coils,
 )
 from support.refusals import refused

@@ -8,8 +8,8 @@ import dataclasses
 import itertools
 
 import pytest
-from support.coupled_coils import CoupledCoils, coupled_board
 from support.emulated_reader import WIRING, at_rest, quick_settings, reader_of
+from support.quick_coils import CoupledCoils, coupled_board
 from support.refusals import refused
 
 from coilarray.errors import HardwareError

@@ -6,12 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.backplane import over_backplane
-from support.contacts import coarse_maps
+from support.contacts import coarse_maps, first_coils
 
+from coilarray.design.model import parse_design
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.map import response_map
+
+
+def over_backplane(count, distance_mm=1.0):
+    """Return a design of so many coils, with a plate so far below the board."""
+    plate = f"""
+[[plate]]
+name = "backplane"
+material = "aluminium"
+thickness_mm = 1.0
+distance_mm = {distance_mm}
+side = "below"
+"""
+    return parse_design(first_coils(count) + plate)
+
 
 pytestmark = pytest.mark.slow
 

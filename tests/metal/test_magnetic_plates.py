@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.axial_plates import AxialPlate, axial_change
+from support.axial_plates import AxialPlate, axial_change, sphere_body
 from support.coil_paths import loop
-from support.eddy_bodies import sphere_body
 from support.refusals import refused
 
 from coilarray.constants import MU_0

@@ -10,9 +10,8 @@ import pytest
 from skfem import MeshQuad, MeshQuad2
 from support.axial_plates import AxialPlate, axial_change, change_on, lines
 from support.coil_paths import loop
-from support.random_plates import Case
 from support.references import rows
-from support.thin_plates import thin_truth
+from support.thin_plates import Case, thin_truth
 
 from coilarray.geometry import Ball, Material, Plate
 from coilarray.metal.ball import ball_inductance

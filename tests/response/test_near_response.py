@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from support.active_coil import active_coil
 from support.contacts import IDEAL, MESH, QUICK
-from support.lattices import hexagonal
+from support.first_assumed import hexagonal
 
 import coilarray.response.map as map_module
 import coilarray.response.near as near_module

@@ -1,7 +1,7 @@
 """gast2020 as it was assumed before its calibration: the board for which results of other programs are known.
 
 23 mm across corners, a gap of 0.1 mm, coil 2 below its neighbours, equal dielectrics, a bonded elastomer with a
-magnetic sheet of µr 2.7 and 166 kPa.
+magnetic sheet of µr 2.7 and 166 kPa. Its dent is narrow, so that on a lattice few coils are enough for some to be far.
 """
 
 import copy
@@ -33,3 +33,21 @@ def first_assumed_document():
 def first_assumed():
     """Return the design."""
     return build_design(first_assumed_document(), STARTER)
+
+
+def hexagonal(columns, rows, turns=30):
+    """Return a design of columns × rows hexagonal coils that overlap on three pairs of layers, about the origin."""
+    document = first_assumed_document()
+    del document["indentation"]["origin"]
+    entries = {
+        "array.lattice": "hexagonal",
+        "array.columns": columns,
+        "array.rows": rows,
+        "array.layers": [["L1", "L2"], ["L3", "L4"], ["L5", "L6"]],
+        "coils.hexagon.turns_per_layer": turns,
+        "stackup.layers": [f"L{k}" for k in range(1, 7)],
+        "stackup.copper_thickness_um": [35] * 6,
+        "stackup.dielectric_thickness_mm": [0.215] * 5,
+        "stackup.dielectric_epsilon_r": [4.5] * 5,
+    }
+    return build_design(vary_document(document, entries))

@@ -1,4 +1,4 @@
-"""What tests give to workers: functions of a module, which other processes can import."""
+"""What tests give to workers and jobs: functions of a module, which other processes can import."""
 
 import os
 import signal
@@ -8,7 +8,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_info
 
 from coilarray.compute.threads import cores
-from coilarray.errors import GoalError, MissingDependencyError
+from coilarray.errors import GeometryError, GoalError, MissingDependencyError
 from support.patience import until
 
 
@@ -61,3 +61,36 @@ def threads(_):
     """Threads of every linear algebra library in this process, and what our own work goes by."""
     counts = [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
     return counts, os.environ.get("COILARRAY_THREADS"), cores()
+
+
+def count_to(item, link):
+    for k in range(item):
+        link(k + 1, item)
+    return item * item
+
+
+def fail(item, link):
+    if item == "ours":
+        raise GeometryError("the coil must be round; got a square.")
+    if item == "gone":
+        os._exit(7)
+    raise ZeroDivisionError("nothing to divide")
+
+
+def wait_for_the_word(item, link):
+    link.send(os.getpid())
+    while "q" not in link.orders():
+        time.sleep(0.05)
+    Path(item).write_text("at rest", encoding="utf-8")
+
+
+def never_listen(item, link):
+    link.send(os.getpid())
+    while True:
+        time.sleep(1.0)
+
+
+def tell_on_and_on(item, link):
+    while True:
+        link.send(os.getpid())
+        time.sleep(0.05)

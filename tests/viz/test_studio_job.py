@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from support.patience import PATIENCE, alive, until
-from support.studio_tasks import count_to, fail, never_listen, tell_on_and_on, wait_for_the_word
+from support.worker_tasks import count_to, fail, never_listen, tell_on_and_on, wait_for_the_word
 
 from coilarray.design.model import load_design_file
 from coilarray.errors import GeometryError
@@ -87,7 +87,7 @@ def test_a_task_ends_in_order_or_is_ended_and_nothing_is_said_after_that(task, o
 def test_a_job_ends_with_its_studio_even_if_that_is_killed():
     script = """
 import time
-from support.studio_tasks import never_listen
+from support.worker_tasks import never_listen
 from coilarray.viz.studio.job import Job
 
 if __name__ == "__main__":
