@@ -16,8 +16,7 @@ from coilarray.hardware.emulator.board import LIFTED
 from coilarray.hardware.emulator.sensor_world import SensorWorld
 from coilarray.hardware.scan.settings import board_network
 from coilarray.report.tables import coil_table, state_table
-from coilarray.viz.studio.numbers import circuit_of
-from coilarray.viz.studio.switches import state_of
+from coilarray.viz.studio.numbers import circuit_of, state_of
 
 pytestmark = pytest.mark.slow
 

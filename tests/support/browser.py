@@ -304,7 +304,7 @@ def summary_of_circuit(design, coupling, response):
 def ideal_circuit(design):
     """The circuit without losses at alternating current and strays, which take seconds for every change."""
     from coilarray.circuit.coupling import couple_design, design_circuit
-    from coilarray.viz.studio.session import Circuit
+    from coilarray.viz.studio.numbers import Circuit
 
     return Circuit(design_circuit(design, ideal=True), couple_design(design, ideal=True))
 

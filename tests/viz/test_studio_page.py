@@ -21,8 +21,7 @@ from coilarray.design.vary import vary
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.localize.forward import forward_model
 from coilarray.viz.studio.metal import moved, target_table
-from coilarray.viz.studio.numbers import numbers_of
-from coilarray.viz.studio.switches import reading_table, state_of
+from coilarray.viz.studio.numbers import numbers_of, reading_table, state_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "chromium")]
 

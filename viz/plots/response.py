@@ -22,20 +22,9 @@ from coilarray.circuit.converter_limits import readable_of
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.geometry.elastomer import Indenter
 from coilarray.response.dataset import answering_states, as_depths, depth_words, main_line, middle_state
+from coilarray.viz import palette
 from coilarray.viz.datasets.meshes import indenter_outline
 from coilarray.viz.datasets.results import at_depth, of_state
-from coilarray.viz.palette import (
-    BLUE,
-    GREY,
-    INK,
-    LAMINATE,
-    PALE,
-    SHEETS,
-    VERMILLION,
-    curve_look,
-    cycled,
-    signed_colours,
-)
 from coilarray.viz.plots import style
 
 MOST_MAPS = 16
@@ -135,14 +124,14 @@ def plot_response_profile(
     for k, (name, value, values) in enumerate(curves):
         deep = MM.text(value)
         label = name if len(depths) == 1 else deep if len(states) == 1 else f"{name}, {deep}"
-        look = curve_look(k)
+        look = palette.curve_look(k)
         if len(depths) == 1:
             look["color"] = colours[name]
         ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **look)
     style.zero_line(ax)
     for centre in MM.of(response[f"coil_{along}"]).tolist():
         if at.min() <= centre <= at.max():
-            ax.axvline(centre, color=PALE, linewidth=0.8, linestyle=":", zorder=0)
+            ax.axvline(centre, color=palette.PALE, linewidth=0.8, linestyle=":", zorder=0)
     if at.size > 1:
         ax.set_xlim(at.min(), at.max())
     title = f"Response at {across} = {MM.text(row[across])}"
@@ -196,7 +185,7 @@ def plot_bell_curve(
             continue
         spline = CubicSpline(at[there], values[there])
         fine = np.linspace(at[there][0], at[there][-1], _SMOOTH)
-        look = curve_look(k)
+        look = palette.curve_look(k)
         top, (left, right) = float(spline(fine).max()), _half_width(spline, fine)
         width = "" if math.isnan(right - left) else f", {right - left:.1f} mm"
         edge = ", at the edge" if int(spline(fine).argmax()) in (0, _SMOOTH - 1) else ""
@@ -209,7 +198,7 @@ def plot_bell_curve(
     style.zero_line(ax)
     if of_coil is not None:
         centre = float(MM.of(of_coil[f"coil_{along}"]))
-        ax.axvline(centre, color=PALE, linewidth=0.8, linestyle=":", zorder=0)
+        ax.axvline(centre, color=palette.PALE, linewidth=0.8, linestyle=":", zorder=0)
     ax.set_xlim(at[0], at[-1])
     style.faint_grid(ax)
     ax.set(xlabel=MM.label(along), ylabel=shown.label("δ"), title=f"Bell curve of {name}")
@@ -308,7 +297,7 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < look.nothing)
     felt = np.ma.masked_invalid(felt)
     if felt.count() and felt.min() < 0 < felt.max():
-        ax.contour(x, y, felt, levels=[0.0], colors=INK, linewidths=0.8, linestyles="--")
+        ax.contour(x, y, felt, levels=[0.0], colors=palette.INK, linewidths=0.8, linestyles="--")
     read = readable_of(response)
     read = read.sel({name: delta[name] for name in ("depth", "state") if name in read.dims and name in delta.coords})
     if not read.all():
@@ -336,7 +325,7 @@ def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.Arra
     edges = np.concatenate([y, *(shape[:, 1] for shape in touched)])
     rim = 0.02 * np.ptp(edges)
     unit = style.axis_unit(delta, "1")
-    colours, least, most = signed_colours(unit.of(delta), share=_NOTHING)
+    colours, least, most = palette.signed_colours(unit.of(delta), share=_NOTHING)
     levels = np.asarray(MaxNLocator(_BANDS, symmetric=least == -most, steps=_STEPS).tick_values(least, most))
     nothing = _NOTHING * max(-least, most)
     edges_of_white = [edge for edge, end in ((-nothing, least), (nothing, most)) if end]
@@ -389,20 +378,20 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     ax = ax or style.new_axes(6.5, 3.6)
     distance, colours = MM.of(response.distance), style.state_colours(response, names)
     for k, name in enumerate(names):
-        look = curve_look(k) | {"color": colours[name]}
+        look = palette.curve_look(k) | {"color": colours[name]}
         drawn = np.abs(values[:, k]) if quantity == "delta" else shown.of(values[:, k])
         ax.plot(distance, drawn, label=name, marker="o", markersize=3.0, **look)
         if "readable" in response and (unread := ~_along(response, "readable", states[k]).astype(bool)).any():
             label = "not readable" if "not readable" not in [one.get_label() for one in ax.lines] else None
-            ax.plot(distance[unread], drawn[unread], "x", color=GREY, markersize=9.0, zorder=5, label=label)
+            ax.plot(distance[unread], drawn[unread], "x", color=palette.GREY, markersize=9.0, zorder=5, label=label)
         if base is not None:
             ax.axhline(float(shown.of(base[k])), color=colours[name], linewidth=0.8, linestyle=":", zorder=0)
     if base is not None:
-        ax.plot([], [], color=GREY, linewidth=0.8, linestyle=":", label="without the target")
+        ax.plot([], [], color=palette.GREY, linewidth=0.8, linestyle=":", label="without the target")
     if quantity == "delta":
         ax.set_yscale("log")
         noise = float(response.attrs.get("sigma", response.attrs["noise"]))
-        ax.axhline(noise, color=GREY, linewidth=1.2, linestyle=":", label="noise")
+        ax.axhline(noise, color=palette.GREY, linewidth=1.2, linestyle=":", label="noise")
     else:
         ax.ticklabel_format(axis="y", useOffset=False)
     if distance[-1] > _LOGARITHMIC * distance[0]:
@@ -459,10 +448,10 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax = ax or style.new_axes(6.0, _FORCE_HEIGHT)
     depth = MM.of(indentation.depth)
     shown, name = style.axis_unit(indentation.force), _contact_name(indentation)
-    (force,) = ax.plot(depth, shown.of(indentation.force), color=BLUE, marker="o", markersize=4, label="force")
+    (force,) = ax.plot(depth, shown.of(indentation.force), color=palette.BLUE, marker="o", markersize=4, label="force")
     right = ax.twinx()
     right.spines["right"].set_visible(True)
-    look: dict[str, Any] = {"color": VERMILLION, "linestyle": "--", "marker": "D", "markersize": 4}
+    look: dict[str, Any] = {"color": palette.VERMILLION, "linestyle": "--", "marker": "D", "markersize": 4}
     (radius,) = right.plot(depth, MM.of(indentation.contact_radius), label=name, **look)
     for axis in (ax, right):
         axis.set_ylim(bottom=0.0)
@@ -496,7 +485,7 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     ax = ax or style.new_axes(*_dent_size(indentation))
     names = at.interface.values.tolist()[1:]
     lines = [_mirrored(at, k) for k in range(len(height))]
-    for k, (name, colour) in enumerate(cycled(SHEETS, names).items()):
+    for k, (name, colour) in enumerate(palette.cycled(palette.SHEETS, names).items()):
         section = np.vstack((lines[k], lines[k + 1][::-1]))
         ax.add_patch(Polygon(section, facecolor=colour, alpha=0.5, edgecolor="none", label=name))
         ax.plot(*lines[k + 1].T, color=colour, linewidth=1.4)
@@ -504,8 +493,8 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     tip = top - float(at.depth) * MM.factor
     r, z = (MM.of(values) for values in indenter_outline(indenter, (ceiling - tip) / MM.factor))
     body = np.vstack((np.column_stack((-r[::-1], z[::-1] + tip)), np.column_stack((r, z + tip))))
-    ax.add_patch(Polygon(body, facecolor="#C8C8C8", edgecolor=INK, linewidth=1.0, label=indenter.name))
-    ax.axhspan(-_BELOW * top, 0.0, color=LAMINATE, linewidth=0, label="board")
+    ax.add_patch(Polygon(body, facecolor="#C8C8C8", edgecolor=palette.INK, linewidth=1.0, label=indenter.name))
+    ax.axhspan(-_BELOW * top, 0.0, color=palette.LAMINATE, linewidth=0, label="board")
     ax.set(xlim=(-half, half), ylim=(-_BELOW * top, ceiling), aspect="equal")
     ax.set(xlabel=MM.label("r" if at.attrs["symmetry"] == "axial" else "x"), ylabel=MM.label("z"))
     force, radius = style.axis_unit(at.force).text(at.force, ".3"), MM.text(at.contact_radius, ".3")

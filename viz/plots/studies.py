@@ -20,19 +20,7 @@ from scipy.interpolate import PchipInterpolator
 
 from coilarray.compute.display_units import MM, true_minus
 from coilarray.geometry.array import Array
-from coilarray.viz.palette import (
-    BLUE,
-    COILS,
-    GREY,
-    INK,
-    KINDS,
-    PALE,
-    SEQUENTIAL,
-    SHADE,
-    UNKNOWN,
-    VERMILLION,
-    curve_look,
-)
+from coilarray.viz import palette
 from coilarray.viz.plots import style
 from coilarray.viz.plots.board import plot_board
 
@@ -72,12 +60,12 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     along = sweep.sortby(entries[0])
     x, unit = along[entries[0]].values.astype(np.float64), _unit(sweep[entries[0]])
     ax = ax or style.new_axes(6.5, 3.6)
-    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    ax.axhline(0.0, color=palette.GREY, linewidth=0.8)
     for k, name in enumerate(pairs):
         zeros = zero_crossings(x, along[name].values)
         found = f" = 0 at {', '.join(f'{zero:#.3g}' for zero in zeros)} {unit}".rstrip() if zeros.size else ""
         _draw_line(ax, along, x, name, f"{name}{true_minus(found)}", k, marker=".")
-        edge = curve_look(k)["color"]
+        edge = palette.curve_look(k)["color"]
         ax.plot(zeros, np.zeros_like(zeros), "o", markersize=7, markerfacecolor="white", markeredgecolor=edge)
     _finish(ax, sweep[entries[0]], "coupling coefficient k")
     if len(pairs) > _MOST_INSIDE:
@@ -125,7 +113,7 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
     ax = ax or style.new_axes(*_PANEL)
     at = sweep[entry].broadcast_like(sweep[quantity]).transpose(*sweep[quantity].dims)
     x, values = _numbers(sweep[entry], at.values.ravel()), sweep[quantity].values.ravel()
-    ax.plot(x, values, ".", color=BLUE, markersize=4)
+    ax.plot(x, values, ".", color=palette.BLUE, markersize=4)
     _cross_out(ax, sweep.transpose(*sweep[quantity].dims), x, values)
     _finish(ax, sweep[entry], _label(sweep[quantity]))
     return ax
@@ -152,7 +140,7 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
     ax = ax or style.new_axes(*_PANEL)
     x = _numbers(sweep[along], sweep[along].values)
     if not apart:
-        ax.plot(x, sweep[quantity].values, "o-", color=BLUE, markersize=4)
+        ax.plot(x, sweep[quantity].values, "o-", color=palette.BLUE, markersize=4)
         _cross_out(ax, sweep, x, sweep[quantity].values)
     else:
         for k, text in enumerate(sweep[apart].values.tolist()):
@@ -184,15 +172,15 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
     values = np.ma.masked_invalid(sweep[quantity].transpose(*entries).values)[np.ix_(np.argsort(x), np.argsort(y))]
     across, up = np.meshgrid(x, y, indexing="ij")
     _cross_out(ax, sweep.transpose(*entries), across.ravel(), up.ravel())
-    ax.set_facecolor(UNKNOWN)
-    mesh = ax.pcolormesh(np.sort(x), np.sort(y), values.T, shading="nearest", cmap=SEQUENTIAL, rasterized=True)
+    ax.set_facecolor(palette.UNKNOWN)
+    mesh = ax.pcolormesh(np.sort(x), np.sort(y), values.T, shading="nearest", cmap=palette.SEQUENTIAL, rasterized=True)
     for axis, entry, places in zip((ax.xaxis, ax.yaxis), entries, (x, y), strict=True):
         _name_axis(axis, sweep[entry])
         if not _is_text(sweep[entry]) and sweep.sizes[entry] <= _MOST_TICKS:
             axis.set_major_locator(FixedLocator(np.sort(places).tolist()))
     own = [value for entry in entries if (value := _own(sweep[entry])) is not None]
     if len(own) == len(entries):
-        ax.plot(own[:1], own[1:], "D", color="white", markeredgecolor=VERMILLION, markersize=5)
+        ax.plot(own[:1], own[1:], "D", color="white", markeredgecolor=palette.VERMILLION, markersize=5)
     style.colour_bar(ax, mesh, _label(sweep[quantity]))
     return ax
 
@@ -268,7 +256,7 @@ def _draw_line(
     ax: Axes, sweep: xr.Dataset, x: npt.NDArray[np.float64], quantity: str, label: str, k: int, marker: str
 ) -> None:
     values = sweep[quantity].values
-    ax.plot(x, values, marker=marker, markersize=4, label=label, **curve_look(k))
+    ax.plot(x, values, marker=marker, markersize=4, label=label, **palette.curve_look(k))
     _cross_out(ax, sweep, x, values)
 
 
@@ -283,7 +271,7 @@ def _cross_out(ax: Axes, sweep: xr.Dataset, x: npt.NDArray[np.float64], y: npt.N
     broken = _broken(sweep).ravel()
     if broken.any():
         seen = [withStroke(linewidth=2.5, foreground="white")]  # on dark colours of a map too
-        ax.plot(x.ravel()[broken], y.ravel()[broken], "x", color=INK, markersize=6, zorder=5, path_effects=seen)
+        ax.plot(x.ravel()[broken], y.ravel()[broken], "x", color=palette.INK, markersize=6, zorder=5, path_effects=seen)
 
 
 def _entries(sweep: xr.Dataset) -> list[str]:
@@ -305,7 +293,7 @@ def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
         return "", ""
     if len(entries) == 1:
         return entries[0], ""
-    texts = [entry for entry in entries if _is_text(sweep[entry]) and sweep.sizes[entry] <= len(COILS)]
+    texts = [entry for entry in entries if _is_text(sweep[entry]) and sweep.sizes[entry] <= len(palette.COILS)]
     if len(entries) != 2 or not texts:
         return "", ""
     return next(entry for entry in entries if entry != texts[-1]), texts[-1]
@@ -324,7 +312,7 @@ def _finish(ax: Axes, entry: xr.DataArray, label: str) -> None:
     _name_axis(ax.xaxis, entry)
     own = _own(entry)
     if own is not None:
-        ax.axvline(own, color=INK, linestyle="--", linewidth=0.9, zorder=0)
+        ax.axvline(own, color=palette.INK, linestyle="--", linewidth=0.9, zorder=0)
     style.faint_grid(ax)
     ax.set_ylabel(label)
 
@@ -399,18 +387,20 @@ def plot_convergence(
     ax = ax or style.new_axes(7.0, 3.6)
     number = np.arange(values.size)
     kept = kept & np.isfinite(values)
-    ax.scatter(number[~kept], values[~kept], s=12, color=PALE, marker="x", linewidth=0.9, label="breaks a bound")
-    ax.scatter(number[kept], values[kept], s=14, color=BLUE, alpha=0.7, linewidth=0, label="keeps all bounds")
+    ax.scatter(
+        number[~kept], values[~kept], s=12, color=palette.PALE, marker="x", linewidth=0.9, label="breaks a bound"
+    )
+    ax.scatter(number[kept], values[kept], s=14, color=palette.BLUE, alpha=0.7, linewidth=0, label="keeps all bounds")
     if kept.any():
         worst = -np.inf if maximized else np.inf
         best = (np.maximum if maximized else np.minimum).accumulate(np.where(kept, values, worst))
         shown = np.isfinite(best)
-        ax.step(number[shown], best[shown], where="post", color=VERMILLION, label="best so far")
+        ax.step(number[shown], best[shown], where="post", color=palette.VERMILLION, label="best so far")
         _focus(ax, values[kept] if start is None else np.append(values[kept], start), log)
     if start is not None:
-        ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="given design")
+        ax.axhline(start, color=palette.INK, linestyle="--", linewidth=1.0, label="given design")
     if polished_from is not None:
-        ax.axvspan(polished_from - 0.5, values.size - 0.5, color=SHADE, zorder=0, label="local solver")
+        ax.axvspan(polished_from - 0.5, values.size - 0.5, color=palette.SHADE, zorder=0, label="local solver")
     ax.set(xlim=(-0.5, max(values.size - 0.5, 0.5)), xlabel="trial", ylabel=label)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     style.faint_grid(ax, "y")
@@ -453,16 +443,16 @@ def plot_front(
     if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:
         raise ValueError(f"points must have shape (n, 2) and feasible (n,); got {values.shape} and {kept.shape}.")
     ax = ax or style.new_axes(6.5, 4.6)
-    ax.scatter(values[kept, 0], values[kept, 1], s=14, color=PALE, linewidth=0, label="keeps all bounds")
+    ax.scatter(values[kept, 0], values[kept, 1], s=14, color=palette.PALE, linewidth=0, label="keeps all bounds")
     edge = values[sorted(front, key=lambda k: tuple(values[k].tolist()))]
     if len(edge):
         if stairs is not None:
-            ax.step(edge[:, 0], edge[:, 1], where=stairs, color=VERMILLION, linewidth=0.8, alpha=0.6)
+            ax.step(edge[:, 0], edge[:, 1], where=stairs, color=palette.VERMILLION, linewidth=0.8, alpha=0.6)
         name = "Pareto front" if len(edge) > 1 else "best"
-        ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label=name, zorder=3)
+        ax.scatter(edge[:, 0], edge[:, 1], s=30, color=palette.VERMILLION, label=name, zorder=3)
         _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
     if start is not None:
-        ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="given design", zorder=4)
+        ax.scatter(start[0], start[1], s=130, color=palette.INK, marker="*", label="given design", zorder=4)
     for k, name in (named or {}).items():
         ax.annotate(name, values[k].tolist(), xytext=(6, 6), textcoords="offset points", weight="bold")
     ax.set(xlabel=labels[0], ylabel=labels[1])
@@ -569,14 +559,14 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
         share = result.share.values[there].sum(axis=0)
         if share.max() < _LEAST_SHARE:
             continue
-        colour, hatch, where = KINDS[tables.index(table) % len(KINDS)], "", "board"
+        colour, hatch, where = palette.KINDS[tables.index(table) % len(palette.KINDS)], "", "board"
         if part != "board":
             hatch, where = "////", "layers"
         look: dict[str, Any] = {"color": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.4}
         ax.barh(places, share * 100, left=left, height=0.75, label=f"{table}, {where}", **look)
         left += share * 100
     spread = result.linear_deviation.values > 0
-    ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=UNKNOWN, label="others")
+    ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=palette.UNKNOWN, label="others")
     ax.set_yticks(places, names)
     ax.invert_yaxis()
     ax.set(xlim=(0, 100), xlabel="share of the linearised variance (%)")
@@ -601,18 +591,20 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
     at = result.sel(output=output)
     values: npt.NDArray[np.float64] = at.value.values[np.isfinite(at.value.values)]
     nominal, deviation = float(at.nominal), float(at.linear_deviation)
-    ax.hist(values, bins="sturges", density=True, color=BLUE, alpha=0.6, label=f"{values.size} boards")
+    ax.hist(values, bins="sturges", density=True, color=palette.BLUE, alpha=0.6, label=f"{values.size} boards")
     low = min(float(values.min()), nominal - 3 * deviation)
     high = max(float(values.max()), nominal + 3 * deviation)
     if deviation > 0:
         x = np.linspace(low, high, 200)
         normal = np.exp(-(((x - nominal) / deviation) ** 2) / 2) / (deviation * np.sqrt(2 * np.pi))
-        ax.plot(x, normal, color=INK, label="linear")
+        ax.plot(x, normal, color=palette.INK, label="linear")
     if "limited" in result:
         of_output = result.limited.values == output
         limits = np.r_[result.at_least.values[of_output], result.at_most.values[of_output]]
         for k, limit in enumerate(limits[np.isfinite(limits)].tolist()):
-            ax.axvline(limit, color=VERMILLION, linestyle="--", label="" if k else "limit")  # once in the legend
+            ax.axvline(
+                limit, color=palette.VERMILLION, linestyle="--", label="" if k else "limit"
+            )  # once in the legend
     ax.set(xlabel=output, yticks=[])
     ax.locator_params(axis="x", nbins=4)
     style.legend_above(ax, 3, "center", columnspacing=0.8, fontsize="small", handlelength=1.2)

@@ -15,16 +15,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import board_solids, sheet_solids
 from coilarray.geometry.elastomer import Indenter, Sheet
-from coilarray.viz.datasets.meshes import (
-    MM_PER_M,
-    barrel_mesh,
-    board_mesh,
-    copper_mesh,
-    dented_sheet_meshes,
-    indenter_mesh,
-    sheet_meshes,
-    surface_of,
-)
+from coilarray.viz.datasets import meshes
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, METAL, SHEETS, cycled
 from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Text
@@ -89,14 +80,14 @@ def scene_of_board(
     solids = board_solids(array)
     parts = []
     for layer, colour in every.items():
-        mesh = cut_upright(copper_mesh(solids, array.names, layer), box)
+        mesh = cut_upright(meshes.copper_mesh(solids, array.names, layer), box)
         if mesh.n_cells and (layers is None or layer in layers):
             name = f"{_COPPER}{layer}"
             parts.append(Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None))
-    barrels = barrel_mesh(solids, array.names)
+    barrels = meshes.barrel_mesh(solids, array.names)
     if barrels.n_cells and box is None:
         parts.append(Part("barrels", barrels, "barrels", BARREL, closed=True))
-    board = cut_upright(board_mesh(solids), box)
+    board = cut_upright(meshes.board_mesh(solids), box)
     if board.n_cells:
         # Copper may share a face with the board, so the board is drawn just behind it.
         parts.append(Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True))
@@ -104,12 +95,12 @@ def scene_of_board(
         return Scene(tuple(parts))
     if board.n_cells:
         parts.append(_edges("edges of board", board, "laminate", LAMINATE))
-    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
+    x_min, y_min, x_max, y_max = (meshes.MM_PER_M * edge for edge in array.bounds)
     length = 0.012 * (x_max - x_min + y_max - y_min)
     front, numbers = _ruler("x", (x_min, x_max), y_min, length)
     left, more = _ruler("y", (y_min, y_max), x_min, length)
-    heights = MM_PER_M * np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
-    places = np.column_stack((MM_PER_M * array.centres, heights)).tolist()
+    heights = meshes.MM_PER_M * np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
+    places = np.column_stack((meshes.MM_PER_M * array.centres, heights)).tolist()
     names = [Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True)]
     return Scene((*parts, front, left), (*names, *numbers, *more))
 
@@ -138,7 +129,7 @@ def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, sp
     thick = {sheet.name: sheet.thickness for sheet in sheets}
     colours = cycled(SHEETS, list(thick))
     parts: list[Part] = []
-    for name, mesh in reversed(sheet_meshes(sheet_solids(array, sheets), lift, spread).items()):
+    for name, mesh in reversed(meshes.sheet_meshes(sheet_solids(array, sheets), lift, spread).items()):
         group = sheet_label(name, thick[name])
         parts.append(Part(f"sheet {name}", mesh, group, colours[name], opacity=_GLASS, lit=False))
         parts.append(_edges(f"edges of sheet {name}", mesh, group, colours[name]))
@@ -147,16 +138,16 @@ def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, sp
 
 def sheet_label(name: str, thickness: float) -> str:
     """Legend text of a sheet with a thickness in m."""
-    return f"{name} {thickness * MM_PER_M:g} mm"
+    return f"{name} {thickness * meshes.MM_PER_M:g} mm"
 
 
 def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
     """Cut a mesh upright to a rectangle in m, left open."""
     if box is None or not mesh.n_cells:
         return mesh
-    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in box)
+    x_min, y_min, x_max, y_max = (meshes.MM_PER_M * edge for edge in box)
     low, high = mesh.bounds[4:]
-    return surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
+    return meshes.surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
 
 
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
@@ -168,7 +159,7 @@ def _risers(array: Array, sheets: Scene) -> Scene:
     """Upright lines from the board's far corners to lifted sheets."""
     from coilarray.viz.extra_3d import pyvista
 
-    x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
+    x_min, _, x_max, y_max = (meshes.MM_PER_M * edge for edge in array.bounds)
     top = sheets.bounds[4]
     lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
     return Scene((Part("risers", lines, colour=_RISER, lit=False),))
@@ -258,18 +249,12 @@ def scene_of_dent(
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])
     deep = float(dent.depth)
-    body = indenter_mesh(indenter, thickness - deep, centre, extent, _TALL * thickness)
-    label = f"{indenter.name}, {deep * MM_PER_M:g} mm deep"
+    body = meshes.indenter_mesh(indenter, thickness - deep, centre, extent, _TALL * thickness)
+    label = f"{indenter.name}, {deep * meshes.MM_PER_M:g} mm deep"
     parts = [Part("indenter", body, label, METAL, smooth=True, ambient=0.3)]
     colours = cycled(SHEETS, [sheet.name for sheet in sheets])
     thick = {sheet.name: sheet.thickness for sheet in sheets}
-    for name, mesh in reversed(dented_sheet_meshes(dent, sheets, centre, extent).items()):
+    for name, mesh in reversed(meshes.dented_sheet_meshes(dent, sheets, centre, extent).items()):
         group = sheet_label(name, thick[name])
         parts.append(Part(f"sheet {name}", mesh, group, colours[name], smooth=True, ambient=0.2, opacity=opacity))
     return Scene(tuple(parts))
-
-
-def name_heights(array: Array, thickness: float, centre: tuple[float, float]) -> npt.NDArray[np.float64]:
-    """Heights of the coils' names in m."""
-    open_ = (array.centres < centre).all(axis=1)
-    return np.where(open_, 0.0, thickness)

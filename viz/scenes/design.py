@@ -25,35 +25,10 @@ from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at, indentation_of, target_of
 from coilarray.response.target import with_target_as_plate
 from coilarray.viz.datasets.results import DELTA, field_grid, require_memory
-from coilarray.viz.scenes.board import (
-    VEILED,
-    CoilColours,
-    board_in_pieces,
-    board_scene,
-    recoloured,
-    scene_of_board,
-    scene_of_dent,
-    scene_of_sheets,
-)
+from coilarray.viz.scenes import board as boards
+from coilarray.viz.scenes import results
 from coilarray.viz.scenes.draw import shown_units
-from coilarray.viz.scenes.metal import CURRENT, scene_of_metal, target_place
-from coilarray.viz.scenes.results import (
-    Axes,
-    beside_faces,
-    colours_of_currents,
-    count_of,
-    field_box,
-    field_planes,
-    line_seeds,
-    points_of_box,
-    scale_of_field,
-    scene_of_coupling,
-    scene_of_lines,
-    scene_of_location,
-    scene_of_response,
-    scene_of_slices,
-    scene_of_surfaces,
-)
+from coilarray.viz.scenes.metal import CURRENT, scene_of_metal, steps_of, target_at, target_place
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
 
 if TYPE_CHECKING:
@@ -150,33 +125,34 @@ def scene_of_design(design: Design, view: View | None = None, track: Tracker | N
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 
 
-@dataclass(frozen=True, eq=False)
 class _Making:
     """Scene during its computation."""
 
-    design: Design
-    view: View
-    track: Tracker
+    def __init__(self, design: Design, view: View, track: Tracker) -> None:
+        self.design, self.view, self.track, self.shown = design, view, track, frozenset(view.show)
+        self.coil = design.array.middle_coil if view.coil is None else view.coil
+        self.others = "open" if view.others_open else "as terminated"
+        # whether the sheets hide the board
+        self.covered = "dent" in self.shown and not self.shown & _WITHIN
 
     def scene(self) -> Scene:
         """Make the scene."""
-        shown = set(self.view.show)
+        shown, design, layers = self.shown, self.design, self.view.layers
         for item in shown:
             if item not in ITEMS:
                 raise GeometryError(f"items to show must be of {', '.join(ITEMS)}; got {item!r}.")
-        if self.view.coil not in (None, *self.design.array.names):
-            raise GeometryError(f"there is no coil {self.view.coil!r}; there are {', '.join(self.design.array.names)}.")
+        if self.coil not in design.array.names:
+            raise GeometryError(f"there is no coil {self.coil!r}; there are {', '.join(design.array.names)}.")
         self._require_field()
-        if shown <= _ALONE and {"board"} <= shown and self.view.layers is None:
-            return board_scene(self.design.array, self.design.sheets if "elastomer" in shown else ())
-        array, sheets = self.design.array, self.design.sheets
+        if shown <= _ALONE and "board" in shown and layers is None:
+            return boards.board_scene(design.array, design.sheets if "elastomer" in shown else ())
         makers: dict[str, Callable[[], Scene]] = {
             "dent": self._dent,
-            "elastomer": lambda: scene_of_sheets(array, sheets),
+            "elastomer": lambda: boards.scene_of_sheets(design.array, design.sheets),
             "metal": self._metal,
             "currents": self._currents,
-            "board": lambda: scene_of_board(array, layers=self.view.layers, name_heights=self._name_heights),
-            "coupling": lambda: scene_of_coupling(self._coupling),
+            "board": lambda: boards.scene_of_board(design.array, layers=layers, name_heights=self._name_heights),
+            "coupling": lambda: results.scene_of_coupling(self._coupling),
             "response": self._response,
             "location": self._location,
         }
@@ -186,7 +162,7 @@ class _Making:
         for name, make in makers.items():
             if name in made:
                 scene += make()
-        scene += self._field(shown)
+        scene += self._field()
         if not scene.parts:
             reason = f" {' '.join(scene.notes)}" if scene.notes else ""
             raise GeometryError(f"nothing to show for {', '.join(self.view.show) or 'no items'}.{reason}")
@@ -194,29 +170,25 @@ class _Making:
 
     def _metal(self) -> Scene:
         """Make the scene of plates, target and eddy currents."""
-        view = self.view
+        view, design, place, numbers, first = self.view, self.design, (0.0, 0.0), None, 0
+        if "target" in self.shown:
+            place, steps = target_place(design, self.coil, view.at), steps_of(design, view.distance)
+            steps = [self._distance] if self.shown & _OF_B else steps
+            numbers = target_at(design, place, steps, progress=self.track("target"))
+            first = 0 if view.distance is None else steps.index(view.distance)
         return scene_of_metal(
-            self.design, frozenset(_METAL & set(view.show)), self._coil, lambda: self._coupling,
-            terminated=not view.others_open, distance=view.distance, at=view.at, still=bool(_OF_B & set(view.show)),
-            progress=self.track("target"),
+            design, self.shown, self.coil, lambda: self._coupling,
+            terminated=not view.others_open, place=place, numbers=numbers, first=first,
         )  # fmt: skip
 
     def _currents(self) -> Scene:
         """Make the board coloured by the coils' currents."""
         design, view = self.design, self.view
-        currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
-        colours = colours_of_currents(currents, design.array.names.index(self._coil))
-        copper, rest = board_in_pieces(design.array, view.layers, self._name_heights)
-        note = f"Black: {self._coil} is measured, the others {self._others}; current per its ampere."
-        return Scene(recoloured(copper, colours), notes=(note,)) + rest
-
-    @property
-    def _others(self) -> str:
-        return "open" if self.view.others_open else "as terminated"
-
-    @property
-    def _coil(self) -> str:
-        return self.design.array.middle_coil if self.view.coil is None else self.view.coil
+        currents = operating_currents(design, self._coupling, self.coil, terminated=not view.others_open)
+        colours = results.colours_of_currents(currents, design.array.names.index(self.coil))
+        copper, rest = boards.board_in_pieces(design.array, view.layers, self._name_heights)
+        note = f"Black: {self.coil} is measured, the others {self.others}; current per its ampere."
+        return Scene(boards.recoloured(copper, colours), notes=(note,)) + rest
 
     @cached_property
     def _coupling(self) -> xr.Dataset:
@@ -225,10 +197,9 @@ class _Making:
     @cached_property
     def _with_target(self) -> Design:
         """Design whose field is shown."""
-        shown = set(self.view.show)
-        if "target" not in shown or not shown & _OF_B:
+        if "target" not in self.shown or not self.shown & _OF_B:
             return self.design
-        place = target_place(self.design, self._coil, self.view.at)
+        place = target_place(self.design, self.coil, self.view.at)
         return with_target_as_plate(self.design, place, self._distance)
 
     @cached_property
@@ -242,28 +213,22 @@ class _Making:
         """Distance of the target in m."""
         return min(target_of(self.design).distances) if self.view.distance is None else self.view.distance
 
-    @property
-    def _setup(self) -> Indentation:
-        return indentation_of(self.design)
-
-    @property
-    def _depth(self) -> float:
-        return max(self._setup.depths) if self.view.depth is None else self.view.depth
-
-    @property
-    def _at(self) -> tuple[float, float]:
-        """Position of the indenter on the board in m."""
-        return off_middle(self._setup) if self.view.at is None else self.view.at
+    @cached_property
+    def _press(self) -> tuple[Indentation, tuple[float, float], float]:
+        """Indentation of the design, with place on the board and depth in m of the indenter."""
+        setup, view = indentation_of(self.design), self.view
+        at = off_middle(setup) if view.at is None else view.at
+        return setup, at, max(setup.depths) if view.depth is None else view.depth
 
     def _dent(self) -> Scene:
-        design, where, opacity = self.design, self._on_board, 1.0 if self._covered else VEILED
-        dent, indenter = dent_of_design(design, self._depth), self._setup.indenter
-        return scene_of_dent(design.array, design.sheets, dent, indenter, where, opacity=opacity)
+        (setup, _, depth), design, where = self._press, self.design, self._on_board
+        opacity, dent = 1.0 if self.covered else boards.VEILED, dent_of_design(design, depth)
+        return boards.scene_of_dent(design.array, design.sheets, dent, setup.indenter, where, opacity=opacity)
 
     @property
     def _on_board(self) -> tuple[float, float]:
         """Position of the indenter in m, or GeometryError off the board."""
-        x, y = self._at
+        x, y = self._press[1]
         x_min, y_min, x_max, y_max = self.design.array.bounds
         if not (x_min < x < x_max and y_min < y < y_max):
             raise GeometryError(
@@ -273,91 +238,80 @@ class _Making:
         return x, y
 
     @property
-    def _covered(self) -> bool:
-        """True if the sheets hide the board."""
-        return "dent" in self.view.show and not set(self.view.show) & _WITHIN
-
-    @property
     def _name_heights(self) -> npt.NDArray[np.float64] | float:
-        if not self._covered:
+        if not self.covered:
             return 0.0
         # those in the open quarter lie on the board
         return np.where((self.design.array.centres < self._on_board).all(axis=1), 0.0, self.design.top)
 
     def _response(self) -> Scene:
         """Make the scene of a draped response."""
-        for name, positions in (("x", self._setup.x), ("y", self._setup.y)):  # before a map is computed
+        setup, _, depth = self._press
+        for name, positions in (("x", setup.x), ("y", setup.y)):  # before a map is computed
             if len(positions) < 2:
                 raise LocalizeError(f"a draped map needs at least 2 positions along {name}; got 1.")
-        depths = [self._depth]
-        response = response_map(self.design, depths=depths, accuracy="auto", progress=self.track("response"))
-        state = first_states(self.design).get(self._coil)
+        response = response_map(self.design, depths=[depth], accuracy="auto", progress=self.track("response"))
+        state = first_states(self.design).get(self.coil)
         if state is None:
             names = ", ".join(first_states(self.design))
-            raise LocalizeError(f"the scan has no state that measures {self._coil}; it measures {names}.")
+            raise LocalizeError(f"the scan has no state that measures {self.coil}; it measures {names}.")
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
-        return scene_of_response(response, state, outlines=outlines)
+        return results.scene_of_response(response, state, outlines=outlines)
 
     def _location(self) -> Scene:
         """Make the scene of a located indentation."""
         if self.view.table is None:
             raise LocalizeError("a location needs the response table of the design.")
-        model = forward_model(on_board(self.view.table))
-        found = locate(model, model.delta([*self._at, self._depth]))
-        return scene_of_location(found, self.design.array.bounds, self.design.top, self._at)
+        model, (_, at, depth) = forward_model(on_board(self.view.table)), self._press
+        found = locate(model, model.delta([*at, depth]))
+        return results.scene_of_location(found, self.design.array.bounds, self.design.top, at)
+
+    @property
+    def _grids(self) -> tuple[list[results.Spans], list[results.Spans]]:
+        """Planes and box on which B is shown."""
+        item, spacing = (self.design, self.coil), self.view.spacing
+        planes = list(results.field_planes(*item, spacing or _PLANE_SPACING)) if "field" in self.shown else []
+        return planes, [results.field_box(*item, spacing or _BOX_SPACING)] if self.shown & _IN_BOX else []
 
     def _require_field(self) -> None:
         """Refuse a field that cannot be computed."""
-        shown = set(self.view.show)
-        if shown & _OF_B:
-            require_endless(self._with_target)
-            indentation = self.design.indentation
-            if "dent" in shown and indentation is not None and indentation.material is not None:
-                raise MetalError("B beside an indenter of metal or ferrite is not computed: leave out the dent, or B.")
-        grids = [field_box(self.design, self._coil, self.view.spacing or _BOX_SPACING)] if shown & _IN_BOX else []
-        if "field" in shown:
-            grids += field_planes(self.design, self._coil, self.view.spacing or _PLANE_SPACING)
-        if grids:
-            require_memory(count_of(grids), f"a spacing of {max(axis.spacing for axis in grids[0]) * 1e3:g} mm")
+        if not self.shown & _OF_B:
+            return
+        require_endless(self._with_target)
+        indentation = self.design.indentation
+        if "dent" in self.shown and indentation is not None and indentation.material is not None:
+            raise MetalError("B beside an indenter of metal or ferrite is not computed: leave out the dent, or B.")
+        planes, boxes = self._grids
+        widest = max(axis.spacing for axis in (*boxes, *planes)[0])
+        require_memory(results.count_of([*boxes, *planes]), f"a spacing of {widest * 1e3:g} mm")
 
-    def _b_on(self, axes: Axes, what: str) -> pyvista.RectilinearGrid:
+    def _b_on(self, axes: results.Axes, what: str) -> pyvista.RectilinearGrid:
         """Compute B on a grid."""
         view, design, coupling, (x, y, z) = self.view, self._with_target, self._coupling_with_target, axes
         if len(z) > 1:
-            z = beside_faces(design, z, float(coupling.frequency.sel(coil=self._coil)))
+            z = results.beside_faces(design, z, float(coupling.frequency.sel(coil=self.coil)))
         field = operating_field(
-            design, coupling, self._coil, x, y, z,
+            design, coupling, self.coil, x, y, z,
             current=CURRENT, terminated=not view.others_open, progress=self.track(what),
         )  # fmt: skip
         return field_grid(field.x.values, field.y.values, field.z.values, field.B.values)
 
-    def _field(self, shown: set[Item]) -> Scene:
+    def _field(self) -> Scene:
         """Make the scene of planes, lines and surfaces of B."""
-        design, coil, spacing = self._with_target, self._coil, self.view.spacing
-        planes, boxes = [], []
-        if "field" in shown:
-            for x, y, z in field_planes(design, coil, spacing or _PLANE_SPACING):
-                planes.append(self._b_on((x.points, y.points, z.points), "field on a plane"))
-        if shown & _IN_BOX:
-            spans = field_box(design, coil, spacing or _BOX_SPACING)
-            boxes.append(self._b_on(points_of_box(design, spans), "field in a box"))
-        if not planes and not boxes:
+        if not self.shown & _OF_B:
             return Scene()
-        scale = scale_of_field([*planes, *boxes])
-        scene = scene_of_slices(planes, scale)
+        planes = [self._b_on((x.points, y.points, z.points), "field on a plane") for x, y, z in self._grids[0]]
+        boxes = [self._b_on(results.points_of_box(self.design, spans), "field in a box") for spans in self._grids[1]]
+        scale = results.scale_of_field([*planes, *boxes])
+        scene = results.scene_of_slices(planes, scale)
         for box in boxes:
-            if "lines" in shown:
-                scene += scene_of_lines(box, line_seeds(design, coil), scale)
-            if "surfaces" in shown:
-                scene += scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
-        others = f", the others {self._others}" if len(self.design.array.names) > 1 else ""
-        carried = f"{coil} carries {CURRENT * 1e3:g} mA{others}"
-        return scene + Scene(notes=(f"B in phase, {self._surroundings}; {carried}.",))
-
-    @property
-    def _surroundings(self) -> str:
-        """Describe the surroundings that B includes."""
-        design, metal = self._with_target, []
+            if "lines" in self.shown:
+                scene += results.scene_of_lines(box, results.line_seeds(self._with_target, self.coil), scale)
+            if "surfaces" in self.shown:
+                scene += results.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
+        others = f", the others {self.others}" if len(self.design.array.names) > 1 else ""
+        carried = f"{self.coil} carries {CURRENT * 1e3:g} mA{others}"
+        design, metal = self._with_target, []  # what B includes, and what it leaves out
         if design.target is None and self.design.target is not None:
             metal.append(f"the target at {MM.text(self._distance, '.3')}")
         if self.design.plates:
@@ -365,7 +319,7 @@ class _Making:
         left_out = (["the target"] if design.target is not None else []) + (["elastomer"] if design.sheets else [])
         parts = [f"beside {' and '.join(metal)}"] if metal else []
         parts += [f"without {' and '.join(left_out)}"] if left_out else []
-        return ", ".join(parts) or "in air"
+        return scene + Scene(notes=(f"B in phase, {', '.join(parts) or 'in air'}; {carried}.",))
 
 
 _STEPS = 5  # positions of the response per thickness of all sheets, as `coilarray.localize.forward` needs them
@@ -384,7 +338,7 @@ class Touch:
     @cached_property
     def _board(self) -> tuple[tuple[Part, ...], Scene]:
         """Copper of the board, and the rest."""
-        return board_in_pieces(self.design.array)
+        return boards.board_in_pieces(self.design.array)
 
     @property
     def scale(self) -> Scale:
@@ -408,9 +362,11 @@ class Touch:
                 for value, (across, along) in zip(delta.tolist(), array.centres.tolist(), strict=True)
                 if math.isfinite(value)
             )
-            coils = recoloured(self._board[0], CoilColours(delta, scale))
+            coils = boards.recoloured(self._board[0], boards.CoilColours(delta, scale))
             scene = Scene(coils, numbers, (f"The indenter is at {where}.",))
-            yield scene + scene_of_dent(array, self.design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
+            yield scene + boards.scene_of_dent(
+                array, self.design.sheets, dent, setup.indenter, (x, y), opacity=boards.VEILED
+            )
 
 
 def touch_along(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -42,19 +42,6 @@ CURRENT = 1e-3
 """Current in the measured coil in A."""
 
 
-@dataclass(frozen=True, eq=False)
-class Position:
-    """Position of a target in m, with eddy currents and lines.
-
-    `place` is the place of its centre, or of the lower face of an infinite plate.
-    """
-
-    distance: float
-    place: tuple[float, float, float]
-    eddies: Eddies | None = None
-    lines: tuple[str, ...] = ()
-
-
 def around_board(array: Array) -> Box:
     """Rectangle in m to which pictures cut infinite plates."""
     x_min, y_min, x_max, y_max = array.bounds
@@ -62,35 +49,7 @@ def around_board(array: Array) -> Box:
     return x_min - rim, y_min - rim, x_max + rim, y_max + rim
 
 
-def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene:
-    """Scene of the plates of a design, cut to `within` in m."""
-    colours = cycled(METALS, [plate.name for plate in plates])
-    parts: list[Part] = []
-    for plate in plates:
-        mesh, group = plate_mesh(plate, within), f"{plate.name}: {_body_words(plate)}"
-        parts += _glass(f"plate {plate.name}", mesh, group, colours[plate.name], isinstance(plate, Plate))
-    return Scene(tuple(parts), notes=_cut_note(plates))
-
-
-def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scale: Scale | None, first: int) -> Scene:
-    """Scene of a target with a slider of its distance, at `first`.
-
-    Infinite plates are cut to `within` in m. `scale` belongs to the eddy currents if shown.
-    """
-    group = f"target: {_body_words(body)}"
-    parts: list[Part] = []
-    for step, position in enumerate(positions):
-        mesh = body_mesh(body, position.place, within)
-        shown = _glass(f"target {step}", mesh, group, METAL, isinstance(body, Plate))
-        if position.eddies is not None and scale is not None:
-            shown += eddy_parts(f"eddies {step}", position.eddies, scale, within)
-        parts += [replace(part, step=step) for part in shown]
-    labels = tuple(f"{position.distance * 1e3:g} mm" for position in positions)
-    slider = Slider("distance of the target", labels, tuple(position.lines for position in positions), first)
-    return Scene(tuple(parts), notes=_cut_note([body]), slider=slider)
-
-
-def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Part, ...]:
+def _eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Part, ...]:
     """Eddy currents of a body as coloured arrows within a rectangle."""
     x_min, y_min, x_max, y_max = within
     least = max(x_max - x_min, y_max - y_min) / _MOST_ARROWS
@@ -101,9 +60,10 @@ def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Pa
     return (Part(name, surface_of(arrows), "eddy currents", scale=scale, ambient=0.5, diffuse=0.55),)
 
 
-def _glass(name: str, mesh: pyvista.PolyData, group: str, colour: str, covers: bool) -> list[Part]:
+def _glass(name: str, body: Body, mesh: pyvista.PolyData, group: str, colour: str) -> list[Part]:
     """Translucent body, with its edges if it has any."""
-    parts = [Part(name, mesh, group, colour, opacity=_GLASS if covers else _DENSER, ambient=0.35, smooth=True)]
+    opacity = _GLASS if isinstance(body, Plate) else _DENSER
+    parts = [Part(name, mesh, group, colour, opacity=opacity, ambient=0.35, smooth=True)]
     edges = mesh.clean().extract_feature_edges(_SHARP, manifold_edges=False, non_manifold_edges=False)
     if edges.n_cells:
         parts.append(Part(f"edges of {name}", edges, group, colour, line_width=2.0, lit=False))
@@ -119,10 +79,8 @@ def _body_words(body: Body) -> str:
 
 
 def _cut_note(bodies: Sequence[Body]) -> tuple[str, ...]:
-    endless = [body.name for body in bodies if isinstance(body, Plate)]
-    if not endless:
-        return ()
-    return (f"Infinite plates, drawn as far as the board: {', '.join(endless)}.",)
+    endless = ", ".join(body.name for body in bodies if isinstance(body, Plate))
+    return (f"Infinite plates, drawn as far as the board: {endless}.",) if endless else ()
 
 
 Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
@@ -133,48 +91,32 @@ _FLAT = 0.9  # least cosine of the angle between face and triangle; other triang
 _BLURRED = 0.4  # width over which the current of an arrow is averaged, over their distance
 
 
-@dataclass(frozen=True, eq=False)
-class WorkingPoint:
+class WorkingPoint(NamedTuple):
     """Currents of all coils in A, shape (n,), at a frequency in Hz."""
 
     currents: ComplexArray
     frequency: float
 
 
-def working_point(design: Design, coupling: xr.Dataset, coil: str, *, terminated: bool) -> WorkingPoint:
-    """Operation in which a coil is measured with 1 mA."""
-    currents = CURRENT * operating_currents(design, coupling, coil, terminated=terminated)
-    return WorkingPoint(currents, float(coupling.frequency.sel(coil=coil)))
-
-
 def eddies_of_plates(
     design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
     """Eddy currents of plates, over `within` in m if infinite."""
-    endless = [plate for plate in plates if isinstance(plate, Plate)]
     _require_alike(plates)
-    return [*_endless(design, endless, endless, operation, within), *_outlined(design, plates, operation)]
+    endless = [plate for plate in plates if isinstance(plate, Plate)]
+    return [*_endless(design, endless, operation, within), *_outlined(design, plates, operation)]
 
 
-def eddies_of_target(
-    design: Design, place: tuple[float, float], distances: Sequence[float], operation: WorkingPoint, within: Box
-) -> list[Phasors | None]:
-    """Eddy currents of a target (not a ball) at distances in m."""
-    found: list[Phasors | None] = []
-    for distance in distances:
-        target = target_of(design)
-        height = target.height(design.top, distance)
-        if isinstance(target.body, Plate):
-            _require_alike([target.body, *design.plates])
-            moved = replace(target.body, z=height)
-            beside = [plate for plate in design.plates if isinstance(plate, Plate)]
-            found += _endless(design, [moved], [moved, *beside], operation, within)
-        elif isinstance(target.body, FinitePlate):
-            moved_there = replace(target.body, centre=(*place, height))
-            found.append(_outlined(design, [*design.plates, moved_there], operation)[-1])
-        else:
-            found.append(None)
-    return found
+def _eddies_of_target(
+    design: Design, place: tuple[float, float], distance: float, operation: WorkingPoint, within: Box
+) -> Phasors | None:
+    """Eddy currents of a target at a distance in m, None of a ball."""
+    body, height = target_of(design).body, target_of(design).height(design.top, distance)
+    if isinstance(body, Plate):
+        return eddies_of_plates(design, [replace(body, z=height), *design.plates], operation, within)[0]
+    if isinstance(body, FinitePlate):
+        return _outlined(design, [*design.plates, replace(body, centre=(*place, height))], operation)[-1]
+    return None
 
 
 def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
@@ -206,11 +148,9 @@ def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: 
     return found
 
 
-def _endless(
-    design: Design, shown: Sequence[Plate], plates: Sequence[Plate], operation: WorkingPoint, within: Box
-) -> list[Phasors]:
-    """Eddy currents of the first of infinite plates, on a grid."""
-    if not shown:
+def _endless(design: Design, plates: Sequence[Plate], operation: WorkingPoint, within: Box) -> list[Phasors]:
+    """Eddy currents of infinite plates, on a grid."""
+    if not plates:
         return []
     x_min, y_min, x_max, y_max = within
     step = max(x_max - x_min, y_max - y_min) / _ALONG
@@ -218,7 +158,7 @@ def _endless(
     array, sheets = design.array, design.sheets
     density = plate_currents(array, operation.currents, plates, operation.frequency, x, y, sheets, blur=_BLURRED * step)
     found = []
-    for plate, K in zip(shown, density, strict=False):
+    for plate, K in zip(plates, density, strict=True):
         flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
         points = np.column_stack((flat, np.full(len(flat), plate.heights[1])))
         normals = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
@@ -233,89 +173,72 @@ _SHOWN_STATES = 8  # largest number of states whose δ stand in a line
 
 def scene_of_metal(
     design: Design,
-    shown: frozenset[str],
+    shown: Container[str],
     coil: str,
     coupling: Callable[[], xr.Dataset],
     *,
-    terminated: bool,
-    distance: float | None = None,
-    at: tuple[float, float] | None = None,
-    still: bool = False,
-    progress: Progress | None = None,
+    terminated: bool = True,
+    place: tuple[float, float] = (0.0, 0.0),
+    numbers: xr.Dataset | None = None,
+    first: int = 0,
 ) -> Scene:
     """Scene of plates, target and eddy currents of a design.
 
-    `shown` has "plates", "target" and "eddies", which flow in the bodies that are shown. A `coil`
-    is measured with 1 mA and the others are `terminated` or open. The slider of the target stands
-    first at a `distance` in m, by default the least. The target is `at` x and y in m, by default at
-    its place nearest to the coil. A `still` scene shows it at this distance alone.
+    `shown` has "plates" and "eddies", which flow in the bodies that are shown. A `coil` is measured
+    with 1 mA and the others are `terminated` or open. `numbers` of `target_at` show the target at a
+    `place` in m, with a slider of their distances that stands `first` at one of them.
     """
     within = around_board(design.array)
     plates = design.plates if "plates" in shown else ()
-    scene = scene_of_plates(plates, within)
-    steps: list[float] = []
-    place = (0.0, 0.0)
-    if "target" in shown:
-        steps, place = steps_of(design, distance), target_place(design, coil, at)
-        if still:
-            steps = steps[:1] if distance is None else [distance]
-        numbers = target_at(design, place, steps, progress=progress)
-    scale: Scale | None = None
-    of_target: Sequence[Eddies | None] = [None] * len(steps)
+    distances: list[float] = [] if numbers is None else numbers.distance.values.tolist()
+    colours = cycled(METALS, [plate.name for plate in plates])
+    parts: list[Part] = []
+    for plate in plates:
+        group = f"{plate.name}: {_body_words(plate)}"
+        parts += _glass(f"plate {plate.name}", plate, plate_mesh(plate, within), group, colours[plate.name])
+    scene = Scene(tuple(parts), notes=_cut_note(plates))
+    of_target: list[tuple[Part, ...]] = [()] * len(distances)
     if "eddies" in shown:
-        if not plates and not steps:
+        if not plates and not distances:
             raise MetalError(f"eddy currents need plates or a target in the picture of {design.name}.")
-        operation = working_point(design, coupling(), coil, terminated=terminated)
-        eddies = scene_of_eddies(design, plates, place, steps, operation, within)
-        scale, of_target = eddies.scale, eddies.of_target
+        currents = CURRENT * operating_currents(design, coupling(), coil, terminated=terminated)
+        operation = WorkingPoint(currents, float(coupling().frequency.sel(coil=coil)))
+        phasors = {
+            f"eddies of plate {k}": one for k, one in enumerate(eddies_of_plates(design, plates, operation, within))
+        }
+        in_target = [_eddies_of_target(design, place, distance, operation, within) for distance in distances]
+        phasors |= {f"eddies {k}": one for k, one in enumerate(in_target) if one is not None}
+        arrows, when = _strongest(phasors, within)
+        of_target = [arrows.pop(f"eddies {k}", ()) for k in range(len(distances))]
         carried = f"{operation.frequency * 1e-6:.4g} MHz, {CURRENT * 1e3:g} mA in {coil}"
-        notes = [f"Eddy currents {eddies.when}, {carried}, the currents of the coils as without a target."]
-        notes += ["Those in the target are not drawn."] if None in of_target else []
-        scene += Scene(notes=tuple(notes)) + eddies.of_plates
-    if not steps:
+        notes = [f"Eddy currents {when}, {carried}, the currents of the coils as without a target."]
+        notes += ["Those in the target are not drawn."] if None in in_target else []
+        scene += Scene(tuple(part for found in arrows.values() for part in found), notes=tuple(notes))
+    if numbers is None:
         return scene
-    target = target_of(design)
-    positions = []
-    for k, step in enumerate(steps):
-        lines = target_lines(numbers.isel(distance=k, y=0, x=0), coil)
-        positions.append(Position(step, (*place, target.height(design.top, step)), of_target[k], lines))
-    first = 0 if distance is None else steps.index(distance)
-    return scene + scene_of_target(target.body, positions, within, scale, first)
+    body, parts = target_of(design).body, []
+    lines: list[tuple[str, ...]] = []
+    group = f"target: {_body_words(body)}"
+    for step, distance in enumerate(distances):
+        mesh = body_mesh(body, (*place, target_of(design).height(design.top, distance)), within)
+        moved = [*_glass(f"target {step}", body, mesh, group, METAL), *of_target[step]]
+        parts += [replace(part, step=step) for part in moved]
+        lines.append(target_lines(numbers.isel(distance=step, y=0, x=0), coil))
+    labels = tuple(f"{distance * 1e3:g} mm" for distance in distances)
+    slider = Slider("distance of the target", labels, tuple(lines), first)
+    return scene + Scene(tuple(parts), notes=_cut_note([body]), slider=slider)
 
 
-@dataclass(frozen=True, eq=False)
-class EddyScene:
-    """Eddy currents of all bodies at an instant."""
-
-    of_plates: Scene
-    of_target: Sequence[Eddies | None]  # at each distance, None for a ball
-    scale: Scale
-    when: str  # the instant
-
-
-def scene_of_eddies(
-    design: Design,
-    plates: Sequence[Plate | FinitePlate],
-    place: tuple[float, float],
-    distances: Sequence[float],
-    operation: WorkingPoint,
-    within: Box,
-) -> EddyScene:
-    """Strongest eddy currents of plates and target at distances in m."""
-    of_plates = eddies_of_plates(design, plates, operation, within)
-    of_target = eddies_of_target(design, place, distances, operation, within)
-    phasors = [*of_plates, *(one for one in of_target if one is not None)]
-    in_phase, before = (sum(float((part(K) ** 2).sum()) for *_, K in phasors) for part in (np.real, np.imag))
+def _strongest(phasors: Mapping[str, Phasors], within: Box) -> tuple[dict[str, tuple[Part, ...]], str]:
+    """Arrows of all bodies at the instant of the strongest currents, and the instant."""
+    in_phase, before = (sum(float((part(K) ** 2).sum()) for *_, K in phasors.values()) for part in (np.real, np.imag))
     now = in_phase >= before
-    found = [Eddies(points, normals, K.real if now else K.imag) for points, normals, K in phasors]
-    amounts = [np.linalg.norm(one.density, axis=1) for one in found]
+    found = {name: Eddies(at, normals, K.real if now else K.imag) for name, (at, normals, K) in phasors.items()}
+    amounts = [np.linalg.norm(one.density, axis=1) for one in found.values()]
     high = max((float(np.quantile(amount, _STRONG)) for amount in amounts if amount.size), default=0.0) or 1.0
     scale = Scale(EDDY_AMOUNT, "eddy current", "A/m", high / 10**_DECADES, high, logarithmic=True)
-    scene, rest = Scene(), iter(found)
-    for number, _ in enumerate(of_plates):
-        scene += Scene(eddy_parts(f"eddies of plate {number}", next(rest), scale, within))
     when = "while the coil's current is largest" if now else "a quarter of a period before the coil's peak"
-    return EddyScene(scene, [None if one is None else next(rest) for one in of_target], scale, when)
+    return {name: _eddy_parts(name, one, scale, within) for name, one in found.items()}, when
 
 
 def target_at(

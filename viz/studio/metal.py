@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import xarray as xr
 
@@ -15,25 +15,14 @@ from coilarray.compute.display_units import KILOHM, MM, DisplayUnit
 from coilarray.compute.table import Table, dataset_table
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
-from coilarray.errors import CoilarrayError, DesignError
+from coilarray.errors import DesignError
 from coilarray.geometry import MATERIALS, Plate
-from coilarray.response.setup import target_of
 from coilarray.viz.scenes.board import scene_of_sheets
-from coilarray.viz.scenes.metal import (
-    Position,
-    around_board,
-    scene_of_eddies,
-    scene_of_plates,
-    scene_of_target,
-    steps_of,
-    target_at,
-    target_place,
-    working_point,
-)
+from coilarray.viz.scenes.metal import scene_of_metal, steps_of, target_at, target_place
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document
-from coilarray.viz.studio.session import Circuit, Panel, Session
+from coilarray.viz.studio.session import Panel, Session
 from coilarray.viz.studio.structure import without_entry
 from coilarray.viz.studio.view import BoardParts
 from coilarray.viz.studio.work import number_of, place_text
@@ -134,30 +123,6 @@ def without_body(document: Document, key: str) -> Document:
     return no_longer_assumed({name: table for name, table in document.items() if name != "target"}, ["target"])
 
 
-def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.Dataset | None) -> Scene:
-    """Scene of a board with sheets, plates and the target.
-
-    With a `coupling`, eddy currents are shown for 1 mA in the middle coil.
-    """
-    design, within = board.design, around_board(board.design.array)
-    scene = scene_of_sheets(design.array, design.sheets) + scene_of_plates(design.plates, within)
-    scene += Scene(board.copper) + board.rest
-    distances = [] if moved is None else [moved.distances[step]]
-    place = (0.0, 0.0) if moved is None else moved.place
-    eddies = None
-    if coupling is not None:
-        coil = design.array.middle_coil
-        operation = working_point(design, coupling, coil, terminated=True)
-        eddies = scene_of_eddies(design, design.plates, place, distances, operation, within)
-        scene += eddies.of_plates + Scene(notes=(f"Eddy currents {eddies.when}; 1 mA in {coil}.",))
-    for distance in distances:
-        height = target_of(design).height(design.top, distance)
-        position = Position(distance, (*place, height), None if eddies is None else eddies.of_target[0])
-        scale = None if eddies is None else eddies.scale
-        scene += scene_of_target(target_of(design).body, [position], within, scale, 0).still()
-    return scene
-
-
 _DELTA = DisplayUnit("%", 100.0, 4, significant=True)
 _REST = 0.4  # s without a change before a target is computed
 
@@ -165,8 +130,8 @@ _REST = 0.4  # s without a change before a target is computed
 class MetalPanel(Panel):
     """Panel with the metal near the coils."""
 
-    def __init__(self, session: Session, circuit: Callable[[], Circuit | None]) -> None:
-        self._circuit = circuit
+    def __init__(self, session: Session, coupling: Callable[[], xr.Dataset | None]) -> None:
+        self._coupling = coupling  # of the current design, if it is known
         self._moved: Moved | None = None
         self._place: tuple[float, float] | None = None  # chosen place
         self._step = 0
@@ -174,46 +139,53 @@ class MetalPanel(Panel):
             "bodies": [], "body_form": FIRST, "body_kinds": list(KINDS), "body_shapes": list(SIZES),
             "body_materials": list(MATERIALS), "body_sizes": dict(SIZES), "body_problem": "", "has_target": False,
             "distances": [], "distance_at": 0, "target_table": "", "target_problem": "", "target_place": ["", ""],
-            "show_eddies": False,
-            "target_endless": False,
+            "show_eddies": False, "target_endless": False,
         }  # fmt: skip
         session.state.client_only("body_form")
-        super().__init__(session, values, add_body=self._add, remove_body=self._remove, move_target=self._move,
+        super().__init__(
+            session, values, "target_problem", add_body=self._add, remove_body=self._remove, move_target=self._move,
             place_target=self._put,
         )  # fmt: skip
 
     def show(self, design: Design, *, anew: bool) -> None:
         """Show the bodies of a design."""
-        state = self._session.state
-        state.bodies, state.body_problem = body_rows(design), ""
-        state.has_target = design.target is not None
-        state.target_endless = design.target is not None and isinstance(design.target.body, Plate)
+        state, target = self._state, design.target
+        state.bodies, state.body_problem, state.has_target = body_rows(design), "", target is not None
+        state.target_endless = target is not None and isinstance(target.body, Plate)
         if anew:
             self._place, self._step = None, 0
-        if design.target is None:
+        if target is None:
             self._moved = None
             state.target_table, state.distances, state.target_problem = "", [], ""
 
     def steps(self, design: Design) -> list[Step]:
         """Make the step that moves the target over its place."""
-        if design.target is None:
-            return []
-        compute = partial(moved, design, self._place)
-        return [Step("target", compute, self._show, partial(self._fail, design), rest=_REST)]
+
+        def fail(problem: str) -> None:
+            with self._state as state:
+                state.target_problem, state.target_table = problem, ""
+                self._session.failed("target", design, problem)
+
+        step = Step("target", partial(moved, design, self._place), self._show, fail, rest=_REST)
+        return [] if design.target is None else [step]
 
     def scene(self, design: Design, board: BoardParts) -> Scene:
         """Board of a design with metal, made in a thread."""
-        known = self._moved if self._moved is not None and self._moved.design is design else None
-        circuit = self._circuit()
-        coupling = None if circuit is None or not self._session.state.show_eddies else circuit.coupling
-        return metal_scene(board, known, self._step, coupling)
+        moved, coupling, at = self._moved, self._coupling(), dict[str, Any]()
+        if moved is not None and moved.design is design:
+            at = {"place": moved.place, "numbers": moved.numbers.isel(distance=[self._step])}
+        with_eddies = self._state.show_eddies and coupling is not None and (at or design.plates)
+        shown = ("plates", "eddies") if with_eddies else ("plates",)
+        metal = scene_of_metal(design, shown, design.array.middle_coil, lambda: cast("xr.Dataset", coupling), **at)
+        metal = replace(metal.still(), notes=metal.notes)  # the page has a table of the numbers
+        return scene_of_sheets(design.array, design.sheets) + metal + Scene(board.copper) + board.rest
 
     def _show(self, found: Moved) -> None:
         """Show the numbers of a moved target."""
         if not self._session.is_current(found.design):
             return
         self._moved = found
-        with self._session.state as state:
+        with self._state as state:
             state.distances = [f"{distance * 1e3:.3g}" for distance in found.distances]
             self._step = min(self._step, len(found.distances) - 1)
             state.distance_at, state.target_problem = self._step, ""
@@ -222,27 +194,17 @@ class MetalPanel(Panel):
             self._session.arrived("target", found.design)
         self._session.redraw()
 
-    def _fail(self, design: Design, problem: str) -> None:
-        with self._session.state as state:
-            state.target_problem, state.target_table = problem, ""
-            self._session.failed("target", design, problem)
-
     def _move(self, step: int) -> None:
         """Show the target at a position of the slider."""
         if self._moved is not None and 0 <= step < len(self._moved.distances):
-            state = self._session.state
-            state.distance_at = self._step = step
-            state.target_table = target_table(self._moved, step).html()
+            self._state.distance_at = self._step = step
+            self._state.target_table = target_table(self._moved, step).html()
             self._session.redraw()
 
     def _put(self, x: str, y: str) -> None:
         """Move the target to a place in mm."""
         session = self._session
-        try:
-            self._place = number_of("x", x) * 1e-3, number_of("y", y) * 1e-3
-        except CoilarrayError as error:
-            session.state.target_problem = str(error)
-            return
+        self._place = number_of("x", x) * 1e-3, number_of("y", y) * 1e-3
         session.state.stale = sorted({*session.state.stale, "target"})
         session.slow.ask(self.steps(session.work.design))
 

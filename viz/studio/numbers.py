@@ -1,35 +1,57 @@
-"""Tab of numbers: summary, couplings, inductances, coils, and margins."""
+"""Tabs of numbers and of switches: what the circuit of a design gives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import cmath
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 from matplotlib import colormaps
 
 from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
-from coilarray.circuit.network import checked_network
+from coilarray.circuit.network import Network, Resonance, checked_network, resonate
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import PERCENT, DisplayUnit, number_text
-from coilarray.compute.table import Column, Table, Value, dataset_table
+from coilarray.compute.display_units import KILOHM, PERCENT, DisplayUnit, number_text, true_minus
+from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, build_design
+from coilarray.design.scan_states import ScanState
+from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
+from coilarray.errors import NetworkError
+from coilarray.geometry.array import Array
 from coilarray.geometry.rules import Margin, broken_rules, check_rules
+from coilarray.viz.datasets.results import AMOUNT, field_grid, require_memory
 from coilarray.viz.palette import DIVERGING
+from coilarray.viz.scenes.results import Span, colours_of_currents, scale_of_field, scene_of_slices
+from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document, Summary
-from coilarray.viz.studio.session import Circuit, Panel, Session
+from coilarray.viz.studio.session import Panel, Session
+from coilarray.viz.studio.view import BoardParts
 from coilarray.viz.studio.work import Work
+
+if TYPE_CHECKING:
+    import pyvista
 
 _DARK = 0.42  # luminance below which text on a colour is white
 _SHOWN_MARGINS = 40
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
 _MOST_IN_DIGITS = 8  # largest number of coils whose matrix has numbers in its cells from the start
 _LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 3), DisplayUnit(digits=4, significant=True)
+
+
+class Circuit(NamedTuple):
+    """Circuit of a design as the converter sees it."""
+
+    network: Network  # coils, switches and tank with all losses and strays
+    coupling: xr.Dataset  # of `coilarray.circuit.coupling.couple_design`
 
 
 class Numbers(NamedTuple):
@@ -125,47 +147,45 @@ class NumbersPanel(Panel):
     @property
     def circuit(self) -> Circuit | None:
         """Circuit of the current design, or None if unknown."""
-        known = self._circuit is not None and self._session.is_current(self._circuit[0])
-        return self._circuit[1] if self._circuit is not None and known else None
+        design, circuit = self._circuit or (None, None)
+        return circuit if design is self._session.work.design else None
 
     def show(self, work: Work) -> None:
         """Remove the numbers of the saved design."""
-        state = self._session.state
-        state.can_compare, state.saved_table = bool(work.kept), ""
-        state.saved_line = "" if work.kept else f"{work.file} is not saved yet"
+        self._state.can_compare, self._state.saved_table = bool(work.kept), ""
+        self._state.saved_line = "" if work.kept else f"{work.file} is not saved yet"
 
     def steps(self, design: Design) -> list[Step]:
         """Compute quick numbers, and at rest margins and full numbers."""
 
-        def numbers(accuracy: Accuracy) -> Callable[[], tuple[Design, Numbers]]:
-            return lambda: (design, numbers_of(design, accuracy))
+        def numbers(name: str, accuracy: Accuracy, rest: float) -> Step:
+            show, fail = partial(self._show, design), partial(self._fail, design)
+            return Step(name, lambda: numbers_of(design, accuracy), show, fail, rest)
 
-        fail, fail_rules = partial(self._fail, design), partial(self._session.failed, "rules", design)
-        return [
-            Step("rough", numbers("screen"), self._show, fail),
-            Step("rules", lambda: (design, margins_of(design)), self._show_margins, fail_rules, rest=_REST),
-            Step("full", numbers("full"), self._show, fail, rest=_REST),
-        ]
+        def show_margins(margins: Sequence[Margin]) -> None:
+            with self._state as state:
+                self._session.arrived("rules", design)
+                state.margins, state.broken = margin_table(margins).html(), broken_rules(margins)
+
+        fail_rules = partial(self._session.failed, "rules", design)
+        rules = Step("rules", lambda: margins_of(design), show_margins, fail_rules, rest=_REST)
+        return [numbers("rough", "screen", 0.0), rules, numbers("full", "full", _REST)]
 
     def draw(self) -> None:
         """Draw the requested matrix alone, for speed."""
-        if self._numbers is None:
-            return
-        numbers, state = self._numbers[1], self._session.state
-        cells, most = matrix_cells(numbers, state.matrix_of)
-        state.matrix = {
-            "names": list(numbers.names), "of": state.matrix_of, "cells": cells, "most": most,
-            "dense": len(numbers.names) > _MOST_IN_DIGITS,
-        }  # fmt: skip
+        if self._numbers is not None:
+            names, of = list(self._numbers[1].names), self._state.matrix_of
+            cells, most = matrix_cells(self._numbers[1], of)
+            dense = len(names) > _MOST_IN_DIGITS
+            self._state.matrix = {"names": names, "of": of, "cells": cells, "most": most, "dense": dense}
 
-    def _show(self, found: tuple[Design, Numbers]) -> None:
+    def _show(self, design: Design, numbers: Numbers) -> None:
         """Show numbers, and after the full numbers solve the circuit."""
-        design, numbers = found
-        before = self._numbers
-        if numbers.accuracy == "screen" and before is not None and before[0] is design and before[1].accuracy == "full":
+        known, shown = self._numbers or (None, None)
+        if numbers.accuracy == "screen" and known is design and shown is not None and shown.accuracy == "full":
             return
-        self._numbers = found
-        with self._session.state as state:
+        self._numbers = design, numbers
+        with self._state as state:
             self.draw()
             state.accuracy = numbers.accuracy if self._session.is_current(design) else "screen"
             self._session.arrived("numbers", design)
@@ -174,7 +194,7 @@ class NumbersPanel(Panel):
 
     def _fail(self, design: Design, problem: str) -> None:
         if self._session.is_current(design):
-            self._session.state.accuracy = "none"
+            self._state.accuracy = "none"
         self._session.failed("numbers", design, problem)
         self._solve(design)
 
@@ -183,7 +203,7 @@ class NumbersPanel(Panel):
 
         def show(circuit: Circuit) -> None:
             self._circuit = design, circuit
-            with self._session.state as state:
+            with self._state as state:
                 state.coil_table = coil_table(circuit.coupling).html()
                 self._session.arrived("circuit", design)
             self._solved("")
@@ -198,15 +218,9 @@ class NumbersPanel(Panel):
         if self._session.is_current(design):
             self._session.slow.ask([Step("circuit", lambda: circuit_of(design), show, fail)])
 
-    def _show_margins(self, found: tuple[Design, tuple[Margin, ...]]) -> None:
-        design, margins = found
-        with self._session.state as state:
-            self._session.arrived("rules", design)
-            state.margins, state.broken = margin_table(margins).html(), broken_rules(margins)
-
     def _compare(self) -> None:
         """Compute the numbers of the design as in its file."""
-        work, state = self._session.work, self._session.state
+        work, state = self._session.work, self._state
         if not work.kept:  # a new design has no file
             return
         state.saved_line = f"{work.file} as saved: …"
@@ -226,16 +240,14 @@ class NumbersPanel(Panel):
         summarize = self._session.setup.services.summarize
         if summarize is None:
             return
-        known = self._response is not None and self._response[0] == design.digest
-        response = self._response[1] if self._response is not None and known else None
+        digest, known = self._response or ("", None)
+        response = known if digest == design.digest else None
 
         def show(summary: Summary) -> None:
-            with self._session.state as state:
+            with self._state as state:
                 if self._session.is_current(design):
-                    state.summary = {
-                        "table": summary.table.html(), "verdicts": list(summary.verdicts),
-                        "converter": summary.converter,
-                    }  # fmt: skip
+                    table, verdicts = summary.table.html(), list(summary.verdicts)
+                    state.summary = {"table": table, "verdicts": verdicts, "converter": summary.converter}
                     state.summary_lacks = response is None and design.indentation is not None
                 self._session.arrived("summary", design)
 
@@ -249,8 +261,7 @@ class NumbersPanel(Panel):
 
         def done(response: xr.Dataset) -> None:
             self._response = design.digest, response
-            circuit = self.circuit
-            if circuit is not None:
+            if (circuit := self.circuit) is not None:
                 self._summarize(session.work.design, circuit)
 
         document, text = session.work.opened.document, f"response of {design.name}"
@@ -263,3 +274,129 @@ def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
     from coilarray.response.map import response_map
 
     return on_board(response_map(build_design(document, name), accuracy="auto", progress=progress))
+
+
+SETTINGS = ("measure", "ground", "open")
+"""Connections of a coil."""
+SPACING = 1e-3
+"""Distance in m of the points on the field's plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitFields:
+    """B on a plane of 1 A per coil."""
+
+    x: FloatArray  # shape (nx,)
+    y: FloatArray  # shape (ny,)
+    height: float  # height of the plane above the board
+    fields: FloatArray  # T/A, shape (coils, nx, ny, 1, 3)
+
+    def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
+        """Field of currents in A, shape (coils,), as of `field_grid`."""
+        B = np.tensordot(np.asarray(currents, dtype=np.float64), self.fields, axes=1)
+        return field_grid(self.x, self.y, [self.height], B)
+
+
+def kept_settings(array: Array, settings: Mapping[str, str]) -> dict[str, str]:
+    """Keep settings for other coils."""
+    kept = {name: settings.get(name, "ground") for name in array.names}
+    return kept if "measure" in kept.values() else {**dict.fromkeys(kept, "ground"), array.middle_coil: "measure"}
+
+
+def state_of(settings: Mapping[str, str]) -> ScanState:
+    """State of the multiplexer, with several measured coils in series.
+
+    >>> state = state_of({"a": "measure", "b": "open", "c": "ground"})
+    >>> state.measured, state.others, state.exceptions
+    ((('a', 1),), 'ground', {'b': 'open'})
+    """
+    measured = tuple((name, 1) for name, setting in settings.items() if setting == "measure")
+    if not measured:
+        raise NetworkError("at least one coil must be measured.")
+    opened = [name for name, setting in settings.items() if setting == "open"]
+    name = " + ".join(name for name, _ in measured)
+    return ScanState(name, measured, others="ground", exceptions=dict.fromkeys(opened, "open"))
+
+
+def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
+    """B of every coil on a plane of limited points."""
+    x_min, y_min, x_max, y_max = design.array.bounds
+    x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
+    conductors = design.array.conductors()
+    require_memory(x.count * y.count * len(conductors), f"a spacing of {spacing * 1e3:g} mm")
+    points = grid_points(x.points, y.points, design.field_height)
+    fields = np.stack([magnetic_field([conductor], points) for conductor in conductors])
+    return UnitFields(x.points, y.points, design.field_height, fields)
+
+
+def reading_table(result: Resonance) -> Table:
+    """Return the readings of the converter."""
+    columns = (
+        Column("effective_inductance", "L_eff", "H"), Column("effective_resistance", "R_eff", "ohm"),
+        Column("frequency", "resonance", "Hz"), Column("quality_factor", "Q", "1"),
+        Column("parallel_resistance", "R_p", "ohm", KILOHM),
+    )  # fmt: skip
+    return Table("switched", "", columns, (tuple(cell(getattr(result, column.name)) for column in columns),))
+
+
+class SwitchesPanel(Panel):
+    """Panel with a state of the switches chosen by hand."""
+
+    def __init__(self, session: Session, numbers: NumbersPanel) -> None:
+        self._numbers = numbers
+        self._result: Resonance | None = None
+        self._fields: tuple[Design, UnitFields] | None = None
+        values = {"settings": {}, "switched": "", "currents": [], "switch_problem": ""}
+        super().__init__(session, values, switch=self._switch)
+
+    def show(self, design: Design, *, anew: bool) -> None:
+        """Show another design, `anew` for another file."""
+        self._state.settings = kept_settings(design.array, {} if anew else self._state.settings)
+        self._result = None
+
+    def solve(self) -> None:
+        """Solve the state with the current circuit."""
+        circuit = self._numbers.circuit
+        if circuit is None:
+            return
+        try:
+            found = self._result = resonate(circuit.network, state_of(self._state.settings))
+        except NetworkError as error:
+            self.fail(str(error))
+            return
+        rows = []
+        for name, current in zip(self._state.settings, found.currents.tolist(), strict=True):
+            angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0
+            rows.append({"name": name, "amount": f"{abs(current):.4f}", "phase": true_minus(f"{angle:+.0f}°")})
+        with self._state as state:
+            state.switched, state.switch_problem, state.currents = reading_table(found).html(), "", rows
+
+    def fail(self, problem: str) -> None:
+        """Show why the converter has no readings."""
+        self._result = None
+        with self._state as state:
+            state.switched, state.currents, state.switch_problem = "", [], problem
+
+    def scene(self, design: Design, board: BoardParts) -> Scene | None:
+        """Scene of the solved state or None, in a thread."""
+        result, names = self._result, design.array.names
+        if result is None or len(result.currents) != len(names):
+            return None
+        scene = board.coloured(colours_of_currents(result.currents, names.index(result.state.measured[0][0])))
+        if design.plates:  # beside which the fields differ at every frequency
+            return scene + Scene(notes=("B beside plates is shown by coilarray view --show board,field.",))
+        if self._fields is None or self._fields[0] is not design:
+            self._fields = design, unit_fields(design)
+        fields = self._fields[1]
+        plane = fields.plane(result.currents.real * 1e-3)
+        if np.asarray(plane.point_data[AMOUNT]).max(initial=0.0) > 0:
+            scene += scene_of_slices([plane], scale_of_field([plane]))
+        note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; 1 mA."
+        return scene + Scene(notes=(note,))
+
+    def _switch(self, name: str, setting: str) -> None:
+        """Set the switch of a coil."""
+        if name in self._state.settings and setting in SETTINGS:
+            self._state.settings = {**self._state.settings, name: setting}
+            self.solve()
+            self._session.redraw()

@@ -12,10 +12,9 @@ from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
 from coilarray.viz.studio.live import LivePanel
 from coilarray.viz.studio.metal import MetalPanel
-from coilarray.viz.studio.numbers import NumbersPanel
+from coilarray.viz.studio.numbers import NumbersPanel, SwitchesPanel
 from coilarray.viz.studio.runs import RunsPanel, StudiesPanel
 from coilarray.viz.studio.session import Session, Setup, template
-from coilarray.viz.studio.switches import SwitchesPanel
 from coilarray.viz.studio.touch import TouchPanel
 from coilarray.viz.studio.view import ScenePanel
 from coilarray.viz.studio.work import Work
@@ -44,9 +43,9 @@ class Page(Session):
         self.endpoint: Any = None  # endpoint of its messages
         self.numbers = NumbersPanel(self, self._circuit_solved)
         self.build = BuildPanel(self)
-        self.switches = SwitchesPanel(self, lambda: self.numbers.circuit)
+        self.switches = SwitchesPanel(self, self.numbers)
         self.touch = TouchPanel(self)
-        self.metal = MetalPanel(self, lambda: self.numbers.circuit)
+        self.metal = MetalPanel(self, lambda: self.numbers.circuit and self.numbers.circuit.coupling)
         self.live = LivePanel(self)
         tabs = {"switches": self.switches.scene, "touch": self.touch.scene, "live": self.live.scene}
         self.scene = ScenePanel(self, tabs, self.metal.scene)

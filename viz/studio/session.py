@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import ConfigDict, ValidationError, validate_call
 
-from coilarray.circuit.network import Network
 from coilarray.compute.table import png_url
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, shown
@@ -29,7 +28,6 @@ from coilarray.viz.studio.services import Document, Services
 from coilarray.viz.studio.work import Shelf, Work
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
 
 _JOINED = 1.0  # s, changes of a slider within it are undone together
@@ -48,13 +46,6 @@ class Setup:
     reports: dict[str, Path]  # written by its pages, by keys that nobody can guess
     threads: Executor  # computes the steps
     rendering_problem: str | None  # why there is no picture in 3-D
-
-
-class Circuit(NamedTuple):
-    """Circuit of a design as the converter sees it."""
-
-    network: Network  # coils, switches and tank with all losses and strays
-    coupling: xr.Dataset  # of `coilarray.circuit.coupling.couple_design`
 
 
 class _Change(NamedTuple):
@@ -163,7 +154,7 @@ class Session(ABC):
                     if change.entry:
                         state.errors = {**state.errors, change.entry: str(error)}
                     else:
-                        setattr(state, change.problem, str(error))
+                        state[change.problem] = str(error)
                 continue
             finally:
                 with self.state:
@@ -214,17 +205,20 @@ class Session(ABC):
             shown = "computing" if {"rules", "circuit", "target", "summary"} & set(stale) else "full accuracy"
         self.state.shown_accuracy = shown
 
-    def say(self, problem: str) -> None:
-        """Show a line above the page, or none if empty."""
-        with self.state:
-            self.state.problem = problem
+    def say(self, problem: str, place: str = "problem") -> None:
+        """Show a line above the page or at another place, or none if empty."""
+        with self.state as state:
+            state[place] = problem
 
-    def trigger(self, name: str, function: Callable[..., Any]) -> None:
-        """Let the page call a function with checked arguments."""
+    def trigger(self, name: str, function: Callable[..., Any], problem: str = "problem") -> None:
+        """Let the page call a function with checked arguments.
+
+        `problem` is the place for its errors.
+        """
         strict = validate_call(config=_STRICT)(function)
 
         async def call(*arguments: Any) -> None:
-            with self._showing_errors():
+            with self._showing_errors(problem):
                 try:
                     result = strict(*arguments)
                     if inspect.isawaitable(result):
@@ -341,25 +335,27 @@ class Session(ABC):
         return call
 
     @contextmanager
-    def _showing_errors(self) -> Iterator[None]:
+    def _showing_errors(self, place: str = "problem") -> Iterator[None]:
         """Show an error of the block on the page."""
         try:
             yield
         except CoilarrayError as error:
-            self.say(str(error))
+            self.say(str(error), place)
         except Exception as error:
             traceback.print_exc()
             self.say(f"{type(error).__name__}: {error}")
 
 
 class Panel:
-    """Panel of a page: first values, functions by name."""
+    """Panel of a page: first values, place of its errors, functions by name."""
 
-    def __init__(self, session: Session, values: Mapping[str, Any], **triggers: Callable[..., Any]) -> None:
-        self._session = session
+    def __init__(
+        self, session: Session, values: Mapping[str, Any], problem: str = "problem", **triggers: Callable[..., Any]
+    ) -> None:
+        self._session, self._state = session, session.state
         session.state.update(values)
         for name, function in triggers.items():
-            session.trigger(name, function)
+            session.trigger(name, function, problem)
 
 
 def template(name: str) -> str:
