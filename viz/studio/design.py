@@ -38,13 +38,13 @@ class DesignPanel(Panel):
             "can_report": session.setup.services.write_report is not None, "formats": list(SUFFIXES),
         }  # fmt: skip
         super().__init__(
-            session, values, enter=self._enter, look_at_shelf=self._look, open_design=self._open,
+            session, values, "file_problem", enter=self._enter, look_at_shelf=self._look, open_design=self._open,
             save_design=self._save, write_report=self._report, export_board=self._export,
         )  # fmt: skip
 
     def show(self, work: Work, *, typed: bool) -> None:
         """Show a design, `typed` if from the fields, which stay."""
-        state = self._session.state
+        state = self._state
         if not typed:
             groups: dict[str, list[dict[str, Any]]] = {}
             for entry in entries_of(work.opened):
@@ -62,11 +62,11 @@ class DesignPanel(Panel):
 
     def _enter(self, key: str, text: str) -> None:
         """Set an entry to a typed value."""
-        session = self._session
+        session, errors = self._session, self._state.errors
         present = next((one for one in entries_of(session.work.opened) if one.key == key), None)
-        if present is not None and key not in session.state.errors and text == text_of(present.value):
+        if present is not None and key not in errors and text == text_of(present.value):
             return  # the field was only left; it shows twelve digits of a value that may have more
-        session.state.errors = {name: line for name, line in session.state.errors.items() if name != key}
+        self._state.errors = {name: line for name, line in errors.items() if name != key}
 
         def made(work: Work) -> Document:
             changed = work.document_with({key: number_of(key, text)})
@@ -75,73 +75,62 @@ class DesignPanel(Panel):
         session.change(made, entry=key)
 
     def _look(self) -> None:
-        self._session.state.shelf = self._session.setup.shelf.names()
+        self._state.shelf = self._session.setup.shelf.names()
 
     async def _open(self, name: str, discarded: str = "") -> None:
         """Open a file, and lose changes if `discarded` names it."""
-        session = self._session
+        session, state = self._session, self._state
         if session.work.changed and name != discarded:
-            session.state.file_problem, session.state.open_over = session.work.unsaved, name
+            state.file_problem, state.open_over = session.work.unsaved, name
             return
-        with session.state as state:
+        with state:
             state.file_problem, state.opening = "", name
         try:
             work = await asyncio.to_thread(session.setup.shelf.open, name)
-        except CoilarrayError as error:
-            session.state.file_problem, session.state.opening = str(error), ""
-            return
-        state.open_dialog, state.open_over, state.opening = False, "", ""
+        finally:
+            state.opening = ""
+        state.open_dialog, state.open_over = False, ""
         session.take(work)
 
     def _save(self, name: str, title: str | None, replaced: str = "") -> None:
         """Save with a title, over another file if `replaced`."""
-        session = self._session
-        name, work = name.strip(), session.work
-        try:
-            if name != replaced and session.setup.shelf.would_lose(work, name):
-                session.state.file_problem = f"{name} is there already; Replace writes over it."
-                session.state.save_over = name
-                return
-            same = name.removesuffix(".toml") == work.file.removesuffix(".toml")
-            called = work.called(work.design.name if same else name.removesuffix(".toml"), (title or "").strip())
-            work = session.setup.shelf.save(called, name)
-        except (DesignError, OutputError) as error:
-            session.state.file_problem = str(error)
-            return
-        session.state.save_over, session.state.save_dialog = "", False
+        shelf, name, work = self._session.setup.shelf, name.strip(), self._session.work
+        if name != replaced and shelf.would_lose(work, name):
+            self._state.save_over = name
+            raise OutputError(f"{name} is there already; Replace writes over it.")
+        same = name.removesuffix(".toml") == work.file.removesuffix(".toml")
+        called = work.called(work.design.name if same else name.removesuffix(".toml"), (title or "").strip())
+        work = shelf.save(called, name)
+        self._state.save_over, self._state.save_dialog = "", False
         self._saved(work)
-        session.state.file_note = f"saved {session.setup.shelf.path(name)}"
+        self._state.file_note = f"saved {shelf.path(name)}"
 
     def _export(self, to: Format) -> None:
         """Write the board into the folder."""
-        session = self._session
-        name = session.work.design.name
+        session, name = self._session, self._session.work.design.name
         path = session.may_write(f"{name}-{to}{SUFFIXES[to][0]}")
         if path is not None:
-            done = partial(session.wrote, path)
-            document = session.work.opened.document
-            session.start_bar("export", f"{to} of {name}", write_board, document, name, path, to, done=done)
+            item = session.work.opened.document, name, path, to
+            session.start_bar("export", f"{to} of {name}", write_board, *item, done=partial(session.wrote, path))
 
     def _report(self) -> None:
         """Write the report into the folder."""
-        session = self._session
-        write = session.setup.services.write_report
+        session, design, write = self._session, self._session.work.design, self._session.setup.services.write_report
         if write is None:
             return
-        design = session.work.design
 
         def done(result: Path) -> None:
             """Offer the report of the design."""
-            session.state.file_note = f"wrote {result}"
+            self._state.file_note = f"wrote {result}"
             if session.work.design.digest == design.digest:
                 key = secrets.token_hex(16)
                 session.setup.reports[key] = result
-                session.state.report_url = f"reports/{key}"
+                self._state.report_url = f"reports/{key}"
             else:
-                session.state.file_note += ", of the design before it was changed"
+                self._state.file_note += ", of the design before it was changed"
 
-        document, folder = session.work.opened.document, session.setup.shelf.folder / f"{design.name}-report"
-        session.start_bar("report", f"report of {design.name}", write, document, design.name, folder, done=done)
+        item = session.work.opened.document, design.name, session.setup.shelf.folder / f"{design.name}-report"
+        session.start_bar("report", f"report of {design.name}", write, *item, done=done)
 
 
 _FIRST = {
@@ -159,25 +148,19 @@ class NewPanel(Panel):
             "new_dialog": False, "new_shapes": list(get_args(Shape)), "new_edges": ["none", *SIDES],
             "choice": _FIRST, "new_problem": "", "new_over": False,
         }  # fmt: skip
-        super().__init__(session, values, make_design=self._make)
+        super().__init__(session, values, "new_problem", make_design=self._make)
 
     def _make(self, texts: dict[str, str | bool | None], discard: bool = False) -> None:
         """Make a design, and lose changes only to `discard` them."""
-        session, state = self._session, self._session.state
+        session, state, begun = self._session, self._state, self._session.work
         name = str(texts.get("name", "")).strip().removesuffix(".toml")
-        state.new_over = bool(session.work.changed) and not discard
-        try:
-            path = session.setup.shelf.path(f"{name}.toml")
-            if path.exists():
-                raise DesignError(f"{path.name} is there already; give the new design another name.")
-            if state.new_over:
-                raise DesignError(session.work.unsaved)
-            choices = choices_of(texts)
-        except CoilarrayError as error:
-            state.new_problem = str(error)
-            return
-
-        begun = session.work
+        state.new_over = begun.changed and not discard
+        path = session.setup.shelf.path(f"{name}.toml")
+        if path.exists():
+            raise DesignError(f"{path.name} is there already; give the new design another name.")
+        if state.new_over:
+            raise DesignError(begun.unsaved)
+        choices = choices_of(texts)
 
         def failed(problem: str) -> None:
             state.new_problem, state.new_dialog = problem, True
@@ -193,10 +176,8 @@ class NewPanel(Panel):
             except CoilarrayError as error:
                 failed(str(error))
 
-        state.new_problem = ""
-        state.new_dialog = not session.start_bar(
-            "new", f"new design {name}", make_design, name, choices, done=done, failed=failed
-        )
+        state.new_problem, item = "", (make_design, name, choices)
+        state.new_dialog = not session.start_bar("new", f"new design {name}", *item, done=done, failed=failed)
 
 
 def choices_of(texts: Mapping[str, Any]) -> dict[str, Any]:
@@ -240,13 +221,13 @@ class BuildPanel(Panel):
 
     def show(self, work: Work) -> None:
         """Show the structure of a design."""
-        document, array, state = work.opened.document, work.design.array.unrouted, self._session.state
-        lattice = document["array"]["lattice"]
-        state.build_problem, state.build_lattices = "", []
+        document, array, state = work.opened.document, work.design.array.unrouted, self._state
+        lattice, count = document["array"]["lattice"], len(array.names)
+        state.build_problem, lattices = "", []
         for kind in structure.LATTICES:
-            number = len(array.names) if kind == lattice else structure.lattice_sizes(kind, len(array.names))[1]
-            title = f"{kind}, {number} coil{'' if number == 1 else 's'}"
-            state.build_lattices = [*state.build_lattices, {"value": kind, "title": title}]
+            number = count if kind == lattice else structure.lattice_sizes(kind, count)[1]
+            lattices.append({"value": kind, "title": f"{kind}, {number} coil{'' if number == 1 else 's'}"})
+        state.build_lattices = lattices
         state.build = {
             "coils": [
                 {

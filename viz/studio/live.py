@@ -18,7 +18,6 @@ from matplotlib.ticker import MaxNLocator
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import number_text, true_minus
 from coilarray.design.model import Design
-from coilarray.errors import CoilarrayError
 from coilarray.localize.inverse import location_lines
 from coilarray.localize.presses import Press, baseline_text
 from coilarray.viz.palette import INK
@@ -162,7 +161,6 @@ def press_row(press: Press) -> list[str]:
     return [str(press.number), f"{press.begin:.2f}", lasted, place, depth, delta]
 
 
-_JOB = "board"
 _PATIENCE = 8.0  # s, time in which a board can be put to rest
 _MOST_PRESSES = 500  # largest number that is kept for the marks and the list
 _LISTED = 50  # number shown in the list
@@ -191,22 +189,21 @@ class LivePanel(Panel):
             "live_logged": "", "live_temperature": "",
         }  # fmt: skip
         super().__init__(
-            session, values, start_board=self.start, stop_board=lambda: session.tell_job(_JOB),
-            zero_board=lambda: session.tell_job(_JOB, ZERO), look_at_board=self._look, list_recordings=self._list,
+            session, values, "live_problem", start_board=self.start, stop_board=lambda: session.tell_job("board"),
+            zero_board=lambda: session.tell_job("board", ZERO), look_at_board=self._look, list_recordings=self._list,
         )  # fmt: skip
         self.show(session.work.design)
 
     def show(self, design: Design) -> None:
         """Show another design, unless a board is read."""
-        state = self._session.state
+        state = self._state
         state.live_other = bool(state.live_running) and design.digest != self._design.digest
-        if state.live_running:
-            return
-        self._design, self._frame = design, None
-        state.live_states = [one.name for one in design.plan]
-        state.live_reference = [name for name in state.live_reference if name in state.live_states]
-        self._forget(())
-        self.draw()
+        if not state.live_running:
+            self._design, self._frame = design, None
+            state.live_states = [one.name for one in design.plan]
+            state.live_reference = [name for name in state.live_reference if name in state.live_states]
+            self._forget(())
+            self.draw()
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Board coloured by the last δ, or None before it."""
@@ -215,30 +212,25 @@ class LivePanel(Panel):
 
     def start(self) -> None:
         """Begin to read a board or a recording."""
-        session, state = self._session, self._session.state
-        services = session.setup.services
+        session, state, services = self._session, self._state, self._session.setup.services
         if services.watch_board is None:
             return
 
         def file(name: str, given: str | None) -> str | None:
             """Path of a recording, of the folder or command."""
-            return name if not name or name == given else str(session.setup.shelf.file(name, (_RECORDING,)))
+            return name or None if name in ("", given) else str(session.setup.shelf.file(name, (_RECORDING,)))
 
         design = session.work.design
-        try:
-            request = BoardRequest(
-                session.work.opened.document,
-                design.name,
-                port=str(state.live_port).strip(),
-                recording=file(str(state.live_recording or ""), services.recording) or None,
-                reference=tuple(map(str, state.live_reference)),
-                log=file(str(state.live_log or "").strip(), services.log) or None,
-            )
-        except CoilarrayError as error:
-            state.live_problem = str(error)
-            return
+        request = BoardRequest(
+            session.work.opened.document,
+            design.name,
+            port=str(state.live_port).strip(),
+            recording=file(str(state.live_recording or ""), services.recording),
+            reference=tuple(map(str, state.live_reference)),
+            log=file(str(state.live_log or "").strip(), services.log),
+        )
         if session.start_job(
-            _JOB, services.watch_board, request, on_message=self._take, on_end=self._ended, patience=_PATIENCE
+            "board", services.watch_board, request, on_message=self._take, on_end=self._ended, patience=_PATIENCE
         ):
             self.show(design)
             state.update({
@@ -248,7 +240,7 @@ class LivePanel(Panel):
             })  # fmt: skip
 
     def _list(self) -> None:
-        self._session.state.live_recordings = self._session.setup.shelf.files(_RECORDING)
+        self._state.live_recordings = self._session.setup.shelf.files(_RECORDING)
 
     def _forget(self, states: Sequence[str]) -> None:
         """Begin another history."""
@@ -264,7 +256,7 @@ class LivePanel(Panel):
                 frame = replace(frame, location=before.location)  # positions are rarer than scans
             self._frame = frame
             if not frame.delta:
-                self._session.state.live_line = frame.line
+                self._state.live_line = frame.line
                 continue
             if not self._history.states or frame.time < self._history.end:  # the board may have restarted
                 self._forget(tuple(frame.delta))
@@ -291,17 +283,16 @@ class LivePanel(Panel):
 
     def _look(self) -> None:
         """Draw new readings, if there are any."""
-        if self._new and not self._session.state.live_paused:
+        if self._new and not self._state.live_paused:
             self.draw()
 
     def draw(self) -> None:
         """Draw the last readings."""
-        frame, state, design = self._frame, self._session.state, self._design
+        frame, state, design = self._frame, self._state, self._design
         self._new = False
         delta = {} if frame is None else frame.delta
         colours, presses = state_colours(design), list(self._presses.values())
-        size = WINDOW if state.alone else TAB
-        state.live_plot = curves(self._history, state.live_span, colours, presses, size)
+        state.live_plot = curves(self._history, state.live_span, colours, presses, WINDOW if state.alone else TAB)
         state.live_presses = [press_row(press) for press in presses[: -_LISTED - 1 : -1]]
         state.live_board = drawing(design, delta, self._marks(presses[-_MARKED:]), LEAST)
         reasons = {} if frame is None else frame.reasons
@@ -335,7 +326,7 @@ class LivePanel(Panel):
 
     def _ended(self, outcome: Outcome) -> None:
         """Show why the readings have ended."""
-        state = self._session.state
+        state = self._state
         state.live_running = state.live_other = False
         self.draw()
         state.live_line = {"failed": "", "cancelled": "stopped", "done": "ended"}[outcome.kind]

@@ -210,13 +210,13 @@ class RunsPanel(Panel):
             "runs_problem": "", "run_goals": _offered({}), "run_goal": next(iter(NAMES)), "run_trials": "40",
         }  # fmt: skip
         super().__init__(
-            session, values, read_runs=self._read, show_run=self._show, take_point=self._take, start_run=self._start
-        )
+            session, values, "runs_problem", read_runs=self._read, show_run=self._show, take_point=self._take,
+            start_run=self._start,
+        )  # fmt: skip
 
     def offer(self) -> None:
         """List fitting runs and goals, if their tab is open."""
-        session = self._session
-        work = session.work
+        session, work = self._session, self._session.work
         if session.state.tab != "runs":
             return
         session.state.run_folders = run_folders(session.setup.shelf.folder)
@@ -242,46 +242,39 @@ class RunsPanel(Panel):
 
     def _start(self, goal: str, trials: str) -> None:
         """Begin or continue a search, and show its points."""
-        session, state = self._session, self._session.state
-        design = session.work.design
+        session, design = self._session, self._session.work.design
         folder = session.setup.shelf.folder / f"{design.name}-{goal}"
-        try:
-            count = round(number_of("points", trials))
-            if goal not in NAMES or not 1 <= count <= _MOST_TRIALS:
-                raise DesignError(f"points must be 1 to {_MOST_TRIALS}; got {trials}.")
-        except CoilarrayError as error:
-            state.runs_problem = str(error)
-            return
+        count = round(number_of("points", trials))
+        if goal not in NAMES or not 1 <= count <= _MOST_TRIALS:
+            raise DesignError(f"points must be 1 to {_MOST_TRIALS}; got {trials}.")
 
         def ended(line: str) -> None:
-            state.file_note = line
+            self._state.file_note = line
             self.offer()
-            if folder.name in run_folders(folder.parent):
-                session.begin(self._read, folder.name)
+            session.begin(self._read, folder.name)
 
         item = (session.work.opened.document, design.name, goal, count, folder)
         stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
         if session.start_bar("search", f"{goal} of {design.name}", search_goal, *item, done=ended, cancelled=stopped):
-            state.runs_problem = ""
+            self._state.runs_problem = ""
             self._started[folder] = design.digest
             self._follow(folder)
 
     async def _read(self, name: str) -> None:
         """Read a folder of runs, now and when it changes."""
-        session, state = self._session, self._session.state
-        if name in run_folders(session.setup.shelf.folder):
-            state.run_folder = name
-            await self._read_folder(session.setup.shelf.folder / name)
-            self._follow(session.setup.shelf.folder / name)
+        folder = self._session.setup.shelf.folder
+        if name in run_folders(folder):
+            self._state.run_folder = name
+            await self._read_folder(folder / name)
+            self._follow(folder / name)
 
     async def _read_folder(self, folder: Path) -> None:
-        state = self._session.state
+        state = self._state
         self._folder, self._stamp = folder, _stamp(folder)
         try:
             self._runs = await asyncio.to_thread(read_runs, folder)
         except CoilarrayError as error:
-            with state:
-                state.runs_problem = str(error)
+            self._session.say(str(error), "runs_problem")
             return
         names = [run.name for run in self._runs]
         with state:
@@ -291,10 +284,9 @@ class RunsPanel(Panel):
 
     def _follow(self, folder: Path) -> None:
         """Read a folder again while its search continues."""
-        state = self._session.state
 
         async def follow() -> None:
-            while state.tab == "runs" or state.job["name"] == "search":
+            while self._state.tab == "runs" or self._state.job["name"] == "search":
                 await asyncio.sleep(_EVERY)
                 if _stamp(folder) not in (0, self._stamp):
                     await self._read_folder(folder)
@@ -318,7 +310,7 @@ class RunsPanel(Panel):
         usual = telling[:2] if len(run.objectives) > 1 or not run.numbers else [run.numbers[0], axes[0]]
         first, second = x if x in axes else usual[0], y if y in axes else usual[-1]
         picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
-        with self._session.state as state:
+        with self._state as state:
             state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
             state.run_picture, state.run_lines, state.run_scores = picture, run_lines(run), list(run.objectives)
             state.run_front = [
@@ -332,9 +324,8 @@ class RunsPanel(Panel):
 
     def _take(self, name: str) -> None:
         """Set the design's entries to a run's point."""
-        run = next((one for one in self._runs if one.name == self._session.state.run_name), None)
-        point = None if run is None else next((one for one in run.points if one.name == name), None)
-        if point is not None:
+        points = (point for run in self._runs if run.name == self._state.run_name for point in run.points)
+        if (point := next((one for one in points if one.name == name), None)) is not None:
             entries = point.entries
             self._session.change(lambda work: work.document_with(entries), "runs_problem")
 
@@ -503,13 +494,13 @@ class StudiesPanel(Panel):
             },
         }  # fmt: skip
         super().__init__(
-            session, values, choose_axis=self._choose, start_study=self._start, keep_study=self._keep,
+            session, values, "study_problem", choose_axis=self._choose, start_study=self._start, keep_study=self._keep,
             take_sweep_point=self._take,
         )  # fmt: skip
 
     def show(self, work: Work, *, anew: bool) -> None:
         """Offer a design's entries, `anew` for other files or coils."""
-        state = self._session.state
+        state = self._state
         state.study_old = self._of is not None and self._of.digest != work.design.digest
         if anew or not state.sweep_axes:
             entries = entries_of(work.opened)
@@ -522,42 +513,35 @@ class StudiesPanel(Panel):
 
     def _choose(self, number: int, key: str | None) -> None:
         """Offer values near the present value of an entry."""
-        state = self._session.state
         entry = next((one for one in entries_of(self._session.work.opened) if one.key == key), None)
         chosen = _NO_AXIS if entry is None else {"key": entry.key, "values": axis_text(entry)}
-        state.sweep_axes = [{**axis, **chosen} if axis["number"] == number else axis for axis in state.sweep_axes]
+        axes = self._state.sweep_axes
+        self._state.sweep_axes = [{**axis, **chosen} if axis["number"] == number else axis for axis in axes]
 
     def _start(self, kind: str, axes: list[Axis], quantities: list[str], file: str, boards: str) -> None:
         """Begin a study."""
-        session, state = self._session, self._session.state
-        work = session.work
+        session, state, work = self._session, self._state, self._session.work
         item: list[Any] = [work.opened.document, work.design.name]
+        task: Any = sweep_entries
+        if kind == "sweep":
+            item += [[f"{axis['key']}={axis['values']}" for axis in axes if axis["key"]], quantities]
+        else:
+            task, count = spread_boards, round(number_of("boards", boards))
+            if not 0 <= count <= _MOST_BOARDS:
+                raise DesignError(f"boards must be 0 to {_MOST_BOARDS}; got {boards}.")
+            item += [None if file == _TYPICAL else session.setup.shelf.path(file), quantities, count]
+
+        def show(found: SweepResult | xr.Dataset, ended: bool = True) -> None:
+            self._of, self._found = work.design, found
+            session.begin(self._draw, work.design, kind, found, ended)
 
         def cancelled() -> None:
             state.file_note = f"{kind}: stopped; what is computed is kept, and Start goes on from it"
 
-        show = partial(self._show, work.design, kind)
-        done, watch = partial(show, ended=True), partial(show, ended=False)
-        task: Any = sweep_entries
-        try:
-            if kind == "sweep":
-                item += [[f"{axis['key']}={axis['values']}" for axis in axes if axis["key"]], quantities]
-            else:
-                task, count = spread_boards, round(number_of("boards", boards))
-                if not 0 <= count <= _MOST_BOARDS:
-                    raise DesignError(f"boards must be 0 to {_MOST_BOARDS}; got {boards}.")
-                item += [None if file == _TYPICAL else session.setup.shelf.path(file), quantities, count]
-        except CoilarrayError as error:
-            state.study_problem = str(error)
-            return
-        name = f"{kind} of {work.design.name}"
-        if session.start_bar("study", name, task, *item, done=done, cancelled=cancelled, watch=watch):
+        name, watch = f"{kind} of {work.design.name}", partial(show, ended=False)
+        if session.start_bar("study", name, task, *item, done=show, cancelled=cancelled, watch=watch):
             state.study_problem, state.study = "", _NONE
             self._of, self._found = None, None
-
-    def _show(self, design: Design, kind: str, found: SweepResult | xr.Dataset, *, ended: bool) -> None:
-        self._of, self._found = design, found
-        self._session.begin(self._draw, design, kind, found, ended)
 
     async def _draw(self, design: Design, kind: str, found: SweepResult | xr.Dataset, ended: bool) -> None:
         """Show a result, unless there is a later result."""
@@ -571,11 +555,9 @@ class StudiesPanel(Panel):
             head, rows = tolerance_rows(found)
             drawn = found.sizes.get("sample", 0)
             line = f"{design.name}: {drawn} boards drawn, {found.attrs['boards'] - drawn} for the linear part"
-        with self._session.state as state:
-            state.study = {
-                "kind": kind, "line": line, "picture": picture, "head": head, "ended": ended,
-                "rows": rows[:_MOST_SHOWN],
-            }  # fmt: skip
+        shown = {"kind": kind, "line": line, "picture": picture, "head": head, "ended": ended}
+        with self._state as state:
+            state.study = {**shown, "rows": rows[:_MOST_SHOWN]}
             state.study_problem = problem or state.study_problem
             state.study_old = design.digest != self._session.work.design.digest
 
@@ -591,10 +573,10 @@ class StudiesPanel(Panel):
         session, found = self._session, self._found
         if found is None or self._of is None:
             return
-        swept = isinstance(found, SweepResult)
-        path = session.may_write(f"{self._of.name}-{'sweep' if swept else 'tolerance'}.nc")
+        kind, values = ("sweep", found.values) if isinstance(found, SweepResult) else ("tolerance", found)
+        path = session.may_write(f"{self._of.name}-{kind}.nc")
         if path is not None:
-            save_dataset(found.values if isinstance(found, SweepResult) else found, path)
+            save_dataset(values, path)
             session.wrote(path, f"wrote {path}")
 
 

@@ -161,7 +161,8 @@ class _Studio:
         except CoilarrayError as error:
             return web.json_response({"error": str(error)}, status=503)
         if self._services.alone and not (self._pages or self._tabs):
-            page.live.start()
+            with page.showing_errors("live_problem"):
+                page.live.start()
         self._pages[page.key] = page
         for name, place in page.server.serve.items():  # a path or a path with options
             self._static[name] = Path(place[0] if isinstance(place, list | tuple) else place)

@@ -218,7 +218,7 @@ class Session(ABC):
         strict = validate_call(config=_STRICT)(function)
 
         async def call(*arguments: Any) -> None:
-            with self._showing_errors(problem):
+            with self.showing_errors(problem):
                 try:
                     result = strict(*arguments)
                     if inspect.isawaitable(result):
@@ -249,7 +249,7 @@ class Session(ABC):
         """Start a coroutine on the page, and show its errors."""
 
         async def shown() -> None:
-            with self._showing_errors():
+            with self.showing_errors():
                 await work(*arguments)
 
         return self._loop.create_task(shown())
@@ -325,7 +325,7 @@ class Session(ABC):
         """Let another thread call a function on the page's loop."""
 
         def shown(value: Any) -> None:
-            with self._showing_errors(), self.state:
+            with self.showing_errors(), self.state:
                 function(value)
 
         def call(value: Any) -> None:
@@ -335,7 +335,7 @@ class Session(ABC):
         return call
 
     @contextmanager
-    def _showing_errors(self, place: str = "problem") -> Iterator[None]:
+    def showing_errors(self, place: str = "problem") -> Iterator[None]:
         """Show an error of the block on the page."""
         try:
             yield

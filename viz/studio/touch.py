@@ -10,7 +10,7 @@ import xarray as xr
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
-from coilarray.errors import CoilarrayError, DesignError, LocalizeError
+from coilarray.errors import DesignError, LocalizeError
 from coilarray.localize.forward import ForwardModel, forward_model, table_grid
 from coilarray.localize.inverse import Location, locate, location_lines
 from coilarray.response.dataset import on_board
@@ -60,11 +60,13 @@ class TouchPanel(Panel):
             "can_touch": False, "pressing": False,
         }  # fmt: skip
         session.state.client_only("pressing")
-        super().__init__(session, values, compute_table=self._compute, press=self._press, press_at=self._press_at)
+        super().__init__(
+            session, values, "place_error", compute_table=self._compute, press=self._press, press_at=self._press_at
+        )
 
     def show(self, design: Design, *, anew: bool) -> None:
         """Show a design's board, `anew` for other files or coils."""
-        state = self._session.state
+        state = self._state
         state.can_touch, state.touch_work = design.indentation is not None, touch_work(design)
         table = self._tables.get(design.digest)
         if table is not None:
@@ -72,14 +74,15 @@ class TouchPanel(Panel):
             return
         self._model = self._touched = None
         state.touch_ready, state.touch, state.bars, state.located = False, drawing(design, {}), [], []
-        if design.indentation is None:
-            state.touch_note = (
+        changed = "The design has changed: its response is to be computed anew." if self._tables and not anew else ""
+        state.touch_note = (
+            changed
+            if design.indentation is not None
+            else (
                 "Nothing presses on this board: the design has no [indenter] and [indentation]. "
                 "A sheet that Build lays on the board brings both."
             )
-        else:
-            changed = self._tables and not anew
-            state.touch_note = "The design has changed: its response is to be computed anew." if changed else ""
+        )
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Scene of the touch or None, made in a thread."""
@@ -113,7 +116,7 @@ class TouchPanel(Panel):
                 note("The design has changed since: its response is to be computed anew.")
 
         def note(text: str = "Cancelled.") -> None:
-            session.state.touch_note = text
+            self._state.touch_note = text
 
         document, text = session.work.opened.document, f"response of {design.name}"
         if session.start_bar("table", text, table_of, document, design.name, done=done, cancelled=note):
@@ -123,7 +126,7 @@ class TouchPanel(Panel):
         """Use a response for touches."""
         setup = indentation_of(self._session.work.design)
         self._model = forward_model(on_board(table))
-        self._session.state.touch_ready, self._session.state.touch_note = True, ""
+        self._state.touch_ready, self._state.touch_note = True, ""
         self._put(*off_middle(setup), max(setup.depths))
 
     def _press(self, across: float, down: float) -> None:
@@ -138,17 +141,13 @@ class TouchPanel(Panel):
         if self._model is None:
             return
         numbers = []
-        try:
-            limits = zip(self._model.lower.tolist(), self._model.upper.tolist(), strict=True)
-            for name, text, (low, high) in zip(("x", "y", "depth"), (x, y, depth), limits, strict=True):
-                number = number_of(name, text) * 1e-3
-                if not low - _SHOWN <= number <= high + _SHOWN:
-                    line = f"{name} must be {low * 1e3:.2f} to {high * 1e3:.2f} mm; got {number * 1e3:g}."
-                    raise DesignError(true_minus(line))
-                numbers.append(number)
-        except CoilarrayError as error:
-            self._session.state.place_error = str(error)
-            return
+        limits = zip(self._model.lower.tolist(), self._model.upper.tolist(), strict=True)
+        for name, text, (low, high) in zip(("x", "y", "depth"), (x, y, depth), limits, strict=True):
+            number = number_of(name, text) * 1e-3
+            if not low - _SHOWN <= number <= high + _SHOWN:
+                line = f"{name} must be {low * 1e3:.2f} to {high * 1e3:.2f} mm; got {number * 1e3:g}."
+                raise DesignError(true_minus(line))
+            numbers.append(number)
         self._put(*numbers)
         self._session.redraw()
 
@@ -156,7 +155,7 @@ class TouchPanel(Panel):
         """Press at a place and show the result."""
         if self._model is None:
             return
-        design, state = self._session.work.design, self._session.state
+        design, state = self._session.work.design, self._state
         touch = self._touched = touched(self._model, x, y, depth)
         x, y, depth = touch.place.tolist()
         view = top_view(design)
