@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from coilarray.compute.extras import not_installed
 from coilarray.errors import MissingDependencyError
@@ -76,8 +76,8 @@ def window_problem() -> str | None:
     str or None
         The missing part, or None.
     """
-    if _missing():
-        return _without_pyvista("windows")
+    if missing := _missing("windows"):
+        return missing
     if not has_screen():
         return f"a window needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; {_INSTEAD}."
     problem = rendering_problem()
@@ -108,8 +108,7 @@ def has_screen() -> bool:
     return not sys.platform.startswith("linux") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-@dataclass(frozen=True)
-class _Answer:
+class _Answer(NamedTuple):
     """Result of the test."""
 
     problem: str | None
@@ -124,23 +123,20 @@ def _answer() -> _Answer:
 
 def require_pyvista(purpose: str, extra: str = "3d") -> None:
     """Raise MissingDependencyError without PyVista, before anything is computed."""
-    if _missing():
-        raise MissingDependencyError(_without_pyvista(purpose, extra))
+    if missing := _missing(purpose, extra):
+        raise MissingDependencyError(missing)
 
 
-def _without_pyvista(purpose: str = "pictures in three dimensions", extra: str = "3d") -> str:
-    return not_installed(purpose, "PyVista", extra)
-
-
-def _missing() -> bool:
-    return not all(map(importlib.util.find_spec, ("pyvista", "vtkmodules")))
+def _missing(purpose: str = "pictures in three dimensions", extra: str = "3d") -> str:
+    there = all(map(importlib.util.find_spec, ("pyvista", "vtkmodules")))
+    return "" if there else not_installed(purpose, "PyVista", extra)
 
 
 @functools.cache
 def _probe() -> _Answer:
     """Test rendering, and set the window that works."""
-    if _missing():
-        return _Answer(_without_pyvista())
+    if missing := _missing():
+        return _Answer(missing)
     choice = {} if has_screen() or _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
     answer = _run_probe({**os.environ, **choice})
     if answer.problem is None:
@@ -149,7 +145,7 @@ def _probe() -> _Answer:
             choice = {} if _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
         chosen = os.environ.get(_WINDOW)
         os.environ.update(choice)
-        return replace(answer, chosen=chosen)
+        return answer._replace(chosen=chosen)
     if sys.platform.startswith("linux"):
         # Only the wheels of VTK before 9.4 need libgl1 and libxrender1.
         packages = "libegl1 libgl1-mesa-dri libgl1 libxrender1"

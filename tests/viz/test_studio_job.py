@@ -191,7 +191,7 @@ def on_a_page(tmp_path, monkeypatch):
     """Run a coroutine of a page of the starter design, which computes nothing by itself."""
     pytest.importorskip("trame")
     monkeypatch.setenv("TRAME_ARGS", "")
-    from coilarray.viz.studio.page import Page
+    from coilarray.viz.studio.server import Page
     from coilarray.viz.studio.session import Setup
 
     async def whole(use):

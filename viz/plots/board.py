@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
@@ -49,16 +49,12 @@ def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
         Name of the copper layer.
     """
     array.stackup.index(layer)
-    ax = ax or _board_axes(array)
     colours = coil_colours(array.names, array.centres)
     features = [feature for feature in copper_features(array) if feature.layer == layer]
-    for feature in features:
-        # Without add_patch, which would search every edge for the limits of the axes.
-        ax.add_artist(_patch(feature.shape, facecolor=colours[feature.net], linewidth=0))
-    _draw_holes(ax, tuple(drill for drill in drills(array) if layer in drill.layers))
-    _write_names(ax, array, {feature.net for feature in features if feature.kind == "trace"})
-    _finish_board(ax, array, f"Copper {layer}")
-    return ax
+    drawn = [(feature.shape, colours[feature.net]) for feature in features]
+    holes = [drill for drill in drills(array) if layer in drill.layers]
+    named = {feature.net for feature in features if feature.kind == "trace"}
+    return _draw_board(array, drawn, holes, named, f"Copper {layer}", ax)
 
 
 @styled
@@ -66,38 +62,51 @@ def plot_board(array: Array, ax: Axes | None = None) -> Axes:
     """Draw all copper layers from above.
 
     The layers are translucent, with the names of the coils. This shows the board without rendering.
-
-    Parameters
-    ----------
-    array : Array
-        Board that is drawn.
     """
-    ax = ax or _board_axes(array)
     colours = cycled(LAYERS, array.stackup.names)
-    features = copper_features(array)
-    for layer in reversed(array.stackup.names):
-        for feature in features:
-            if feature.layer == layer:
-                ax.add_artist(_patch(feature.shape, facecolor=colours[layer], linewidth=0, alpha=_TRANSLUCENT))
-    _draw_holes(ax, drills(array))
-    _write_names(ax, array, set(array.names))
+    copper = copper_features(array)
+    drawn = [
+        (one.shape, colours[name]) for name in reversed(array.stackup.names) for one in copper if one.layer == name
+    ]
+    ax = _draw_board(array, drawn, drills(array), set(array.names), "Board from above", ax, alpha=_TRANSLUCENT)
     handles = [
         Patch(color=colour, label=f"copper {layer}", alpha=_TRANSLUCENT, lw=0) for layer, colour in colours.items()
     ]
     legend_above(ax, min(len(handles), 4), handles=handles, handlelength=1.0)  # more columns would reach the title
-    _finish_board(ax, array, "Board from above")
     return ax
 
 
-def _board_axes(array: Array) -> Axes:
+def _draw_board(
+    array: Array,
+    drawn: Sequence[tuple[shapely.Polygon, str]],
+    holes: Sequence[Drill],
+    named: Container[str],
+    title: str,
+    ax: Axes | None,
+    **look: float,
+) -> Axes:
+    """Draw copper in its colours, holes, the names of coils, and the edge."""
     x_min, y_min, x_max, y_max = array.bounds
-    return new_axes(*figure_size(x_max - x_min, y_max - y_min))
-
-
-def _draw_holes(ax: Axes, holes: tuple[Drill, ...]) -> None:
+    width, height = figure_size(x_max - x_min, y_max - y_min)
+    ax = ax or new_axes(width, height)
+    for shape, colour in drawn:
+        # Without add_patch, which would search every edge for the limits of the axes.
+        ax.add_artist(_patch(shape, facecolor=colour, linewidth=0, **look))
     places = [(MM.of((hole.x, hole.y)), hole.diameter / 2 * MM.factor) for hole in holes if hole.drilled]
     circles = [Circle((x, y), radius) for (x, y), radius in places]
     ax.add_collection(PatchCollection(circles, facecolor="white", edgecolor=INK, linewidth=0.3))
+    inches = (width - 1.2) / (x_max - x_min)  # of one metre of the board
+    size = min(_LETTERS, max(_LEAST_LETTERS, _LETTER_OF_PITCH * array.least_distance * inches * 72))
+    for name, (x, y) in zip(array.names, MM.of(array.centres), strict=True):
+        if name in named:
+            write_name(ax, x, y, name, weight="bold", fontsize=size, clip_on=True)
+    outline = board_outline(array)
+    ax.add_patch(_patch(outline, facecolor="none", edgecolor=INK, linewidth=1.0))
+    x_min, y_min, x_max, y_max = MM.of(outline.bounds).tolist()
+    rim = 0.02 * (x_max - x_min + y_max - y_min)
+    ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim), title=title)
+    plan_axes(ax)
+    return ax
 
 
 def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
@@ -109,26 +118,6 @@ def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
         for ring, sign in zip(rings, signs, strict=True)
     ]
     return PathPatch(Path.make_compound_path(*paths), **look)
-
-
-def _finish_board(ax: Axes, array: Array, title: str) -> None:
-    """Draw the edge, and set limits and title."""
-    outline = board_outline(array)
-    ax.add_patch(_patch(outline, facecolor="none", edgecolor=INK, linewidth=1.0))
-    x_min, y_min, x_max, y_max = MM.of(outline.bounds).tolist()
-    rim = 0.02 * (x_max - x_min + y_max - y_min)
-    ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim), title=title)
-    plan_axes(ax)
-
-
-def _write_names(ax: Axes, array: Array, present: set[str]) -> None:
-    """Write the names of coils over their centres."""
-    x_min, y_min, x_max, y_max = array.bounds
-    inches = (figure_size(x_max - x_min, y_max - y_min)[0] - 1.2) / (x_max - x_min)  # of one metre of the board
-    size = min(_LETTERS, max(_LEAST_LETTERS, _LETTER_OF_PITCH * array.least_distance * inches * 72))
-    for name, (x, y) in zip(array.names, MM.of(array.centres), strict=True):
-        if name in present:
-            write_name(ax, x, y, name, weight="bold", fontsize=size, clip_on=True)
 
 
 @dataclass(frozen=True)
@@ -202,7 +191,6 @@ def _marks(array: Array, layer: str, margins: Sequence[tuple[int, Margin]]) -> l
 
 
 def _circle(ax: Axes, mark: _Mark) -> None:
-    """Draw the circle of a mark with its numbers."""
     colour = INK if mark.worst.kept else _BROKEN
     halo = [patheffects.withStroke(linewidth=3.5, foreground="white")]
     x, y = MM.of((mark.x, mark.y)).tolist()

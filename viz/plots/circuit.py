@@ -39,12 +39,8 @@ _RANGE = 0.35  # opacity of the range of all curves
 def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the matrix of the coupling coefficients k.
 
-    For up to 12 coils the cells contain the numbers.
-
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        Result of `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
+    For up to 12 coils the cells contain the numbers. `coupling` is the result of
+    `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
     """
     return _signed_matrix(coupling.coupling, "Coupling coefficient k = M/√(L L)", "k", ax, diagonal=False)
 
@@ -54,12 +50,7 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the inductance matrix.
 
     L is on the diagonal and M of the pairs off it. For more than 12 coils only M is drawn, because
-    L would take up its colours.
-
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        As in `plot_coupling`.
+    L would take up its colours. `coupling` is as in `plot_coupling`.
     """
     many = coupling.sizes["coil"] > _MOST_NUMBERED
     title, quantity = ("Mutual inductance", "M") if many else ("Inductance", "L, M")
@@ -83,12 +74,8 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     """Draw the effective inductance of each coil.
 
     All other coils are open, and as terminated. The change in per cent is written beside them. Dots
-    are used rather than bars, because the axis does not start at zero.
-
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        As in `plot_coupling`.
+    are used rather than bars, because the axis does not start at zero. `coupling` is as in
+    `plot_coupling`.
     """
     names = coupling.coil.values.tolist()
     before, after = coupling.open_effective_inductance.values, coupling.effective_inductance.values
@@ -118,12 +105,7 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the currents that an active coil induces.
 
     Each column has the currents per ampere in an active coil. The magnitude in the other coils is a
-    colour, with the phase written below.
-
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        As in `plot_coupling`.
+    colour, with the phase written below. `coupling` is as in `plot_coupling`.
     """
     names = coupling.coil.values.tolist()
     currents = (coupling.current_real + 1j * coupling.current_imag).transpose("other", "coil").values
@@ -217,13 +199,8 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     """Draw impedance quantities over frequency.
 
     These are apparent inductance, resistance and quality factor, with the resonances of every
-    state.
-
-    Parameters
-    ----------
-    sweep, scan : xarray.Dataset
-        Results of `coilarray.circuit.coupling.sweep_design` and
-        `coilarray.circuit.coupling.scan_design`.
+    state. `sweep` and `scan` are results of `coilarray.circuit.impedance.sweep_design` and
+    `coilarray.circuit.impedance.scan_design`.
     """
     names = ("apparent_inductance", "impedance_real", "quality_factor")
     figure = style.new_figure(6.5, 3.2 * len(names))

@@ -80,12 +80,7 @@ def plot_ellipse_parameters(
 def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: EllipseModel | None = None) -> Figure:
     """Draw `plot_ellipse_parameters` of every coil of a model.
 
-    Each coil has its own panel.
-
-    Parameters
-    ----------
-    fits, model, published
-        As in `plot_ellipse_parameters`.
+    Each coil has its own panel. The parameters are as there.
     """
     columns = min(len(model.coils), 3)
     rows = math.ceil(len(model.coils) / columns)
@@ -216,12 +211,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     """Draw the share of each cause in x0 over δ.
 
     The legend starts with the largest cause. Single neighbours are thin lines. Causes below a tenth
-    of the largest cause have no name.
-
-    Parameters
-    ----------
-    distortion, state
-        As in `plot_distortion`, with the same errors.
+    of the largest cause have no name. Parameters and errors are as in `plot_distortion`.
     """
     of = of_state(distortion, state)
     ax = ax or style.new_axes(6.5, 4.0)
@@ -246,13 +236,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
 
 @style.styled
 def distortion_figure(distortion: xr.Dataset) -> Figure:
-    """Draw `plot_distortion` and `plot_causes`, one row per coil.
-
-    Parameters
-    ----------
-    distortion
-        As in `plot_distortion`.
-    """
+    """Draw `plot_distortion` and `plot_causes`, one row per coil."""
     states = distortion.state.values.tolist()
     figure = style.new_figure(12.5, 3.7 * len(states))
     axes = figure.subplots(len(states), 2, squeeze=False)
@@ -299,7 +283,6 @@ def plot_identifiability(
 
 
 def _conditions(bounds: xr.Dataset) -> str:
-    """Text with the depth and noise of the bounds."""
     least, most = np.min(bounds.attrs["noise"]), np.max(bounds.attrs["noise"])
     shown = " to ".join(PER_MILLION.text(value, ".2") for value in np.unique([least, most]))
     common = np.max(bounds.attrs.get("common_noise", 0.0))
@@ -312,12 +295,7 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     """Draw `plot_identifiability` of all unknown quantities.
 
     These are x, y and, if it is unknown, the depth. Maps of a wide board stand below each other,
-    other maps side by side.
-
-    Parameters
-    ----------
-    bounds, outlines
-        As in `plot_identifiability`.
+    other maps side by side. The parameters are as there.
     """
     there = [name for name in _SIGMAS if name in bounds and np.isfinite(bounds[name].values).any()]
     if not there:

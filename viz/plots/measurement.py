@@ -106,14 +106,8 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
 
     A row has maps of measured minus simulated δ before and after scale and shift, in the same
     colours, and x0 of both. A response along a single line, or at a single position, is drawn by
-    `plot_readings` alone. The first `MOST_STATES` states are shown.
-
-    Parameters
-    ----------
-    comparison, depth : xarray.Dataset and int
-        As in `plot_readings`, by default the deepest.
-    outlines : sequence of array_like
-        As in `coilarray.viz.plot_response`.
+    `plot_readings` alone. The first `MOST_STATES` states are shown. `comparison` and `depth` are as
+    in `plot_readings`, by default the deepest, and `outlines` as in `coilarray.viz.plot_response`.
     """
     if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
         figure = style.new_figure(7.0, 4.5)
@@ -209,11 +203,7 @@ def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     """Draw the posterior of the unknowns.
 
     The diagonal has every unknown alone, and every pair is below it. Crosses are the fitted values.
-
-    Parameters
-    ----------
-    calibration, combination
-        As in `calibration_figure`.
+    The parameters are as in `calibration_figure`.
     """
     of = calibration.isel(combination=combination)
     of = of.isel(unknown=np.flatnonzero(np.isfinite(of["value"].values)))
@@ -249,12 +239,8 @@ def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the evidence of every combination of choices.
 
-    It is relative to the best combination, as ln of the odds.
-
-    Parameters
-    ----------
-    calibration : xarray.Dataset
-        As in `calibration_figure`.
+    It is relative to the best combination, as ln of the odds. `calibration` is as in
+    `calibration_figure`.
     """
     names = calibration.combination.values.tolist()
     ax = ax or style.new_axes(8.0, 0.35 * len(names) + 1.0)
@@ -272,11 +258,8 @@ def plot_evidence(calibration: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_stability(found: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw every state's Allan deviation against the averaging time.
 
-    Parameters
-    ----------
-    found : xarray.Dataset
-        Result of `coilarray.hardware.record.stability.stability`. If it has ``expected``, white
-        noise of the budget is a dotted line.
+    `found` is the result of `coilarray.hardware.record.stability.stability`. If it has
+    ``expected``, white noise of the budget is a dotted line.
     """
     ax = ax or style.new_axes(6.5, 3.8)
     tau, names = found.tau.values, found.state.values.tolist()

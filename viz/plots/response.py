@@ -212,12 +212,8 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
 
     The maps are the response to the deepest dent or the nearest target. A response along a single
     line, or at a single position, is drawn as one curve per state instead. At most `MOST_MAPS`
-    states are shown. If more states respond, the nearest to the middle of the map are chosen.
-
-    Parameters
-    ----------
-    response, outlines
-        As in `plot_response`, with any number of x and y.
+    states are shown. If more states respond, the nearest to the middle of the map are chosen. The
+    parameters are as in `plot_response`, with any number of x and y.
     """
     response = as_depths(response)
     names = response.state.values.tolist()
@@ -253,7 +249,6 @@ class _Look:
 
 
 def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) -> Figure:
-    """Draw one map of the deepest dent per state."""
     names = response.state.values.tolist()
     deepest = _delta(response, state=None, depth=-1)
     look = _look(response, deepest, outlines)
@@ -317,7 +312,6 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
 
 
 def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:
-    """Choose the look of a map."""
     x, y = MM.of(response.x), MM.of(response.y)
     shapes = [MM.of(outline) for outline in outlines]
     low, high = (x.min(), y.min()), (x.max(), y.max())
@@ -438,12 +432,8 @@ _FORCE_HEIGHT = 3.4  # inches
 def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the force over the depth.
 
-    The contact radius has an axis of its own at the right.
-
-    Parameters
-    ----------
-    indentation : xarray.Dataset
-        Result of `coilarray.indent`.
+    The contact radius has an axis of its own at the right. `indentation` is the result of
+    `coilarray.indent`.
     """
     ax = ax or style.new_axes(6.0, _FORCE_HEIGHT)
     depth = MM.of(indentation.depth)
@@ -508,12 +498,8 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
 def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
     """Draw the deepest dent.
 
-    If there are several depths, the force over the depth is drawn below it.
-
-    Parameters
-    ----------
-    indentation, indenter
-        As in `plot_dent`.
+    If there are several depths, the force over the depth is drawn below it. The parameters are as
+    in `plot_dent`.
     """
     width, height = _dent_size(indentation)
     heights = [height] if indentation.sizes["depth"] == 1 else [height, _FORCE_HEIGHT]

@@ -43,13 +43,9 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the coupling coefficients of pairs over an entry.
 
     Circles, and values in the legend, mark the `zero_crossings`, for example of the pitch at which
-    a pair does not couple. A dashed line is the design's own value. Raises ValueError if the sweep
-    is not over one entry with numbers, or has no k.
-
-    Parameters
-    ----------
-    sweep : xarray.Dataset
-        Result of `coilarray.sweep` over one entry with numbers. All its ``k[coil,coil]`` are drawn.
+    a pair does not couple. A dashed line is the design's own value. `sweep` is the result of
+    `coilarray.sweep` over one entry with numbers, of which all ``k[coil,coil]`` are drawn. Raises
+    ValueError if the sweep is not over one entry with numbers, or has no k.
     """
     entries, pairs = _entries(sweep), _names(sweep, "k[")
     if not _over_numbers(sweep, entries) or not pairs:
@@ -194,13 +190,8 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     coefficients share a panel of `plot_coupling_sweep`, and the resonances with the tank and the
     self-resonances share a panel too. A dashed line or a diamond marks the design's own value.
     Points without a result are left out, or grey on a map. Crosses mark points that break
-    fabrication rules or that no converter reads. Raises ValueError if there is no quantity, or more
-    than `MOST_PANELS` panels.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `coilarray.sweep`.
+    fabrication rules or that no converter reads. `result` is the result of `coilarray.sweep`.
+    Raises ValueError if there is no quantity, or more than `MOST_PANELS` panels.
     """
     entries = _entries(result)
     dotted = "sample" in result.dims or len(entries) > 2
@@ -239,7 +230,6 @@ def _panels(sweep: xr.Dataset, entries: Sequence[str], *, dotted: bool, lines: b
 
 
 def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
-    """Draw resonances over the entry of a sweep."""
     (entry,) = _entries(sweep)
     along = sweep.sortby(entry)
     for k, name in enumerate(names):
@@ -318,7 +308,6 @@ def _finish(ax: Axes, entry: xr.DataArray, label: str) -> None:
 
 
 def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
-    """Label an axis and set its ticks."""
     axis.set_label_text(_label(coordinate))
     if _is_text(coordinate):
         texts = list(dict.fromkeys(coordinate.values.tolist()))
@@ -340,7 +329,6 @@ def _is_text(coordinate: xr.DataArray) -> bool:
 
 
 def _label(array: xr.DataArray) -> str:
-    """Name and unit of an entry or quantity."""
     name = str(array.name)
     if len(name) > _LONGEST:  # the options of a quantity on a line of their own
         name = name.replace("[", "\n[", 1)
@@ -396,7 +384,13 @@ def plot_convergence(
         best = (np.maximum if maximized else np.minimum).accumulate(np.where(kept, values, worst))
         shown = np.isfinite(best)
         ax.step(number[shown], best[shown], where="post", color=palette.VERMILLION, label="best so far")
-        _focus(ax, values[kept] if start is None else np.append(values[kept], start), log)
+        scored = values[kept] if start is None else np.append(values[kept], start)
+        low, high = float(scored.min()), float(scored.max())
+        if log and low > 0:
+            ax.set(yscale="log", ylim=(low / 1.5, high * 1.5))
+        else:
+            room = 0.06 * (high - low or abs(float(scored[0])) or 1.0)
+            ax.set_ylim(low - room, high + room)
     if start is not None:
         ax.axhline(start, color=palette.INK, linestyle="--", linewidth=1.0, label="given design")
     if polished_from is not None:
@@ -450,7 +444,13 @@ def plot_front(
             ax.step(edge[:, 0], edge[:, 1], where=stairs, color=palette.VERMILLION, linewidth=0.8, alpha=0.6)
         name = "Pareto front" if len(edge) > 1 else "best"
         ax.scatter(edge[:, 0], edge[:, 1], s=30, color=palette.VERMILLION, label=name, zorder=3)
-        _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
+        wanted = edge if start is None else np.vstack([edge, start])
+        low, high = wanted.min(axis=0), wanted.max(axis=0)
+        room = np.where(high > low, high - low, np.abs(high) + 1e-12)
+        near = np.clip(values[kept], low - 0.15 * room, high + 1.0 * room)
+        low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
+        rim = 0.05 * np.where(high > low, high - low, 1.0)
+        ax.set(xlim=(low[0] - rim[0], high[0] + rim[0]), ylim=(low[1] - rim[1], high[1] + rim[1]))
     if start is not None:
         ax.scatter(start[0], start[1], s=130, color=palette.INK, marker="*", label="given design", zorder=4)
     for k, name in (named or {}).items():
@@ -465,10 +465,7 @@ def plot_front(
 def boards_figure(boards: Mapping[str, Array]) -> Figure:
     """Draw boards below each other, at one scale.
 
-    Parameters
-    ----------
-    boards : mapping of str to Array
-        Boards by their titles, at least one.
+    `boards` are at least one, by their titles.
     """
     edges = np.array([array.bounds for array in boards.values()])
     (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
@@ -479,27 +476,6 @@ def boards_figure(boards: Mapping[str, Array]) -> Figure:
         ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))
         ax.set(xlim=MM.of((x_min - rim, x_max + rim)), ylim=MM.of((y_min - rim, y_max + rim)), title=title)
     return figure
-
-
-def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
-    """Show all trials that keep the bounds."""
-    if log and values.min() > 0:
-        ax.set_yscale("log")
-        ax.set_ylim(values.min() / 1.5, values.max() * 1.5)
-        return
-    room = 0.06 * (float(np.ptp(values)) or abs(float(values[0])) or 1.0)
-    ax.set_ylim(values.min() - room, values.max() + room)
-
-
-def _focus_both(ax: Axes, wanted: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> None:
-    """Show the front and the start."""
-    low, high = wanted.min(axis=0), wanted.max(axis=0)
-    room = np.where(high > low, high - low, np.abs(high) + 1e-12)
-    near = np.clip(others, low - 0.15 * room, high + 1.0 * room)
-    low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
-    rim = 0.05 * np.where(high > low, high - low, 1.0)
-    ax.set_xlim(low[0] - rim[0], high[0] + rim[0])
-    ax.set_ylim(low[1] - rim[1], high[1] + rim[1])
 
 
 _MOST_HISTOGRAMS = 6
@@ -542,11 +518,7 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Stack the shares of every kind of error.
 
     They are shares in the variance of each output. Board parts are plain, and layers are hatched.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `coilarray.studies.tolerance.analyse`.
+    `result` is the result of `coilarray.studies.tolerance.analyse`.
     """
     names = result.output.values.tolist()
     ax = ax or style.new_axes(*_shares_size(len(names)))

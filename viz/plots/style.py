@@ -58,6 +58,7 @@ _MOST_TICKS, _STEPS = 9, (1, 2, 5, 10)  # largest number and steps of ticks alon
 _SYMBOLS = {"ohm": "Ω", "1": ""}  # of the units in datasets
 
 
+_PARAMETERS = "Parameters\n----------\n"
 _AX = """ax : matplotlib.axes.Axes, optional
     Axes to draw into. The default is a new figure.
 """
@@ -67,7 +68,8 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     """Draw in `STYLE`, keep the settings, explain the parameter `ax`."""
     explained = inspect.getdoc(draw)
     if explained and "ax" in inspect.signature(draw).parameters:
-        sections = re.split(r"(?<=\n)\n(?=\w+\n-+\n)", explained + "\n")
+        explained += "\n" if _PARAMETERS in explained else f"\n\n{_PARAMETERS}"
+        sections = re.split(r"(?<=\n)\n(?=\w+\n-+\n)", explained)
         draw.__doc__ = "\n".join(text + _AX * text.startswith("Parameters\n") for text in sections)
 
     @functools.wraps(draw)

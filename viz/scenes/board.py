@@ -45,7 +45,8 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
 
     It has laminate, copper, barrels, coil names, a legend and a scale in mm. Copper is coloured by
     layer. The laminate is translucent, so that the lower layers show through it. The sheets are
-    lifted off the board and off each other and drawn as thin glass with clear edges.
+    lifted off the board and off each other and drawn as thin glass with clear edges. The scene, in
+    mm, is to `draw`, to `show` or to save.
 
     Parameters
     ----------
@@ -53,11 +54,6 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
         Board that is drawn.
     sheets : sequence of Sheet
         Elastomer sheets on it, the lowest first.
-
-    Returns
-    -------
-    Scene
-        Scene to `draw`, to `show` or to save, lengths in mm.
     """
     # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
     lift = (array.bounds[3] - array.bounds[1]) * math.tan(math.radians(ANGLES["oblique"][0]))
@@ -217,11 +213,6 @@ def dent_scene(
         Result of `coilarray.indent`, and index of the depth in it. The default is the deepest.
     indenter, centre : Indenter and tuple of float
         Body that made the dent, and its x and y on the board in m.
-
-    Returns
-    -------
-    Scene
-        Scene to `draw`, to `show` or to save, lengths in mm.
     """
     at = at_depth(indentation, depth)
     half = _WIDTH * float(at.height[-1])

@@ -169,7 +169,6 @@ class _Making:
         return scene
 
     def _metal(self) -> Scene:
-        """Make the scene of plates, target and eddy currents."""
         view, design, place, numbers, first = self.view, self.design, (0.0, 0.0), None, 0
         if "target" in self.shown:
             place, steps = target_place(design, self.coil, view.at), steps_of(design, view.distance)
@@ -182,7 +181,6 @@ class _Making:
         )  # fmt: skip
 
     def _currents(self) -> Scene:
-        """Make the board coloured by the coils' currents."""
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self.coil, terminated=not view.others_open)
         colours = results.colours_of_currents(currents, design.array.names.index(self.coil))
@@ -245,7 +243,6 @@ class _Making:
         return np.where((self.design.array.centres < self._on_board).all(axis=1), 0.0, self.design.top)
 
     def _response(self) -> Scene:
-        """Make the scene of a draped response."""
         setup, _, depth = self._press
         for name, positions in (("x", setup.x), ("y", setup.y)):  # before a map is computed
             if len(positions) < 2:
@@ -259,7 +256,6 @@ class _Making:
         return results.scene_of_response(response, state, outlines=outlines)
 
     def _location(self) -> Scene:
-        """Make the scene of a located indentation."""
         if self.view.table is None:
             raise LocalizeError("a location needs the response table of the design.")
         model, (_, at, depth) = forward_model(on_board(self.view.table)), self._press
@@ -297,7 +293,6 @@ class _Making:
         return field_grid(field.x.values, field.y.values, field.z.values, field.B.values)
 
     def _field(self) -> Scene:
-        """Make the scene of planes, lines and surfaces of B."""
         if not self.shown & _OF_B:
             return Scene()
         planes = [self._b_on((x.points, y.points, z.points), "field on a plane") for x, y, z in self._grids[0]]

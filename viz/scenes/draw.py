@@ -129,7 +129,6 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
 
 
 def _surface(part: Part) -> pyvista.PolyData:
-    """Surface of a part's mesh."""
     mesh: Any = surface_of(part.mesh)
     surface: pyvista.PolyData = mesh.copy(deep=False)
     surface.clear_data()
@@ -210,7 +209,6 @@ def _legend(view: Any, scene: Scene) -> None:
 
 
 def _bar(view: Any, scale: Scale, place: int) -> None:
-    """Draw a colour bar at the right edge."""
     from coilarray.viz.extra_3d import pyvista
 
     factor, title = shown_units(scale)

@@ -145,7 +145,6 @@ def check_movie(path: Path, size: tuple[int, int] = FILM_SIZE, rate: float = 12.
 
 
 def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -> Iterator[Image]:
-    """Draw one picture after the other."""
     following = iter(moving)
     first = next(following, None)
     if first is None:
@@ -158,7 +157,6 @@ def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -
 
 
 def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
-    """Write pictures as an animated GIF."""
     from PIL import Image as Pillow
 
     # One set of 256 colours for all pictures, chosen from some of them, so that nothing flickers.

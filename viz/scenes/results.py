@@ -140,7 +140,6 @@ def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[
 
 
 def _summary(location: Location) -> str:
-    """Describe a location in one line."""
     if not location.modes:
         return f"{location.verdict}: {location.reason}"
     best = location.best

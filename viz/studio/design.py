@@ -61,7 +61,6 @@ class DesignPanel(Panel):
         state.report_url = ""
 
     def _enter(self, key: str, text: str) -> None:
-        """Set an entry to a typed value."""
         session, errors = self._session, self._state.errors
         present = next((one for one in entries_of(session.work.opened) if one.key == key), None)
         if present is not None and key not in errors and text == text_of(present.value):
@@ -106,7 +105,6 @@ class DesignPanel(Panel):
         self._state.file_note = f"saved {shelf.path(name)}"
 
     def _export(self, to: Format) -> None:
-        """Write the board into the folder."""
         session, name = self._session, self._session.work.design.name
         path = session.may_write(f"{name}-{to}{SUFFIXES[to][0]}")
         if path is not None:
@@ -114,13 +112,11 @@ class DesignPanel(Panel):
             session.start_bar("export", f"{to} of {name}", write_board, *item, done=partial(session.wrote, path))
 
     def _report(self) -> None:
-        """Write the report into the folder."""
         session, design, write = self._session, self._session.work.design, self._session.setup.services.write_report
         if write is None:
             return
 
         def done(result: Path) -> None:
-            """Offer the report of the design."""
             self._state.file_note = f"wrote {result}"
             if session.work.design.digest == design.digest:
                 key = secrets.token_hex(16)
@@ -166,7 +162,6 @@ class NewPanel(Panel):
             state.new_problem, state.new_dialog = problem, True
 
         def done(file: DesignFile) -> None:
-            """Show the new design."""
             if session.work is not begun and session.work.changed:  # meanwhile
                 state.new_over = True
                 failed(session.work.unsaved)

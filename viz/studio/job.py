@@ -246,7 +246,6 @@ class Calculator:
             self._task.cancel()
 
     async def _run(self) -> None:
-        """Do the steps until none is left."""
         while self._todo:
             step = min(self._todo.values(), key=lambda one: one.rest)  # the first of them
             wait = self._asked + step.rest - time.monotonic()

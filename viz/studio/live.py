@@ -217,7 +217,6 @@ class LivePanel(Panel):
             return
 
         def file(name: str, given: str | None) -> str | None:
-            """Path of a recording, of the folder or command."""
             return name or None if name in ("", given) else str(session.setup.shelf.file(name, (_RECORDING,)))
 
         design = session.work.design
@@ -243,7 +242,6 @@ class LivePanel(Panel):
         self._state.live_recordings = self._session.setup.shelf.files(_RECORDING)
 
     def _forget(self, states: Sequence[str]) -> None:
-        """Begin another history."""
         self._history = History(states)
         self._presses.clear()
         self._trail.clear()
@@ -325,7 +323,6 @@ class LivePanel(Panel):
         return "".join(marks)
 
     def _ended(self, outcome: Outcome) -> None:
-        """Show why the readings have ended."""
         state = self._state
         state.live_running = state.live_other = False
         self.draw()
@@ -338,12 +335,10 @@ class LivePanel(Panel):
 
 
 def _has_delta(frame: BoardFrame | None) -> TypeGuard[BoardFrame]:
-    """Check if a frame has δ."""
     return frame is not None and bool(frame.delta) and not frame.waiting
 
 
 def _lines(frame: BoardFrame) -> list[str]:
-    """Lines under the bars."""
     if not frame.delta:
         return []
     if frame.waiting:

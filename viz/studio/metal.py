@@ -181,7 +181,6 @@ class MetalPanel(Panel):
         return scene_of_sheets(design.array, design.sheets) + metal + Scene(board.copper) + board.rest
 
     def _show(self, found: Moved) -> None:
-        """Show the numbers of a moved target."""
         if not self._session.is_current(found.design):
             return
         self._moved = found

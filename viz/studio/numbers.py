@@ -219,7 +219,6 @@ class NumbersPanel(Panel):
             self._session.slow.ask([Step("circuit", lambda: circuit_of(design), show, fail)])
 
     def _compare(self) -> None:
-        """Compute the numbers of the design as in its file."""
         work, state = self._session.work, self._state
         if not work.kept:  # a new design has no file
             return
@@ -255,7 +254,6 @@ class NumbersPanel(Panel):
         self._session.slow.ask([Step("summary", lambda: summarize(design, circuit.coupling, response), show, fail)])
 
     def _respond(self) -> None:
-        """Compute the response map for the summary."""
         session = self._session
         design = session.work.design
 
@@ -395,7 +393,6 @@ class SwitchesPanel(Panel):
         return scene + Scene(notes=(note,))
 
     def _switch(self, name: str, setting: str) -> None:
-        """Set the switch of a coil."""
         if name in self._state.settings and setting in SETTINGS:
             self._state.settings = {**self._state.settings, name: setting}
             self.solve()

@@ -139,7 +139,6 @@ def run_lines(run: Run) -> list[str]:
 
 
 def _quantity(name: str) -> str:
-    """Quantity of a score."""
     return name.strip("|").partition(" − ")[0]
 
 
@@ -300,7 +299,6 @@ class RunsPanel(Panel):
             self._following.cancel()
 
     async def _show(self, name: str, x: str, y: str) -> None:
-        """Show a run over two axes."""
         run = next((one for one in self._runs if one.name == name), None)
         if run is None:
             return
@@ -335,7 +333,6 @@ def _list(values: Mapping[str, object]) -> str:
 
 
 def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
-    """All goals as the page lists them."""
     items = {name: {"subtitle": says, "disabled": False, "lines": "two"} for name, says in NAMES.items()}
     for name, why in unfit.items():
         items[name] = items.pop(name) | {"subtitle": why, "disabled": True, "lines": "three"}
@@ -348,7 +345,6 @@ def _stamp(folder: Path) -> int:
 
 
 def _picture(run: Run, x: str, y: str) -> str:
-    """Draw the points over two quantities."""
     from coilarray.viz.plots.studies import plot_front
     from coilarray.viz.plots.style import new_axes
 
@@ -569,7 +565,6 @@ class StudiesPanel(Panel):
             self._session.change(lambda work: work.document_with(entries), "study_problem")
 
     def _keep(self) -> None:
-        """Write all numbers into the folder."""
         session, found = self._session, self._found
         if found is None or self._of is None:
             return
@@ -581,7 +576,6 @@ class StudiesPanel(Panel):
 
 
 def _picture_of_study(found: SweepResult | xr.Dataset) -> tuple[str, str]:
-    """Draw a result."""
     from coilarray.viz.plots.studies import sweep_figure, tolerance_figure
 
     try:

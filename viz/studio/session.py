@@ -164,7 +164,6 @@ class Session(ABC):
                 self.take(work.of_file(self.work), typed=typed)
 
     def _step(self, there: list[Work], back: list[Work]) -> None:
-        """Undo the last change, or redo it."""
         if there:
             back.append(self.work)
             self._changed_at = -math.inf

@@ -260,7 +260,6 @@ def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
 
 
 def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
-    """Give every coil its own place."""
     return {**document, "array": {"lattice": "free", "placements": places}}
 
 
@@ -288,7 +287,6 @@ def _width(design: Design) -> float:
 
 
 def _free_name(word: str, names: Sequence[str]) -> str:
-    """First free name of a word and a number."""
     return next(name for k in range(1, len(names) + 2) if (name := f"{word}{k}") not in names)
 
 

@@ -100,14 +100,12 @@ class TouchPanel(Panel):
         return scene + scene_of_location(touch.location, bounds=bounds, top=design.top, truth=(x, y))
 
     def _compute(self) -> None:
-        """Compute the response of the design."""
         session = self._session
         design, table_of = session.work.design, session.setup.services.response_table
         if table_of is None:
             return
 
         def done(table: xr.Dataset) -> None:
-            """Keep the response, and use it for its design."""
             self._tables[design.digest] = table
             if session.work.design.digest == design.digest:
                 self._take_table(table)
@@ -123,14 +121,12 @@ class TouchPanel(Panel):
             note("")
 
     def _take_table(self, table: xr.Dataset) -> None:
-        """Use a response for touches."""
         setup = indentation_of(self._session.work.design)
         self._model = forward_model(on_board(table))
         self._state.touch_ready, self._state.touch_note = True, ""
         self._put(*off_middle(setup), max(setup.depths))
 
     def _press(self, across: float, down: float) -> None:
-        """Press at the pointer."""
         if self._touched is not None:
             x, y = top_view(self._session.work.design).place(across, down)
             self._put(x, y, float(self._touched.place[2]))

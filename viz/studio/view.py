@@ -238,7 +238,6 @@ class SceneView:
         self._plotter.close()
 
     def _draw(self) -> None:
-        """Draw the scene for the size of the picture."""
         if self._scene is None:
             return
         self._plotter.set_background("white")
@@ -341,7 +340,6 @@ class SceneView:
 
     @property
     def _size(self) -> tuple[int, int]:
-        """Width and height of the picture in pixels."""
         width, height = self._plotter.window_size
         return width, height
 
@@ -350,7 +348,6 @@ class SceneView:
         return Camera(camera.position, camera.focal_point, camera.up, camera.parallel_scale)
 
     def _is_aimed(self) -> bool:
-        """Check that the user has kept the aimed camera."""
         if self._aimed is None:
             return False
         now, then = ((*one.focus, one.scale) for one in (self._camera(), self._aimed))
@@ -439,7 +436,6 @@ class ScenePanel(Panel):
         return self._alone[2]
 
     def _show(self, found: tuple[Design, int, Scene]) -> None:
-        """Show a scene and its legend."""
         if self._view is None:
             return
         design, number, scene = found
@@ -471,7 +467,6 @@ class ScenePanel(Panel):
 
 
 def _legend(scene: Scene) -> dict[str, Any]:
-    """Legend of a scene as plain values."""
     bars = [bar_of(scale, _STOPS) for scale in scene.scales]
     return {
         "groups": [{"name": name, "colour": gradient(colours)} for name, colours in scene.groups.items()],
