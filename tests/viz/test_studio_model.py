@@ -193,7 +193,7 @@ def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
 )
 def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key, values, target, name, found):
     goal = {"objectives": [{"quantity": key, "direction": None, "target": target}]}
-    point = {**goal, "kind": "search", "changes": {}, "violations": {}, "reason": ""}
+    point = {**goal, "kind": "search", "changes": {}, "violations": {}, "reason": "", "accuracy": "full"}
     points = [
         {**point, "place": k, "quantities": {key: value}, "scores": [abs(value - target)], "start": k == 0}
         for k, value in enumerate(values)
@@ -219,14 +219,14 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     best = run.points[run.front[0]]
     (trial,) = (one for one in result.front if one.name == best.name)
     assert best.quantities == dict(trial.quantities)
-    assert best.entries == dict(trial.changes)
+    assert best.changes == dict(trial.changes)
     np.testing.assert_array_equal(run.values("span_mm"), [point.quantities["span_mm"] for point in run.points])
     assert set(run.numbers) == {"array.pitch_mm", "array.columns"}
-    assert run.values("array.pitch_mm") == [point.entries["array.pitch_mm"] for point in run.points]
+    assert run.values("array.pitch_mm") == [point.changes["array.pitch_mm"] for point in run.points]
     assert sorted(path.name for path in (tmp_path / "found").iterdir()) == before  # reading leaves nothing behind
     assert run_folders(tmp_path) == ["found"]
     assert run_folders(tmp_path / "found") == ["."]
-    work = with_entries(work_on(OPENED, "starter"), best.entries)
+    work = with_entries(work_on(OPENED, "starter"), best.changes)
     assert work.opened.values["array.columns"] == trial.changes["array.columns"]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -22,7 +22,7 @@ from coilarray.design.keys import entry_unit
 from coilarray.design.model import Design, build_design_file
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.studies.optimize.derive import NAMES, unfit_goals
-from coilarray.studies.optimize.goal import unbeaten
+from coilarray.studies.optimize.goal import Trial, unbeaten
 from coilarray.studies.optimize.run import FILE, read_studies
 from coilarray.studies.quantities import QUANTITIES
 from coilarray.studies.sweep import RULES, parse_axis, plan_sweep, run_sweep
@@ -45,27 +45,16 @@ _SIZE = (4.6, 3.3)  # of the picture in inches, so that its letters are legible 
 
 
 @dataclass(frozen=True, eq=False)
-class RunPoint:
-    """Point of a search with a possible board."""
-
-    name: str  # kind and number, as in "search 12"
-    quantities: dict[str, float]  # in the unit in the name
-    entries: dict[str, Any]  # varied entries of the design
-    scores: tuple[float, ...]  # for each objective
-    feasible: bool  # keeps every bound
-    start: bool  # the search began from this design
-
-
-@dataclass(frozen=True, eq=False)
 class Run:
     """Study of a design and a goal."""
 
     name: str  # of the study; it begins with the name of the design
     objectives: tuple[str, ...]  # names of the scores
     maximized: tuple[bool, ...]  # for each objective
-    points: tuple[RunPoint, ...]  # with a possible board, in the order in which they were written
+    points: tuple[Trial, ...]  # with a possible board, in the order in which they were written
     tried: int  # number of all points
     refined: int = 0  # number of points that the local solver tried about the best point
+    start: int | None = None  # index of the possible board at the start
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -77,25 +66,20 @@ class Run:
         if name in self.objectives:
             k = self.objectives.index(name)
             return [point.scores[k] for point in self.points]
-        return [point.quantities.get(name, point.entries.get(name, float("nan"))) for point in self.points]
+        return [point.quantities.get(name, point.changes.get(name, float("nan"))) for point in self.points]
 
     @property
     def numbers(self) -> tuple[str, ...]:
         """Names of the varied entries that are numbers."""
-        varied = dict.fromkeys(name for point in self.points for name in point.entries)
+        varied = dict.fromkeys(name for point in self.points for name in point.changes)
         return tuple(name for name in varied if all(isinstance(value, int | float) for value in self.values(name)))
-
-    @property
-    def start(self) -> int | None:
-        """Index of the possible board at the start, or None."""
-        return next((k for k, point in enumerate(self.points) if point.start), None)
 
     @property
     def front(self) -> tuple[int, ...]:
         """Indices of the points on the front, without the start."""
         signs = [-1 if maximized else 1 for maximized in self.maximized]
         scores = {k: point.scores for k, point in enumerate(self.points) if point.feasible}
-        return tuple(k for k in unbeaten(scores, signs) if not self.points[k].start)
+        return tuple(k for k in unbeaten(scores, signs) if k != self.start)
 
 
 def axis_label(name: str) -> str:
@@ -163,20 +147,11 @@ def run_of(name: str, points: Sequence[Mapping[str, Any]]) -> Run:
         target, quantity = objective["target"], objective["quantity"]
         names.append(quantity if target is None else f"|{quantity} − {target:.6g}|" if target else f"|{quantity}|")
         maximized.append(objective["direction"] == "maximize")
-    possible = tuple(
-        RunPoint(
-            f"{point['kind']} {point['place']}",
-            point["quantities"],
-            point["changes"],
-            tuple(point["scores"]),
-            all(violation <= 0 for violation in point["violations"].values()),
-            point["start"],
-        )
-        for point in points
-        if not point["reason"]
-    )
+    possible = [point for point in points if not point["reason"]]
+    trials = [Trial(**{one.name: point[one.name] for one in fields(Trial)}) for point in possible]
+    start = next((k for k, point in enumerate(possible) if point["start"]), None)
     refined = sum(point["kind"] == "polish" for point in points)
-    return Run(name, tuple(names), tuple(maximized), possible, len(points), refined)
+    return Run(name, tuple(names), tuple(maximized), tuple(trials), len(points), refined, start)
 
 
 def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
@@ -314,7 +289,7 @@ class RunsPanel(Panel):
             state.run_front = [
                 {
                     "name": point.name, "scores": [value_text(score) for score in point.scores],
-                    "entries": _list(point.entries), "quantities": _list(point.quantities),
+                    "entries": _list(point.changes), "quantities": _list(point.quantities),
                 }
                 for point in (run.points[k] for k in run.front[:_MOST_SHOWN])
             ]  # fmt: skip
@@ -324,7 +299,7 @@ class RunsPanel(Panel):
         """Set the design's entries to a run's point."""
         points = (point for run in self._runs if run.name == self._state.run_name for point in run.points)
         if (point := next((one for one in points if one.name == name), None)) is not None:
-            entries = point.entries
+            entries = point.changes
             self._session.change(lambda work: work.document_with(entries), "runs_problem")
 
 

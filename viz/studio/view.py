@@ -205,26 +205,35 @@ class SceneView:
     def show(self, scene: Scene, sent: Callable[[], None] | None = None) -> None:
         """Draw another scene with the user's camera, then call `sent`."""
         self._sent = sent or self._sent
-        moved = self._scene is not None and not self._is_aimed()
-        camera = self._camera()
-        self._scene = scene
-        self._draw()
+        camera, aimed = self._camera(), self._aimed
+        # whether the user has moved the aimed camera
+        moved = (
+            self._scene is not None
+            and aimed is not None
+            and not np.allclose((*camera.focus, camera.scale), (*aimed.focus, aimed.scale), rtol=_SAME, atol=_SAME)
+        )
+        self._scene, self._drawn_size = scene, self._size
+        self._plotter.set_background("white")
+        self._plotter.renderer.RemoveAllViewProps()  # but keeps its lights
+        draw_parts(_fitted(scene, self._size), self._plotter)
+        self._aim(scene)
+        self._hide(scene)
         if moved:
             set_camera(self._plotter, camera)
         self._push()
 
     def look_from(self, side: Side) -> None:
         """Turn the camera to a side."""
-        self._side = side
+        self._side, self._aimed = side, None
         if self._scene is not None:
-            self._aimed = None
-            self._aim()
+            self._aim(self._scene)
             self._push()
 
     def hide(self, groups: Iterable[str]) -> None:
         """Hide these groups of the scene, and show all others."""
         self._hidden = set(groups)
-        self._hide()
+        if self._scene is not None:
+            self._hide(self._scene)
         self._push()
 
     def close(self) -> None:
@@ -237,38 +246,22 @@ class SceneView:
         self._window.RemoveAllObservers()
         self._plotter.close()
 
-    def _draw(self) -> None:
-        if self._scene is None:
-            return
-        self._plotter.set_background("white")
-        self._plotter.renderer.RemoveAllViewProps()  # but keeps its lights
-        draw_parts(_fitted(self._scene, self._size), self._plotter)
-        self._aim()
-        self._drawn_size = self._size
-        self._hide()
-
-    def _hide(self) -> None:
+    def _hide(self, scene: Scene) -> None:
         """Hide the actors of hidden groups, and show the others."""
-        if self._scene is None:
-            return
         actors = self._plotter.actors  # PyVista makes it again each time
-        for part in self._scene.parts:
-            if part.group:
-                actors[part.name].SetVisibility(part.group not in self._hidden)
-        for text in self._scene.texts:
-            name = f"{text_name(replace(text, height=_letters(text, self._drawn_size)))}-labels"
-            if text.group and name in actors:
-                actors[name].SetVisibility(text.group not in self._hidden)
+        groups = {part.name: part.group for part in scene.parts}
+        for text in scene.texts:
+            groups[f"{text_name(replace(text, height=_letters(text, self._drawn_size)))}-labels"] = text.group
+        for name, group in groups.items():
+            if group and name in actors:
+                actors[name].SetVisibility(group not in self._hidden)
 
-    def _aim(self) -> None:
+    def _aim(self, scene: Scene) -> None:
         """Aim from the side, or from the user's last direction."""
-        if self._scene is not None:
-            bounds, size = self._scene.bounds, self._size
-            room = max(0.0, _RULER / size[0] - (1.0 - FILLED) / 2)
-            set_camera(
-                self._plotter, aim(bounds, size, self._side if self._aimed is None else self._camera(), room, room)
-            )
-            self._aimed = self._camera()
+        room = max(0.0, _RULER / self._size[0] - (1.0 - FILLED) / 2)
+        side = self._side if self._aimed is None else self._camera()
+        set_camera(self._plotter, aim(scene.bounds, self._size, side, room, room))
+        self._aimed = self._camera()
 
     def _push(self) -> None:
         self._rough()
@@ -347,12 +340,6 @@ class SceneView:
         camera = self._plotter.camera
         return Camera(camera.position, camera.focal_point, camera.up, camera.parallel_scale)
 
-    def _is_aimed(self) -> bool:
-        if self._aimed is None:
-            return False
-        now, then = ((*one.focus, one.scale) for one in (self._camera(), self._aimed))
-        return bool(np.allclose(now, then, rtol=_SAME, atol=_SAME))
-
 
 def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
     """Scene for a narrow picture, without its notes."""
@@ -402,15 +389,15 @@ class ScenePanel(Panel):
     def expect(self) -> None:
         """Mark the picture as stale."""
         self._expected += 1
-        if self._view is not None and "scene" not in self._session.state.stale:
-            self._set("stale", [*self._session.state.stale, "scene"])
+        if self._view is not None and "scene" not in self._state.stale:
+            self._set("stale", [*self._state.stale, "scene"])
 
     def steps(self) -> list[Step]:
         """Make the step that computes the current scene."""
         if self._view is None:
             return []
         design, number = self._session.work.design, self._expected
-        tab, sheets = str(self._session.state.tab), bool(self._session.state.scene_sheets)
+        tab, sheets = str(self._state.tab), bool(self._state.scene_sheets)
 
         def compute() -> tuple[Design, int, Scene]:
             return design, number, self._scene(design, tab, sheets)
@@ -441,7 +428,7 @@ class ScenePanel(Panel):
         design, number, scene = found
 
         def sent() -> None:
-            with self._session.state as state:
+            with self._state as state:
                 state.legend, state.scene_problem = _legend(scene), ""
                 if number == self._expected:
                     self._session.arrived("scene", design)
@@ -453,8 +440,8 @@ class ScenePanel(Panel):
             self._view.show(scene, sent)
 
     def _set(self, name: str, value: Any) -> None:
-        with self._session.state as state:
-            setattr(state, name, value)
+        with self._state as state:
+            state[name] = value
 
     def _look_from(self, side: str) -> None:
         if self._view is not None and side in SIDES:
@@ -463,7 +450,7 @@ class ScenePanel(Panel):
     def hide(self) -> None:
         """Hide the groups that the page names."""
         if self._view is not None:
-            self._view.hide(self._session.state.hidden_groups)
+            self._view.hide(self._state.hidden_groups)
 
 
 def _legend(scene: Scene) -> dict[str, Any]:
