@@ -474,7 +474,11 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     half, ceiling = _section_half_width(indentation) * MM.factor, (1 + _ABOVE) * top
     ax = ax or style.new_axes(*_dent_size(indentation))
     names = at.interface.values.tolist()[1:]
-    lines = [_mirrored(at, k) for k in range(len(height))]
+    lines = []  # deformed interfaces on both sides in mm, shape (2 n − 1, 2)
+    for k in range(len(height)):
+        one = at.isel(interface=k)
+        across, along = MM.of(one.r + one.displacement_r), MM.of(one.height + one.displacement_z)
+        lines.append(np.column_stack((np.r_[-across[:0:-1], across], np.r_[along[:0:-1], along])))
     for k, (name, colour) in enumerate(palette.cycled(palette.SHEETS, names).items()):
         section = np.vstack((lines[k], lines[k + 1][::-1]))
         ax.add_patch(Polygon(section, facecolor=colour, alpha=0.5, edgecolor="none", label=name))
@@ -527,11 +531,3 @@ def _dent_size(indentation: xr.Dataset) -> tuple[float, float]:
 
 def _contact_name(indentation: xr.Dataset) -> str:
     return "contact radius" if indentation.attrs["symmetry"] == "axial" else "half width of contact"
-
-
-def _mirrored(at: xr.Dataset, k: int) -> npt.NDArray[np.float64]:
-    """Deformed interface k on both sides in mm, shape (2 n − 1, 2)."""
-    one = at.isel(interface=k)
-    across = MM.of(one.r + one.displacement_r)
-    along = MM.of(one.height + one.displacement_z)
-    return np.column_stack((np.r_[-across[:0:-1], across], np.r_[along[:0:-1], along]))

@@ -58,7 +58,15 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
     lift = (array.bounds[3] - array.bounds[1]) * math.tan(math.radians(ANGLES["oblique"][0]))
     above = scene_of_sheets(array, sheets, lift, lift / 3)
-    return above + scene_of_board(array) + (_risers(array, above) if above.parts else Scene())
+    scene = above + scene_of_board(array)
+    if not above.parts:
+        return scene
+    from coilarray.viz.extra_3d import pyvista
+
+    # upright lines from the board's far corners to the lifted sheets
+    (x_min, _, x_max, y_max), top = (meshes.MM_PER_M * edge for edge in array.bounds), above.bounds[4]
+    lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
+    return scene + Scene((Part("risers", lines, colour=_RISER, lit=False),))
 
 
 def scene_of_board(
@@ -149,16 +157,6 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
     """Edges of a mesh's bounding box."""
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
-
-
-def _risers(array: Array, sheets: Scene) -> Scene:
-    """Upright lines from the board's far corners to lifted sheets."""
-    from coilarray.viz.extra_3d import pyvista
-
-    x_min, _, x_max, y_max = (meshes.MM_PER_M * edge for edge in array.bounds)
-    top = sheets.bounds[4]
-    lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
-    return Scene((Part("risers", lines, colour=_RISER, lit=False),))
 
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:

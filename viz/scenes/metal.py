@@ -102,8 +102,12 @@ def eddies_of_plates(
     design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
     """Eddy currents of plates, over `within` in m if infinite."""
-    _require_alike(plates)
     endless = [plate for plate in plates if isinstance(plate, Plate)]
+    if endless and len(endless) < len(plates):
+        raise MetalError(
+            "eddy currents of infinite plates are not computed beside plates with an outline; got "
+            f"{', '.join(plate.name for plate in plates)}."
+        )
     return [*_endless(design, endless, operation, within), *_outlined(design, plates, operation)]
 
 
@@ -117,16 +121,6 @@ def _eddies_of_target(
     if isinstance(body, FinitePlate):
         return _outlined(design, [*design.plates, replace(body, centre=(*place, height))], operation)[-1]
     return None
-
-
-def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
-    """Raise MetalError for infinite plates beside plates with an outline."""
-    kinds = {isinstance(plate, FinitePlate) for plate in plates}
-    if len(kinds) > 1:
-        raise MetalError(
-            "eddy currents of infinite plates are not computed beside plates with an outline; got "
-            f"{', '.join(plate.name for plate in plates)}."
-        )
 
 
 def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint) -> list[Phasors]:

@@ -28,7 +28,7 @@ from coilarray.viz.datasets.meshes import VTK_SUFFIXES, vtk_text
 from coilarray.viz.offscreen import rendering_problem, require_pyvista, silent_screen, window_problem, without_screen
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.draw import actor_of, bar_of, draw, draw_parts, font_file, gradient, pixel_of, text_name
-from coilarray.viz.scenes.scene import SIDES, Part, Scale, Scene, Side, aim
+from coilarray.viz.scenes.scene import SIDES, Scale, Scene, Side, aim
 
 SIZE = (1600, 900)
 """Default width and height of a picture in pixels."""
@@ -343,22 +343,20 @@ def _archive(scene: Scene) -> bytes:
 
     serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="3d")
     serializers.initialize_serializers()
-    camera = aim(scene.bounds, _SIZE, "oblique")
+    mm_per_pixel = 2 * aim(scene.bounds, _SIZE, "oblique").scale / _SIZE[1]
     renderer = vtkRenderer()
     renderer.SetBackground(1.0, 1.0, 1.0)
     for part in scene.parts:
-        renderer.AddActor(actor_of(_thick(part, 2 * camera.scale / _SIZE[1])))
+        mesh: Any = part.mesh
+        if part.line_width > _THIN and getattr(mesh, "n_lines", 0):
+            mesh = mesh.tube(radius=part.line_width * mm_per_pixel / 2, n_sides=_SIDES, capping=True)
+        renderer.AddActor(actor_of(replace(part, mesh=mesh)))
     context = serializers.SynchronizationContext()
     name = serializers.reference_id(renderer)
-    window: dict[str, Any] = {
-        "parent": "0x0",
-        "id": "window",
-        "type": "vtkRenderWindow",
-        "properties": {"numberOfLayers": 1},
-        "dependencies": [serializers.serialize(None, renderer, name, context, 0)],
-        "calls": [["addRenderer", [f"instance:${{{name}}}"]]],
-        "mtime": 1,
-    }
+    shown = serializers.serialize(None, renderer, name, context, 0)
+    window: dict[str, Any] = {"parent": "0x0", "id": "window", "type": "vtkRenderWindow", "mtime": 1}
+    window |= {"properties": {"numberOfLayers": 1}, "dependencies": [shown]}
+    window["calls"] = [["addRenderer", [f"instance:${{{name}}}"]]]
     arrays = {}
     for array in serializers.extract_array_hash(window):
         arrays[array["hash"]] = {**array, "content": context.get_cached_data_array(array["hash"], False)}
@@ -366,15 +364,6 @@ def _archive(scene: Scene) -> bytes:
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("index.json", json.dumps({"scene": window, "hashes": arrays}))
     return buffer.getvalue()
-
-
-def _thick(part: Part, mm_per_pixel: float) -> Part:
-    """Turn thick lines into tubes."""
-    mesh: Any = part.mesh
-    if part.line_width <= _THIN or not getattr(mesh, "n_lines", 0):
-        return part
-    tube = mesh.tube(radius=part.line_width * mm_per_pixel / 2, n_sides=_SIDES, capping=True)
-    return replace(part, mesh=tube)
 
 
 def _view(scene: Scene, side: Side) -> dict[str, Any]:
@@ -386,10 +375,8 @@ def _view(scene: Scene, side: Side) -> dict[str, Any]:
     box = np.array(scene.bounds).reshape(3, 2)
     corners = np.stack(np.meshgrid(*box), axis=-1).reshape(-1, 3)
     extent = np.ptp(corners @ np.column_stack((np.cross(up, out), up)), axis=0)
-    return {
-        "middle": focus.tolist(), "out": out.tolist(), "up": up.tolist(), "distance": distance,
-        "extent": extent.tolist(),
-    }  # fmt: skip
+    vectors = {"middle": focus, "out": out, "up": up, "extent": extent}
+    return {"distance": distance, **{name: vector.tolist() for name, vector in vectors.items()}}
 
 
 def _bar(scale: Scale) -> dict[str, Any]:

@@ -110,7 +110,10 @@ def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
     notes = [_summary(location)]
     finite = {k: mode for k, mode in enumerate(location.modes) if np.isfinite(mode.covariance[:2, :2]).all()}
-    factor = _magnification(max(map(_semi_axis, finite.values()), default=math.inf), length)
+    # the least factor 1, 2, 5, … with which the largest ellipse is visible
+    wanted = _SEEN * length / max(map(_semi_axis, finite.values()), default=math.inf)
+    decade = 10.0 ** math.floor(math.log10(max(wanted, 1.0)))
+    factor = next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= wanted * (1 - 1e-12))
     label = "95 % ellipse" + ("" if factor == 1 else f", drawn {factor:g} × as large")
     for k, mode in enumerate(location.modes):
         at = (mode.x, mode.y)
@@ -150,15 +153,6 @@ def _summary(location: Location) -> str:
     others = len(location.modes) - 1
     also = "" if not others else f"; {others} more position{' fits' if others == 1 else 's fit'}"
     return true_minus(f"{location.verdict}: {text} (standard deviations){also}")
-
-
-def _magnification(semi_axis: float, length: float) -> float:
-    """Least factor 1, 2, 5, … with which the largest ellipse is visible."""
-    wanted = _SEEN * length / semi_axis
-    if wanted <= 1:
-        return 1.0
-    decade = 10.0 ** math.floor(math.log10(wanted))
-    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= wanted * (1 - 1e-12))
 
 
 def _semi_axis(mode: Mode) -> float:
