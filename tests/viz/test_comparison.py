@@ -6,7 +6,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.patches import Polygon
 from support.plot_results import comparison
 
-from coilarray.viz.plots.measurement import comparison_figure, plot_centres, plot_readings
+from coilarray.viz.plots.localize import comparison_figure, plot_centres, plot_readings
 
 
 def test_readings_are_dots_about_equality():

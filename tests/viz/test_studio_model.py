@@ -34,10 +34,10 @@ from coilarray.viz.scenes.design import off_middle
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, runs, structure
 from coilarray.viz.studio.design import choices_of
+from coilarray.viz.studio.live import delta_bars, drawing, location_marks, top_view, touched
 from coilarray.viz.studio.numbers import circuit_of, kept_settings, numbers_of, state_of, unit_fields
 from coilarray.viz.studio.runs import read_runs, run_folders, run_lines, run_of
-from coilarray.viz.studio.touch import touched
-from coilarray.viz.studio.view import _legend, delta_bars, drawing, location_marks, top_view
+from coilarray.viz.studio.view import _legend
 from coilarray.viz.studio.work import MOST_COILS, Shelf, entries_of, number_of, text_of, work_on
 
 WOUND = "coils.hexagon.winding_layers"

@@ -1,7 +1,8 @@
-"""Tab of the live board, its emulator or a recording.
+"""Tabs of pressing: a dragged indenter with δ and position, and the live board.
 
-The readings come from another process, several at once. The page requests a drawing after it has
-shown the last drawing. So a slow page drops drawings, never scans.
+The readings of a board, its emulator or a recording come from another process, several at once. The
+page requests a drawing after it has shown the last drawing. So a slow page drops drawings, never
+scans.
 """
 
 from __future__ import annotations
@@ -9,34 +10,300 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, TypeGuard
+from dataclasses import dataclass, replace
+from html import escape
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
+import numpy.typing as npt
+import xarray as xr
 from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import number_text, true_minus
 from coilarray.design.model import Design
-from coilarray.localize.inverse import location_lines
+from coilarray.errors import DesignError, LocalizeError
+from coilarray.localize.forward import ForwardModel, forward_model, table_grid
+from coilarray.localize.inverse import Location, locate, location_lines
 from coilarray.localize.presses import Press, baseline_text
-from coilarray.viz.palette import INK
+from coilarray.response.dataset import on_board
+from coilarray.response.setup import indentation_of
+from coilarray.viz.datasets.results import uncertainty_ellipse
+from coilarray.viz.palette import INK, coil_colours
+from coilarray.viz.scenes.board import VEILED, scene_of_dent
+from coilarray.viz.scenes.design import dent_of_design, off_middle
+from coilarray.viz.scenes.results import CONFIDENCE, colours_of_delta, scene_of_location
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.job import ZERO, Outcome
 from coilarray.viz.studio.services import BoardFrame, BoardRequest
 from coilarray.viz.studio.session import Panel, Session
-from coilarray.viz.studio.view import (
-    LEAST,
-    RED,
-    BoardParts,
-    circle,
-    delta_bars,
-    drawing,
-    location_marks,
-    polygon,
-    state_colours,
-    top_view,
-)
+from coilarray.viz.studio.view import BoardParts, delta_by_coil
+from coilarray.viz.studio.work import number_of, place_text
+
+LEAST = 1e-4
+"""Least δ at which bars and colours are full."""
+RED = "#D55E00"
+"""Colour of positions that are found."""
+
+_BORDER = 0.02  # width of the rim over the width of the board
+_LETTER = 0.035  # largest height of letters over the width of the drawing
+_LETTER_OF_PITCH = 0.22  # and over the distance of neighbours, so that names of six letters do not overlap
+_NAME = 'text-anchor="middle" dominant-baseline="central" fill="#202020" stroke="#fff" paint-order="stroke"'
+_SHOWN = 1e-5  # m, last digit of a place on the page, as a place at the edge may be rounded beyond it
+_LEAST = 0.5  # mm, radius of a drawn indenter
+
+
+@dataclass(frozen=True)
+class TopView:
+    """Board from above in mm, with y reversed."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+    @property
+    def line(self) -> float:
+        """Width of a thin line."""
+        return round(0.0022 * self.width, 3)
+
+    def place(self, across: float, down: float) -> tuple[float, float]:
+        """Place on the board in m from shares of sides.
+
+        >>> TopView(-10.0, -5.0, 20.0, 10.0).place(0.75, 0.25)
+        (0.005, 0.0025)
+        """
+        return (self.left + across * self.width) * 1e-3, -(self.top + down * self.height) * 1e-3
+
+
+def top_view(design: Design) -> TopView:
+    """Coordinates of a drawing of a board."""
+    x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
+    rim = _BORDER * (x_max - x_min)
+    return TopView(x_min - rim, -y_max - rim, x_max - x_min + 2 * rim, y_max - y_min + 2 * rim)
+
+
+def drawing(design: Design, delta: Mapping[str, float | None], marks: str = "", least: float = 0.0) -> dict[str, Any]:
+    """SVG of a board with coils coloured by δ."""
+    view, array = top_view(design), design.array
+    colours = coil_colours(array.names, array.centres)
+    edges = [(x, y) for x in array.bounds[::2] for y in array.bounds[1::2]]
+    parts = [polygon(np.array(edges)[[0, 1, 3, 2]], f'fill="#eef5ee" stroke="#3F8F4F" stroke-width="{view.line}"')]
+    fills = ["none"] * len(array.names)
+    if delta:
+        of_coils = colours_of_delta(delta_by_coil(design, delta), least)
+        fills = [f"rgb{tuple(one)}" for one in of_coils.scale.colours_of(of_coils.values).tolist()]
+    for place, fill in zip(array.placements, fills, strict=True):
+        stroke = f'stroke="{colours[place.name]}" stroke-width="{1.5 * view.line:g}"'
+        parts.append(polygon(place.to_board(place.coil.outline), f'fill="{fill}" fill-opacity="0.75" {stroke}'))
+    letter = min(_LETTER * view.width, _LETTER_OF_PITCH * array.least_distance * 1e3)
+    look = f'{_NAME} font-size="{letter:.3f}" stroke-width="{1.5 * view.line:g}" font-weight="600"'
+    for name, (x, y) in zip(array.names, array.centres * 1e3, strict=True):
+        parts.append(f'<text x="{x:.3f}" y="{-y:.3f}" {look}>{escape(name)}</text>')
+    return {
+        "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
+        "ratio": round(view.width / view.height, 4),
+        "svg": "".join(parts) + marks,
+    }
+
+
+def polygon(points: npt.ArrayLike, look: str, kind: str = "polygon") -> str:
+    """Polygon or polyline through points (n, 2) in m."""
+    corners = " ".join(f"{x:.3f},{-y:.3f}" for x, y in np.asarray(points) * 1e3)
+    return f'<{kind} points="{corners}" {look}/>'
+
+
+def circle(x: float, y: float, radius: float, look: str) -> str:
+    """Circle at a place in m, its radius in mm."""
+    return f'<circle cx="{x * 1e3:.3f}" cy="{-y * 1e3:.3f}" r="{radius:.3f}" {look}/>'
+
+
+def location_marks(view: TopView, location: Location) -> str:
+    """Possible positions of a location with 95 % ellipses."""
+    marks = []
+    stroke = f'stroke="{RED}" stroke-width="{view.line}"'
+    for k, mode in enumerate(location.modes):
+        covariance = mode.covariance[:2, :2]
+        if np.isfinite(covariance).all():
+            ellipse = np.asarray(uncertainty_ellipse((mode.x, mode.y), covariance, CONFIDENCE).points) * 1e-3
+            marks.append(polygon(ellipse[:, :2], f'class="ellipse" fill="{RED}" fill-opacity="0.15" {stroke}'))
+        fill = "#fff" if k else RED
+        marks.append(circle(mode.x, mode.y, 4 * view.line, f'class="pin" fill="{fill}" {stroke}'))
+    return "".join(marks)
+
+
+def state_colours(design: Design) -> dict[str, str]:
+    """Colour of each state, by its first coil."""
+    colours = coil_colours(design.array.names, design.array.centres)
+    return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
+
+
+def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) -> list[dict[str, Any]]:
+    """Texts of δ in 10⁻⁶, and lengths of their bars.
+
+    Lengths are in per cent of half the width, full at the largest δ or at `least`, whichever is
+    larger.
+    """
+    pairs = list(delta)
+    largest = max([least, *(abs(value) for _, value in pairs if value is not None)]) or 1.0
+    bars = []
+    for name, value in pairs:
+        text = "–" if value is None else number_text(value * 1e6, 1, "+")
+        bars.append({"name": name, "text": text, "part": 0.0 if value is None else round(50 * value / largest, 2)})
+    return bars
+
+
+class Touched(NamedTuple):
+    """Place of the indenter with its readings."""
+
+    place: FloatArray  # x and y on the board, and depth in m
+    delta: dict[str, float]  # δ of every state
+    location: Location  # located from these δ, which have no noise
+
+
+def touched(model: ForwardModel, x: float, y: float, depth: float) -> Touched:
+    """Press at a place on the board in m."""
+    place = np.clip([x, y, depth], model.lower, model.upper)
+    delta = model.delta(place)
+    try:
+        location = locate(model, delta)
+    except LocalizeError as error:  # one or two coils do not determine x, y and depth
+        location = Location("refused", str(error))
+    return Touched(place, dict(zip(model.states, delta.tolist(), strict=True)), location)
+
+
+class TouchPanel(Panel):
+    """Panel with the indenter on the board."""
+
+    def __init__(self, session: Session) -> None:
+        self._tables: dict[str, xr.Dataset] = {}  # responses by the digest of their design
+        self._model: ForwardModel | None = None  # of the current design
+        self._touched: Touched | None = None
+        self._dent: tuple[Design, float, xr.Dataset] | None = None
+        values = {
+            "touch": drawing(session.work.design, {}), "bars": [], "located": [], "touch_note": "",
+            "touch_ready": False, "touch_work": "", "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
+            "can_touch": False, "pressing": False,
+        }  # fmt: skip
+        session.state.client_only("pressing")
+        super().__init__(
+            session, values, "place_error", compute_table=self._compute, press=self._press, press_at=self._press_at
+        )
+
+    def show(self, design: Design, *, anew: bool) -> None:
+        """Show a design's board, `anew` for other files or coils."""
+        state = self._state
+        state.can_touch, state.touch_work = design.indentation is not None, touch_work(design)
+        table = self._tables.get(design.digest)
+        if table is not None:
+            self._take_table(table)
+            return
+        self._model = self._touched = None
+        state.touch_ready, state.touch, state.bars, state.located = False, drawing(design, {}), [], []
+        changed = "The design has changed: its response is to be computed anew." if self._tables and not anew else ""
+        state.touch_note = (
+            changed
+            if design.indentation is not None
+            else (
+                "Nothing presses on this board: the design has no [indenter] and [indentation]. "
+                "A sheet that Build lays on the board brings both."
+            )
+        )
+
+    def scene(self, design: Design, board: BoardParts) -> Scene | None:
+        """Scene of the touch or None, made in a thread."""
+        touch = self._touched
+        if touch is None or not self._session.is_current(design) or touch.place[2] <= 0:
+            return None
+        x, y, depth = touch.place.tolist()
+        if self._dent is None or self._dent[0] is not design or self._dent[1] != depth:
+            self._dent = design, depth, dent_of_design(design, depth)
+        array, bounds = design.array, design.array.bounds
+        scene = board.by_delta(touch.delta)
+        if bounds[0] < x < bounds[2] and bounds[1] < y < bounds[3]:
+            indenter, dent = indentation_of(design).indenter, self._dent[2]
+            scene += scene_of_dent(array, design.sheets, dent, indenter, (x, y), opacity=VEILED)
+        return scene + scene_of_location(touch.location, bounds=bounds, top=design.top, truth=(x, y))
+
+    def _compute(self) -> None:
+        session = self._session
+        design, table_of = session.work.design, session.setup.services.response_table
+        if table_of is None:
+            return
+
+        def done(table: xr.Dataset) -> None:
+            self._tables[design.digest] = table
+            if session.work.design.digest == design.digest:
+                self._take_table(table)
+                session.redraw()
+            else:
+                note("The design has changed since: its response is to be computed anew.")
+
+        def note(text: str = "Cancelled.") -> None:
+            self._state.touch_note = text
+
+        document, text = session.work.opened.document, f"response of {design.name}"
+        if session.start_bar("table", text, table_of, document, design.name, done=done, cancelled=note):
+            note("")
+
+    def _take_table(self, table: xr.Dataset) -> None:
+        setup = indentation_of(self._session.work.design)
+        self._model = forward_model(on_board(table))
+        self._state.touch_ready, self._state.touch_note = True, ""
+        self._put(*off_middle(setup), max(setup.depths))
+
+    def _press(self, across: float, down: float) -> None:
+        if self._touched is not None:
+            x, y = top_view(self._session.work.design).place(across, down)
+            self._put(x, y, float(self._touched.place[2]))
+            self._session.redraw()
+
+    def _press_at(self, x: str, y: str, depth: str) -> None:
+        """Press at numbers in mm."""
+        if self._model is None:
+            return
+        numbers = []
+        limits = zip(self._model.lower.tolist(), self._model.upper.tolist(), strict=True)
+        for name, text, (low, high) in zip(("x", "y", "depth"), (x, y, depth), limits, strict=True):
+            number = number_of(name, text) * 1e-3
+            if not low - _SHOWN <= number <= high + _SHOWN:
+                line = f"{name} must be {low * 1e3:.2f} to {high * 1e3:.2f} mm; got {number * 1e3:g}."
+                raise DesignError(true_minus(line))
+            numbers.append(number)
+        self._put(*numbers)
+        self._session.redraw()
+
+    def _put(self, x: float, y: float, depth: float) -> None:
+        """Press at a place and show the result."""
+        if self._model is None:
+            return
+        design, state = self._session.work.design, self._state
+        touch = self._touched = touched(self._model, x, y, depth)
+        x, y, depth = touch.place.tolist()
+        view = top_view(design)
+        radius = max(indentation_of(design).indenter.radius_at(depth) * 1e3, _LEAST)
+        marks = location_marks(view, touch.location)
+        look = f'id="indenter" fill="none" stroke="#0072B2" stroke-width="{3 * view.line:g}"'
+        state.touch = drawing(design, touch.delta, marks + circle(x, y, radius, look))
+        state.bars = delta_bars(touch.delta.items())
+        state.located = location_lines(touch.location)
+        state.place_error = ""
+        state.place = {name: place_text(value) for name, value in zip(("x", "y", "depth"), (x, y, depth), strict=True)}
+
+
+def touch_work(design: Design) -> str:
+    """Name the response to compute, empty without an indenter.
+
+    >>> from coilarray import load_design
+    >>> touch_work(load_design("starter"))
+    'δ of 3 states at 6 depths and 49 × 25 places'
+    """
+    if design.indentation is None:
+        return ""
+    depths, x, y = table_grid(design)
+    states = f"{len(design.plan)} states" if len(design.plan) > 1 else "one state"
+    return f"δ of {states} at {len(depths)} depths and {len(x)} × {len(y)} places"
+
 
 SPANS = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}
 """Times in s over which curves are shown."""

@@ -28,13 +28,12 @@ from trame_client.module import vue3
 from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.offscreen import rendering_problem
 from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
-from coilarray.viz.studio.live import LivePanel
+from coilarray.viz.studio.live import LivePanel, TouchPanel
 from coilarray.viz.studio.metal import MetalPanel
 from coilarray.viz.studio.numbers import NumbersPanel, SwitchesPanel
 from coilarray.viz.studio.runs import RunsPanel, StudiesPanel
 from coilarray.viz.studio.services import Address, Services
 from coilarray.viz.studio.session import Session, Setup, template
-from coilarray.viz.studio.touch import TouchPanel
 from coilarray.viz.studio.view import ScenePanel
 from coilarray.viz.studio.work import Shelf, Work
 

@@ -109,8 +109,6 @@ class Session(ABC):
         for job in jobs:
             await asyncio.to_thread(job.close)
 
-    # ---------------------------------------------------------------- the design
-
     def take(self, work: Work, *, typed: bool = False) -> None:
         """Show a design, `typed` if it comes from the fields."""
         if work.file != self.work.file:
@@ -170,8 +168,6 @@ class Session(ABC):
             self._changes.clear()
             self._show(there.pop().of_file(self.work), typed=False)
 
-    # ---------------------------------------------------------------- what is shown of it
-
     def is_current(self, design: Design) -> bool:
         """Check if a design is the current design."""
         return design is self.work.design
@@ -228,8 +224,6 @@ class Session(ABC):
                     self.say(f"{name}: {place}: {first['msg']}; got {shown(first['input'])}.")
 
         self.server.controller.trigger(name)(call)
-
-    # ---------------------------------------------------------------- its work
 
     def may_write(self, name: str) -> Path | None:
         """Path of a file to write, None if not ours."""
