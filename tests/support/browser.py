@@ -243,12 +243,10 @@ def redrawn(page, before):
     return until(lambda: now if (now := drawn(page)) != before else None)
 
 
-def picture(page, name, rests=True):
+def picture(page, name):
     """Keep a screenshot where the environment says a folder."""
     folder = os.environ.get(ARTIFACTS)
     if folder:
-        if rests and not page.query_selector("#scene-problem"):
-            still(page)
         Path(folder).mkdir(parents=True, exist_ok=True)
         page.screenshot(path=str(Path(folder, f"studio_{name}.png")))
 

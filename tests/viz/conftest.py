@@ -12,6 +12,16 @@ def studio_libraries():
         pytest.skip(problem)
 
 
+@pytest.fixture(scope="session")
+def searched(tmp_path_factory):
+    """Folder of a quick optimisation, and what it has found."""
+    pytest.importorskip("optuna")
+    from support.browser import quick_run
+
+    folder = tmp_path_factory.mktemp("searched")
+    return folder, quick_run(folder)
+
+
 @pytest.fixture
 def plotter(rendering):
     """An empty plotter without a window, where this machine can render."""

@@ -69,14 +69,6 @@ NO_UNIT = {"Allan deviation of δ",
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", sorted(PLOTS))
-def test_a_plot_takes_an_optional_axis_and_returns_one(name):
-    signature = inspect.signature(PLOTS[name])
-    assert signature.parameters["ax"].annotation == "Axes | None"
-    assert signature.parameters["ax"].default is None
-    assert signature.return_annotation == "Axes"
-
-
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_plot_draws_into_the_axis_that_is_given_and_leaves_nothing_behind(name):
     windows, settings = pyplot.get_fignums(), dict(matplotlib.rcParams)

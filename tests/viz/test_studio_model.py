@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.browser import bells, quick_run
+from support.browser import bells
 
 from coilarray import couple_design
 from coilarray.circuit.coupling import design_circuit
@@ -207,11 +207,10 @@ def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key,
 
 
 @pytest.mark.slow
-def test_runs_are_read_as_they_were_written(tmp_path):
-    pytest.importorskip("optuna")
-    result = quick_run(tmp_path / "found")
-    before = sorted(path.name for path in (tmp_path / "found").iterdir())
-    (run,) = read_runs(tmp_path / "found")
+def test_runs_are_read_as_they_were_written(searched):
+    folder, result = searched
+    before = sorted(path.name for path in folder.iterdir())
+    (run,) = read_runs(folder)
     assert run.objectives == ("board_area_mm2", "span_mm")
     assert run.maximized == (False, True)
     assert run.tried == len(result.trials)
@@ -223,9 +222,9 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     np.testing.assert_array_equal(run.values("span_mm"), [point.quantities["span_mm"] for point in run.points])
     assert set(run.numbers) == {"array.pitch_mm", "array.columns"}
     assert run.values("array.pitch_mm") == [point.changes["array.pitch_mm"] for point in run.points]
-    assert sorted(path.name for path in (tmp_path / "found").iterdir()) == before  # reading leaves nothing behind
-    assert run_folders(tmp_path) == ["found"]
-    assert run_folders(tmp_path / "found") == ["."]
+    assert sorted(path.name for path in folder.iterdir()) == before  # reading leaves nothing behind
+    assert folder.name in run_folders(folder.parent)
+    assert run_folders(folder) == ["."]
     work = with_entries(work_on(OPENED, "starter"), best.changes)
     assert work.opened.values["array.columns"] == trial.changes["array.columns"]
 

@@ -32,59 +32,29 @@ def rows_of(table):
 
 
 @pytest.mark.slow
-def test_the_spread_is_that_of_the_analysis(sampled, linear):
+def test_tables_have_the_numbers_of_the_analysis(sampled, linear):
+    """The command's files are held against the library in tests/cli/test_tolerance.py."""
     rows = rows_of(tables.spread_table(sampled))
     for name in (K, L):
-        at, row = sampled.sel(output=name), rows[name]
-        for key in ("nominal", "linear_deviation", "sample_mean", "sample_deviation", "ratio"):
-            assert row[key] == float(at[key])
-        assert (row["low"], row["high"]) == tuple(at.percentiles.values.tolist())
-    assert rows[K]["largest"].startswith("dielectric, board ")
-    for row in rows_of(tables.spread_table(linear)).values():
-        assert [row[key] for key in ("sample_mean", "sample_deviation", "ratio", "ratio_error", "low", "high")] == [
-            ""
-        ] * 6
-    assert "nan" not in tables.spread_table(linear).csv().lower()
-    assert tables.yield_table(linear).rows == ()
-
-
-def test_contributors_come_from_the_largest_and_errors_with_their_reason(linear):
-    table = tables.share_table(linear)
-    for name in (K, L):
-        shares = [row[3] for row in table.rows if row[0] == name]
-        assert len(shares) == linear.sizes["contributor"]
+        assert (rows[name]["low"], rows[name]["high"]) == tuple(sampled.percentiles.sel(output=name).values.tolist())
+        shares = [row[3] for row in tables.share_table(linear).rows if row[0] == name]
         assert shares == sorted(shares, reverse=True)
         assert sum(shares) == pytest.approx(1, rel=1e-12)
+    assert rows[K]["largest"].startswith("dielectric, board ")
+    assert "nan" not in tables.spread_table(linear).csv().lower()
+    assert tables.yield_table(linear).rows == ()
     rows = rows_of(tables.error_table(linear))
-    assert rows["etch, board"] == {
-        "contributor": "etch, board",
-        "distribution": "normal",
-        "deviation": 1e-6,
-        "unit": "m",
-        "assumed": "a guess",
-    }
-    assert rows["dielectric, board"]["assumed"] == ""
-    table = tables.given_table(linear)
-    assert table.records()[0]["layer_deviation"] == 2e-6
-    assert table.cells() == [["etch", "normal", "1", "2", "µm", "a guess"], ["dielectric", "uniform", "1", "", "%", ""]]
-
-
-def test_boards_and_yields_are_those_of_the_analysis(sampled):
-    rows = rows_of(tables.yield_table(sampled))
-    assert list(rows) == [f"{K} ≤ 0.255", f"0 ≤ {L}", "all limits"]
-    assert rows[f"0 ≤ {L}"]["sample_yield"] == rows[f"0 ≤ {L}"]["linear_yield"] == 1
-    assert rows["all limits"]["sample_yield"] == rows[f"{K} ≤ 0.255"]["sample_yield"] < 1
-    table = tables.sample_table(sampled)
-    read = list(csv.DictReader(io.StringIO(table.csv())))
+    assert [rows[name]["assumed"] for name in ("etch, board", "dielectric, board")] == ["a guess", ""]
+    given = tables.given_table(linear).cells()
+    assert given == [["etch", "normal", "1", "2", "µm", "a guess"], ["dielectric", "uniform", "1", "", "%", ""]]
+    yields = {name: row["sample_yield"] for name, row in rows_of(tables.yield_table(sampled)).items()}
+    assert list(yields) == [f"{K} ≤ 0.255", f"0 ≤ {L}", "all limits"]
+    assert yields["all limits"] == yields[f"{K} ≤ 0.255"] < yields[f"0 ≤ {L}"] == 1
+    read = list(csv.DictReader(io.StringIO(tables.sample_table(sampled).csv())))
     assert len(read) == 16
     assert float(read[3][K]) == sampled.value.sel(output=K).values[3]
     assert float(read[3]["etch, board (m)"]) == sampled.error.values[3, 0]
-    assert read[3]["failure"] == ""
-
-
-@pytest.mark.slow
-def test_a_board_that_failed_is_empty_with_the_reason():
-    hard = Tolerances({"etch": Spread(board=12e-6)})
+    hard = Tolerances({"etch": Spread(board=12e-6)})  # some boards cannot be made
     rows = tables.sample_table(analyse(loops(), hard, samples=32, quantities=[K])).records()
     failed = [row for row in rows if row["failure"]]
     assert failed
