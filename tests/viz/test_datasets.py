@@ -104,16 +104,16 @@ K = np.array([[1, -0.05, 0.001, 0.02], [-0.05, 1, -0.04, 0], [0.001, -0.04, 1, -
 
 
 def test_arcs_end_at_the_centres_of_their_coils_and_weak_ones_can_be_left_out():
-    arcs = results.coupling_arcs(CENTRES, K, height=2e-3)
+    arcs = results.coupling_arcs(CENTRES, K)
     assert arcs.n_lines == 6
     for n in range(6):
         points = np.asarray(arcs.get_cell(n).points)
         first, second = (int(arcs.cell_data[name][n]) for name in ("coil", "other"))
-        np.testing.assert_allclose(points[0], [*CENTRES[first] * 1e3, 2.0], atol=1e-6)
-        np.testing.assert_allclose(points[-1], [*CENTRES[second] * 1e3, 2.0], atol=1e-6)
+        np.testing.assert_allclose(points[0], [*CENTRES[first] * 1e3, 0.0], atol=1e-6)
+        np.testing.assert_allclose(points[-1], [*CENTRES[second] * 1e3, 0.0], atol=1e-6)
         assert arcs.cell_data[results.COUPLING][n] == K[first, second]
         span = np.linalg.norm(CENTRES[first] - CENTRES[second]) * 1e3
-        assert points[:, 2].max() == pytest.approx(2 + 0.3 * span)
+        assert points[:, 2].max() == pytest.approx(0.3 * span)
         # upright: the middle of the arc is over the middle of its coils
         np.testing.assert_allclose(points[16, :2], (CENTRES[first] + CENTRES[second]) / 2 * 1e3, atol=1e-6)
     arcs = results.coupling_arcs(CENTRES, K, least=0.02)

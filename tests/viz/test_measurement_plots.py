@@ -8,7 +8,7 @@ from matplotlib.patches import Polygon
 from support.plot_results import calibration, comparison, curves
 
 from coilarray import viz
-from coilarray.viz.plots import measurement as drawing
+from coilarray.viz.plots import localize as drawing
 from coilarray.viz.plots.localize import comparison_figure, plot_centres, plot_readings
 
 

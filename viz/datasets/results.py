@@ -47,14 +47,12 @@ def of_state(dataset: xr.Dataset, state: str) -> xr.Dataset:
     return dataset.sel(state=state)
 
 
-def coupling_arcs(
-    centres: npt.ArrayLike, coupling: npt.ArrayLike, *, height: float = 0.0, least: float = 0.0
-) -> pyvista.PolyData:
+def coupling_arcs(centres: npt.ArrayLike, coupling: npt.ArrayLike, *, least: float = 0.0) -> pyvista.PolyData:
     """Join every pair of coils by an arc in mm.
 
-    `centres` (coils, 2) and the `height` of the ends are in m. A pair with |k| below `least` has no
-    arc. Arcs are parabolas that rise by 0.3 of their span, with the cell arrays ``"coil"``,
-    ``"other"`` (indices of the coils) and ``"k"``.
+    `centres` (coils, 2) are in m. A pair with |k| below `least` has no arc. Arcs are parabolas that
+    rise by 0.3 of their span, with the cell arrays ``"coil"``, ``"other"`` (indices of the coils)
+    and ``"k"``.
     """
     places, k = np.asarray(centres, dtype=np.float64), np.asarray(coupling, dtype=np.float64)
     share = np.linspace(0.0, 1.0, _POINTS_OF_ARC)
@@ -62,7 +60,7 @@ def coupling_arcs(
     lines = []
     for start, end in ((places[i], places[j]) for i, j in pairs):
         rise = 4 * _RISE * float(np.linalg.norm(end - start)) * share * (1 - share)
-        lines.append(np.column_stack((start + share[:, None] * (end - start), height + rise)))
+        lines.append(np.column_stack((start + share[:, None] * (end - start), rise)))
     arcs = polylines(lines)
     if pairs:
         first, second = np.array(pairs).T

@@ -40,13 +40,6 @@ def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
 
     Each coil has its own colour and its name. Holes and the edge of the board are drawn too. Raises
     GeometryError if the board has no such layer.
-
-    Parameters
-    ----------
-    array : Array
-        Board that is drawn.
-    layer : str
-        Name of the copper layer.
     """
     array.stackup.index(layer)
     colours = coil_colours(array.names, array.centres)

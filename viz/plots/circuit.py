@@ -291,16 +291,9 @@ def plot_field_lines(
 def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()) -> Axes:
     """Draw B_z on a horizontal plane.
 
-    The outlines of the coils are drawn too.
-
-    The colours are symmetric about zero. Raises ValueError if the field is not on a plane.
-
-    Parameters
-    ----------
-    field : xarray.Dataset
-        Result of `coilarray.operating_field` with one z.
-    outlines : sequence of array_like
-        As in `coilarray.viz.plot_response`.
+    `field` is the result of `coilarray.operating_field` with one z. The colours are symmetric about
+    zero. The `outlines` of the coils are as in `coilarray.viz.plot_response`. Raises ValueError if
+    the field is not on a plane.
     """
     if field.sizes["z"] != 1 or min(field.sizes["x"], field.sizes["y"]) < 2:
         raise ValueError(f"a field must be of a plane, two x and y or more and one z; it has {dict(field.sizes)}.")

@@ -187,14 +187,8 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     It is predicted with the neighbours grounded and open, and as published. Levels are crossed out
     if the window shows too little of their ellipse, and the axis fits the other levels. If the
     result has standard deviations, bands are two standard deviations of the posterior on each side.
-    Raises ValueError if the dataset has no such state.
-
-    Parameters
-    ----------
-    distortion : xarray.Dataset
-        Result of `coilarray.paper.distortion.distortion`.
-    state : str
-        Name of the coil.
+    `distortion` is the result of `coilarray.paper.distortion.distortion`, and `state` the name of a
+    coil. Raises ValueError if the dataset has no such state.
     """
     of = of_state(distortion, state)
     ax = ax or style.new_axes(6.5, 4.0)
@@ -354,14 +348,8 @@ _LOOKS = {"A": ("o", BLUE), "B": ("s", VERMILLION), "x0": ("^", INK)}
 def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None) -> Axes:
     """Draw measured over simulated δ of every state.
 
-    There is a dot per position, and the line of equality.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        Result of `coilarray.studies.comparison.compare_responses`.
-    depth : int
-        Index of the depth in the dataset.
+    `comparison` is the result of `coilarray.studies.comparison.compare_responses`, and `depth` the
+    index of a depth in it. There is a dot per position, and the line of equality.
     """
     at = comparison.isel(depth=depth)
     ax = ax or style.new_axes(5.0, 4.5)
@@ -386,19 +374,8 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
     """Draw x0 of the ellipses of one state over δ.
 
     The values are measured and simulated, with bands of two standard deviations. Levels whose
-    points do not determine their ellipse are crossed out.
-
-    Parameters
-    ----------
-    comparison, depth : xarray.Dataset and int
-        As in `plot_readings`.
-    state : str
-        State of the comparison.
-
-    Raises
-    ------
-    ValueError
-        If the dataset has no such state.
+    points do not determine their ellipse are crossed out. `comparison` and `depth` are as in
+    `plot_readings`. Raises ValueError if the dataset has no such `state`.
     """
     of = of_state(comparison.isel(depth=depth), state)
     ax = ax or style.new_axes(5.0, 3.5)
@@ -459,15 +436,10 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 
     The residuals are in standard deviations. For ellipses, A, B and x0 are drawn over δ, with a
     band of one standard deviation of the posterior. For a response, δ is drawn along x, and the
-    residuals as a map if there are several rows. At most six states are shown.
-
-    Parameters
-    ----------
-    calibration : xarray.Dataset
-        Dataset of `coilarray.studies.calibrate.calibrate`. If it has more than six states, the
-        states with the largest measured values are drawn, and the title mentions this.
-    combination : int
-        Index of the combination of choices. The default is the most probable combination.
+    residuals as a map if there are several rows. `calibration` is the dataset of
+    `coilarray.studies.calibrate.calibrate`. If it has more than six states, those with the largest
+    measured values are drawn, and the title mentions this. `combination` is the index of a
+    combination of choices, by default the most probable.
     """
     of = calibration.isel(combination=combination)
     every = list(dict.fromkeys(of.state.values.tolist()))

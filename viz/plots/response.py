@@ -458,15 +458,9 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: Axes | None = None) -> Axes:
     """Draw the deformed sheets under the indenter in section.
 
-    The section is mirrored about the axis of the indenter. The flat sheets are dashed. Raises
-    ValueError if the dataset has no such depth.
-
-    Parameters
-    ----------
-    indentation : xarray.Dataset
-        As in `plot_force_depth`.
-    indenter, depth : Indenter and int
-        Body that made the dent, and index of the depth in the dataset. The default is the deepest.
+    The section is mirrored about the axis of the `indenter` that made the dent. The flat sheets are
+    dashed. `indentation` is as in `plot_force_depth`, and `depth` the index of a depth in it, by
+    default the deepest. Raises ValueError if the dataset has no such depth.
     """
     at = at_depth(indentation, depth)
     height = MM.of(at.height)

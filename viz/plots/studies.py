@@ -97,14 +97,8 @@ def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> npt.NDArray[np.fl
 def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | None = None) -> Axes:
     """Draw a dot per point of a sweep over an entry.
 
-    A dashed line is the design's own value.
-
-    Parameters
-    ----------
-    sweep : xarray.Dataset
-        Result of `coilarray.sweep`, a grid or samples.
-    quantity, entry : str
-        Names of a variable and of a coordinate.
+    `sweep` is the result of `coilarray.sweep`, a grid or samples, `quantity` a variable and `entry`
+    a coordinate of it. A dashed line is the design's own value.
     """
     ax = ax or style.new_axes(*_PANEL)
     at = sweep[entry].broadcast_like(sweep[quantity]).transpose(*sweep[quantity].dims)
@@ -119,15 +113,10 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
 def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
     """Draw a quantity of a sweep as lines.
 
-    A dashed line is the design's own value. Raises ValueError if the sweep is over other entries.
-
-    Parameters
-    ----------
-    sweep : xarray.Dataset
-        Result of `coilarray.sweep` of a grid over one entry, or over two if one of them has texts.
-        Each text then has a line. A point without a value is a gap.
-    quantity : str
-        Name of a variable.
+    `sweep` is the result of `coilarray.sweep` of a grid over one entry, or over two if one of them
+    has texts, and `quantity` a variable of it. Each text then has a line. A point without a value
+    is a gap, and a dashed line is the design's own value. Raises ValueError if the sweep is over
+    other entries.
     """
     entries = _entries(sweep)
     along, apart = _line_entries(sweep, entries)
@@ -150,15 +139,9 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
 def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
     """Draw a quantity over two entries as colours.
 
-    Places without a result are grey. A diamond marks the design's own values. Raises ValueError if
-    the sweep is over fewer or more entries.
-
-    Parameters
-    ----------
-    sweep : xarray.Dataset
-        Result of `coilarray.sweep` of a grid over two entries.
-    quantity : str
-        Name of a variable.
+    `sweep` is the result of `coilarray.sweep` of a grid over two entries, and `quantity` a variable
+    of it. Places without a result are grey. A diamond marks the design's own values. Raises
+    ValueError if the sweep is over fewer or more entries.
     """
     entries = _entries(sweep)
     if "sample" in sweep.dims or len(entries) != 2:
@@ -486,15 +469,9 @@ _LEAST_SHARE = 0.02
 def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -> Figure:
     """Draw the shares of the contributors.
 
-    With samples the histograms of the first outputs are drawn too. Raises ValueError if the
+    `result` is the result of `coilarray.studies.tolerance.analyse`, and `outputs` are names of
+    outputs, all by default. With samples the first six have a histogram. Raises ValueError if the
     analysis has no such output, or none is asked for.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `coilarray.studies.tolerance.analyse`.
-    outputs : sequence of str, optional
-        Names of the outputs, all by default. The first six have a histogram.
     """
     names = list(outputs) if outputs is not None else result.output.values.tolist()
     for name in names:
@@ -550,14 +527,8 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes:
     """Draw the histogram of an output over the drawn boards.
 
-    The linearised spread and the limits are drawn too.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `coilarray.studies.tolerance.analyse` with samples.
-    output : str
-        Name of the output.
+    `result` is the result of `coilarray.studies.tolerance.analyse` with samples, and `output` the
+    name of one of its outputs. The linearised spread and the limits are drawn too.
     """
     ax = ax or style.new_axes(4.0, 3.0)
     at = result.sel(output=output)

@@ -130,19 +130,17 @@ def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]
 
 def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
     """Scene of flat sheets as glass, lifted as in `sheet_meshes`."""
-    thick = {sheet.name: sheet.thickness for sheet in sheets}
-    colours = cycled(SHEETS, list(thick))
+    labels = _sheet_labels(sheets)
+    colours = cycled(SHEETS, list(labels))
     parts: list[Part] = []
     for name, mesh in reversed(meshes.sheet_meshes(sheet_solids(array, sheets), lift, spread).items()):
-        group = sheet_label(name, thick[name])
-        parts.append(Part(f"sheet {name}", mesh, group, colours[name], opacity=_GLASS, lit=False))
-        parts.append(_edges(f"edges of sheet {name}", mesh, group, colours[name]))
+        parts.append(Part(f"sheet {name}", mesh, labels[name], colours[name], opacity=_GLASS, lit=False))
+        parts.append(_edges(f"edges of sheet {name}", mesh, labels[name], colours[name]))
     return Scene(tuple(parts))
 
 
-def sheet_label(name: str, thickness: float) -> str:
-    """Legend text of a sheet with a thickness in m."""
-    return f"{name} {thickness * meshes.MM_PER_M:g} mm"
+def _sheet_labels(sheets: Sequence[Sheet]) -> dict[str, str]:
+    return {sheet.name: f"{sheet.name} {sheet.thickness * meshes.MM_PER_M:g} mm" for sheet in sheets}
 
 
 def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
@@ -236,14 +234,13 @@ def scene_of_dent(
     A `box` x_min, y_min, x_max, y_max in m limits the sheets, by default to the board.
     """
     extent = array.bounds if box is None else box
-    thickness = float(dent.height[-1])
-    deep = float(dent.depth)
+    thickness, deep = float(dent.height[-1]), float(dent.depth)
     body = meshes.indenter_mesh(indenter, thickness - deep, centre, extent, _TALL * thickness)
     label = f"{indenter.name}, {deep * meshes.MM_PER_M:g} mm deep"
     parts = [Part("indenter", body, label, METAL, smooth=True, ambient=0.3)]
-    colours = cycled(SHEETS, [sheet.name for sheet in sheets])
-    thick = {sheet.name: sheet.thickness for sheet in sheets}
+    labels = _sheet_labels(sheets)
+    colours = cycled(SHEETS, list(labels))
     for name, mesh in reversed(meshes.dented_sheet_meshes(dent, sheets, centre, extent).items()):
-        group = sheet_label(name, thick[name])
-        parts.append(Part(f"sheet {name}", mesh, group, colours[name], smooth=True, ambient=0.2, opacity=opacity))
+        look: dict[str, Any] = {"smooth": True, "ambient": 0.2, "opacity": opacity}
+        parts.append(Part(f"sheet {name}", mesh, labels[name], colours[name], **look))
     return Scene(tuple(parts))

@@ -203,15 +203,9 @@ _LETTER = 8.5  # width of a letter beside a switch in pixels
 def show(scene: Scene, *, side: Side = "oblique") -> None:
     """Open a window with a scene.
 
-    The function returns when the user closes it. Raises MissingDependencyError if no window can be
-    opened or this machine cannot render.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is shown. Every group has a switch.
-    side : {"oblique", "top", "front", "right"}
-        Side from which it is seen.
+    Every group of the `scene` has a switch, and it is seen from `side` ("oblique", "top", "front"
+    or "right"). The function returns when the user closes the window. Raises MissingDependencyError
+    if no window can be opened or this machine cannot render.
     """
     check_window()
     from coilarray.viz.extra_3d import pyvista

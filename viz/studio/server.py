@@ -378,12 +378,13 @@ class _Studio:
         await page.close()
         del page
         gc.collect()  # a page is full of cycles, and each holds a window and threads of VTK
-        if not self._pages and self._linger > 0:
-            self._ending = asyncio.get_running_loop().call_later(self._linger, self._end_unused)
 
-    def _end_unused(self) -> None:
-        if not self._pages:
-            self._stop.set()
+        def end_unused() -> None:
+            if not self._pages:
+                self._stop.set()
+
+        if not self._pages and self._linger > 0:
+            self._ending = asyncio.get_running_loop().call_later(self._linger, end_unused)
 
 
 def _file_of(folder: Path, name: str) -> web.StreamResponse:
