@@ -126,9 +126,5 @@ def _by_place(places: npt.NDArray[np.float64]) -> list[int]:
 
 
 def curve_look(k: int) -> CurveLook:
-    """Colour and line style of curve k, 18 are different.
-
-    >>> curve_look(0), curve_look(6)["linestyle"]
-    ({'color': '#0072B2', 'linestyle': '-'}, '--')
-    """
+    """Colour and line style of curve k, 18 are different."""
     return {"color": COILS[k % len(COILS)], "linestyle": _LINES[(k + k // len(COILS)) % len(_LINES)]}

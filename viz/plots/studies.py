@@ -76,9 +76,6 @@ def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> npt.NDArray[np.fl
 
     Monotone cubics interpolate between the samples. Two samples of one sign have no zero between
     them. A sample that is zero counts.
-
-    >>> zero_crossings([0.0, 1.0, 2.0, 3.0], [2.0, 1.0, -1.0, -2.0]).tolist()
-    [1.5]
     """
     at, y = np.asarray(x, dtype=np.float64), np.asarray(values, dtype=np.float64)
     zeros: list[float] = []

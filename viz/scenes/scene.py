@@ -252,11 +252,7 @@ class Scene:
 
     @property
     def bounds(self) -> tuple[float, float, float, float, float, float]:
-        """Bounds of parts and texts in mm.
-
-        They are x_min, x_max, y_min, y_max, z_min, z_max. A scene without parts raises a
-        ValueError.
-        """
+        """Bounds x_min, x_max, y_min, … of parts and texts in mm, or ValueError."""
         if not self.parts:
             raise ValueError("a scene must have at least one part; got none.")
         places = [np.repeat(text.position, 2) for text in self.texts]

@@ -176,11 +176,7 @@ class NewPanel(Panel):
 
 
 def choices_of(texts: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of `coilarray.studies.create.new_design` from texts, sizes in mm.
-
-    >>> choices_of({"coils": "4x4", "shape": "rectangle", "size": "20×12", "inductance": "18"})
-    {'coils': '4x4', 'shape': 'rectangle', 'size': (0.02, 0.012), 'inductance': 1.8e-05}
-    """
+    """Arguments of `coilarray.studies.create.new_design` from texts, sizes in mm."""
     given = {key: str(texts.get(key, "")).strip() for key in _FIRST}
     arrangement = read_arrangement(given["coils"], given["shape"])
     if arrangement.columns * arrangement.rows > MOST_COILS:

@@ -56,10 +56,9 @@ class Moved:
 
 
 def moved(design: Design, place: tuple[float, float] | None) -> Moved:
-    """Move a design's target through all distances.
+    """Move a design's target through all distances, or raise MetalError.
 
-    The default place is the middle coil. A design without a target, or a case that is not computed,
-    raises a MetalError.
+    The default place is at the middle coil.
     """
     at = target_place(design, design.array.middle_coil, place)
     return Moved(design, at, target_at(design, at, steps_of(design)))

@@ -302,12 +302,7 @@ def kept_settings(array: Array, settings: Mapping[str, str]) -> dict[str, str]:
 
 
 def state_of(settings: Mapping[str, str]) -> ScanState:
-    """State of the multiplexer, with several measured coils in series.
-
-    >>> state = state_of({"a": "measure", "b": "open", "c": "ground"})
-    >>> state.measured, state.others, state.exceptions
-    ((('a', 1),), 'ground', {'b': 'open'})
-    """
+    """State of the multiplexer, with several measured coils in series."""
     measured = tuple((name, 1) for name, setting in settings.items() if setting == "measure")
     if not measured:
         raise NetworkError("at least one coil must be measured.")

@@ -400,11 +400,7 @@ def _file_of(folder: Path, name: str) -> web.StreamResponse:
 
 
 def refusal(request: web.Request, address: Address, cookie: str) -> str:
-    """Reason why a request is refused, empty if answered.
-
-    Refused are other host names, scripts of other pages, and requests without the token, which a
-    `cookie` holds.
-    """
+    """Reason why a request is refused, empty if answered. A `cookie` holds the token."""
     host = request.headers.get("Host", "")
     origin = request.headers.get("Origin")
     if origin is not None and origin not in (f"http://{host}", f"https://{host}"):

@@ -100,11 +100,7 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
 
 
 def lattice_sizes(kind: str, count: int) -> tuple[dict[str, int], int]:
-    """Entries and count of a lattice near `count` coils.
-
-    >>> lattice_sizes("square", 7), lattice_sizes("rings", 16), lattice_sizes("single", 3)
-    (({'columns': 3, 'rows': 3}, 9), ({'rings': 2}, 19), ({}, 1))
-    """
+    """Entries and count of a lattice near `count` coils."""
     if kind in ("single", "free"):
         return {}, 1 if kind == "single" else count
     if kind == "linear":

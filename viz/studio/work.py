@@ -53,16 +53,7 @@ class Work:
         return f"The changes of {self.file} are not saved; Discard loses them."
 
     def document_with(self, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Document with other entries, without making a board.
-
-        >>> from coilarray.design.model import load_design_file
-        >>> work = work_on(load_design_file("gast2020"), "gast2020")
-        >>> work.with_document(work.document_with({"array.pitch_mm": 14})).opened.values["array.pitch_mm"]
-        14.0
-        >>> work.with_document(work.document_with({"array.pitch_mm": -1}))
-        Traceback (most recent call last):
-        coilarray.errors.DesignError: array.pitch_mm must be greater than 0; got -1.
-        """
+        """Document with other entries, without making a board, or DesignError."""
         values = {**self.opened.values, **changes}
         sizes = (values.get(f"array.{name}", default) for name, default in _LATTICE_SIZES.items())
         columns, rows, rings = (size if isinstance(size, int | float) else 1 for size in sizes)
