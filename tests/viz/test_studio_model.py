@@ -172,9 +172,7 @@ def test_a_saved_design_is_read_back_and_nothing_else_is_touched(starter, tmp_pa
     assert shelf.names() == ["better.toml", *bundled.names()]
 
 
-@pytest.mark.parametrize(
-    "name", ["../b.toml", "/tmp/b.toml", "better", "", ".toml", "a/b.toml", "-x.toml", "a\0.toml", 300 * "a" + ".toml"]
-)
+@pytest.mark.parametrize("name", ["../b.toml", "/tmp/b.toml", "", ".toml", "-x.toml", "a\0.toml", 300 * "a" + ".toml"])
 def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
     shelf = Shelf(tmp_path)
     with pytest.raises(OutputError, match=r"plain, short name that ends in \.toml"):

@@ -404,7 +404,6 @@ def test_dialogs_are_worked_by_keys_alone(page, folder):
     change(page, "array.pitch_mm", "12")  # which leaves the focus in the field
     page.keyboard.press("Control+z")
     page.wait_for_selector("#changed", state="detached")
-    expect(pitch).to_have_value("11")
     page.keyboard.press("Control+y")
     page.wait_for_selector("#changed")
     page.keyboard.type("3")

@@ -35,8 +35,7 @@ def test_one_entry_is_a_line_a_quantity_with_the_designs_own_value():
     np.testing.assert_array_equal(line(first), [[10, 0], [12, 1], [14, 2], [16, 3]])
     np.testing.assert_array_equal(line(second)[:, 1], [100, 101, 102, 103])
     assert line(first, 1)[:, 0].tolist() == [13.0, 13.0]
-    assert (first.get_xlabel(), first.get_ylabel()) == ("array.pitch_mm (mm)", "worst_k")
-    assert second.get_ylabel() == "span_mm (mm)"
+    assert (first.get_ylabel(), second.get_ylabel()) == ("worst_k", "span_mm (mm)")
     swept = result(PITCH)
     swept["worst_k"][1] = np.nan
     ax = sweep_figure(swept).axes[0]
