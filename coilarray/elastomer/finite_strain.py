@@ -221,13 +221,8 @@ class SoftBody:
         felt = abs(self._outwards) + abs(self._upwards)
         self._near = (felt.T @ felt).nonzero()
         self._springs = grid.springs.tocoo()
-        self._number_band(free)
-
-    def _number_band(self, free: IndexArray) -> None:
-        """Order the free displacements for a narrow band.
-
-        The contact comes last, so that the band's end gives the response to forces on hats.
-        """
+        # a narrow band of the free displacements, with the contact last, so that its end gives the
+        # response to forces on hats
         r, z = self.grid.basis.doflocs.round(12)
         self._order = free[np.lexsort((free, z[free], -r[free]))]
         place = np.full(self._count, -1)

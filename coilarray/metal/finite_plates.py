@@ -122,14 +122,13 @@ def moving_plate(
     plates, which lie above the magnetic sheets or below the copper. `beside` is fixed metal,
     `fineness` 2 halves the element lengths.
 
-    The currents on the faces and the rim follow from a stream function
-    (`coilarray.metal.half_body`). Their impedance holds for any ratio of thickness to skin depth
-    (`coilarray.metal.half_body`), if either is small compared with the plate's width and
-    the distances to coils and other metal. Sheets and infinite plates reflect the fields of coils
-    and currents (`coilarray.metal.coupled_plates`). One matrix serves every position in air, over
-    layers every height. Beside fixed finite plates it is assembled at every position, and all
-    plates are solved together. A magnetic plate has its own equations
-    (`coilarray.metal.magnetic_plates`), which hold if it is at least three skin depths thick.
+    The currents on the faces and the rim follow from a stream function, with an impedance for any
+    ratio of thickness to skin depth (`coilarray.metal.half_body`), if either is small compared with
+    the plate's width and the distances to coils and other metal. Sheets and infinite plates reflect
+    the fields of coils and currents (`coilarray.metal.coupled_plates`). One matrix serves every
+    position in air, over layers every height. Beside fixed finite plates it is assembled at every
+    position, and all plates are solved together. A magnetic plate has its own equations
+    (`coilarray.metal.magnetic_plates`), which hold from three skin depths of thickness.
 
     Every result is extrapolated from two meshes, with element lengths in the ratio 2, by the second
     order of linear elements. The error of the mesh is this correction of the finer mesh, which
@@ -137,8 +136,7 @@ def moving_plate(
     has two parts: the impedance is taken at one wavenumber for all patterns of the current, and the
     rim, where a plate within the coils has most of its losses, is approximate.
 
-    >>> from coilarray.geometry.bodies import MATERIALS
-    >>> from coilarray.geometry.bodies import Disc
+    >>> from coilarray.geometry.bodies import MATERIALS, Disc
     >>> angle = np.linspace(0, 2 * np.pi, 49)
     >>> loop = np.column_stack((8e-3 * np.cos(angle), 8e-3 * np.sin(angle), 0 * angle))
     >>> coin = FinitePlate("coin", Disc(5e-3), (0, 0, 3e-3), 0.5e-3, MATERIALS["aluminium"])

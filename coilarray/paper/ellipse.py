@@ -193,7 +193,8 @@ def fit_ellipses(
 ) -> xr.Dataset:
     """Fit an ellipse to each level of a response.
 
-    Raises LocalizeError for a response without δ or the wanted state or depth, a map that
+    It follows Sect. 5 of Gast & Zimmermann (2020), with the details that the module's docstring
+    lists. Raises LocalizeError for a response without δ or the wanted state or depth, a map that
     `refined_map` refuses, coils that are not on y = 0, a state without closed curves or any
     ellipse, settings that are not positive, more than 3000 levels or 10⁹ points in all of them.
 
@@ -208,12 +209,9 @@ def fit_ellipses(
     states : sequence of str, optional
         States to fit. By default every state whose largest δ lies within the map and above five
         levels. The curves around a maximum at the map's edge do not close.
-    refinement : int
-        Parts of every spacing of the grid.
-    threshold : float
-        Half width of a level in δ.
-    step : float
-        Distance of neighbouring levels in δ, and the lowest level.
+    refinement, threshold, step : int, float, float
+        Parts of every spacing of the grid, half width of a level in δ, and distance of neighbouring
+        levels in δ, which is also the lowest level.
 
     Returns
     -------
@@ -225,11 +223,6 @@ def fit_ellipses(
         counted as one. ``undetermined`` marks ellipses that their points do not determine.
         ``points`` is their number. ``refused`` is the reason why a step has no ellipse, empty if it
         has one. Refused steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
-
-    Notes
-    -----
-    Follows Sect. 5 of Gast & Zimmermann (2020). The docstring of the module lists the details that
-    the paper leaves open.
     """
     response = in_ellipse_window(response)
     delta = RESPONSE.checked(response, "a response")["delta"]

@@ -134,8 +134,10 @@ def line_response(
     """Compute δ of one coil in a two-dimensional model.
 
     The cross-section of the coil consists of infinite wires, and the indenter is an infinite
-    cylinder. Raises ElastomerError for a design without indentation, an unknown coil, an indenter
-    that is not round, or a rectangular sample. Raises MetalError for a design with plates.
+    cylinder. The model leaves out the ends of the coil and of the dent along y. In the full model
+    the dent is a small part of the coil. Here it is as long as the coil. Raises ElastomerError for
+    a design without indentation, an unknown coil, an indenter that is not round, or a rectangular
+    sample. Raises MetalError for a design with plates.
 
     Parameters
     ----------
@@ -157,11 +159,6 @@ def line_response(
         and at one position along y, the coil's centre. ``delta`` is the change of the inductance
         per length divided by that inductance. ``base_inductance`` and ``inductance`` are in H/m,
         ``force`` is in N/m, and ``contact_radius`` is half the width of the contact in m.
-
-    Notes
-    -----
-    The model leaves out the ends of the coil and of the dent along y. In the full model the dent is
-    a small part of the coil. Here it is as long as the coil.
     """
     design = design_of(design)
     setup = indentation_of(design)
