@@ -37,8 +37,8 @@ def over(layer: Layer, dent: Dent, frequency: float = 1e4, face: float = FACE) -
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("layer", "frequency"),
-    [(ALUMINIUM, 1e4), (STEEL, 1e4), (Layer(METAL, 1.0, 1e20), 2e6)],
-    ids=["aluminium", "steel", "perfect conductor"],
+    [(ALUMINIUM, 1e4), (STEEL, 1e4)],
+    ids=["aluminium", "steel"],
 )
 def test_coils_dent_and_plate_are_those_of_finite_elements(layer: Layer, frequency: float) -> None:
     """What a dent does over a plate, over what it does without: elements of 0.12 mm err alike in both."""

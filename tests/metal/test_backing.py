@@ -63,28 +63,17 @@ def test_a_plate_below_an_outlined_one_sees_nothing_behind_it(coils, wide):
 FOIL = Plate("foil", -2.5e-3, 0.02e-3, ALUMINIUM)
 
 
-@pytest.mark.parametrize(
-    ("thickness", "beside", "fineness"),
-    [(METAL, (), 0.35), (0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),), 0.25)],
-    ids=["thick", "thin before another plate"],
-)
-def test_a_wide_disc_behind_a_foil_is_an_infinite_plate(coils, thickness, beside, fineness):
-    """The foil lets most of the waves pass at 20 kHz; rim, dent's own field and a coarse mesh are 0.3 to 0.8 %.
+def test_a_wide_disc_behind_a_foil_is_an_infinite_plate(coils):
+    """The foil lets most of the waves pass at 20 kHz; rim, dent's own field and a coarse mesh are 0.8 %.
 
     Without what the plate behind the thin disc sends back up of its currents it would be 3 %.
     """
+    thickness, beside = 0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),)
     alike = metal(Disc(18e-3), face=-3e-3, thickness=thickness), Plate("metal", -3e-3 - thickness, thickness, ALUMINIUM)
-    behind, infinite = (over(coils, [FOIL, one, *beside], 2e4, fineness) for one in alike)
+    behind, infinite = (over(coils, [FOIL, one, *beside], 2e4, 0.25) for one in alike)
     without = over(coils, [FOIL, *beside], 2e4)
     assert np.abs(infinite - without).max() > 0.025 * np.abs(without).max()
     np.testing.assert_allclose(behind, infinite, atol=1e-2 * np.abs(infinite).max())
-
-
-def test_nothing_is_seen_of_a_disc_behind_a_thick_plate(coils):
-    """12 skin depths of aluminium at 1 MHz; between both plates the disc lies in a gap of its own."""
-    thick, back = Plate("thick", -3e-3, 1e-3, ALUMINIUM), Plate("back", -8e-3, 1e-3, ALUMINIUM)
-    alone, both = (over(coils, [thick, back, *more], 1e6, 0.15) for more in ([], [metal(Disc(9e-3), face=-4e-3)]))
-    np.testing.assert_allclose(both, alone, atol=1e-9 * np.abs(alone).max())
 
 
 def test_a_foil_of_air_before_a_disc_is_none(coils):
@@ -92,13 +81,6 @@ def test_a_foil_of_air_before_a_disc_is_none(coils):
     clear = Plate("clear", -2.5e-3, 0.2e-3, Material("clear", 1e-3))
     one, other = (over(coils, [disc, *more], 1e6, 0.12) for more in ([], [clear]))
     np.testing.assert_allclose(other, one, rtol=2e-3)  # the images hold to 2e-4 of the largest wave
-
-
-def test_a_plate_of_nothing_does_nothing(coils):
-    alone = dent_inductance(coils, [pit()], PLACES, MESH)[0]
-    found = over(coils, [metal(Disc(9e-3), Material("nothing", 1.0), thickness=0.2e-3)], 1e3)
-    np.testing.assert_allclose(found.real, alone, rtol=1e-6)
-    assert np.abs(found.imag).max() < 1e-5 * np.abs(alone).max()
 
 
 @pytest.mark.parametrize(

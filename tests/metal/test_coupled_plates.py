@@ -95,13 +95,6 @@ def test_what_a_thick_plate_lets_pass_is_nothing():
     assert not outlined_inductance([loop(5e-3)], [hidden, back], [1e6], fineness=0.2).any()
 
 
-def test_a_perfect_conductor_has_one_image():
-    air = LayeredAir([Plate("p", -3e-3, 1e-3, PERFECT)], (), np.array([1e6]))
-    (image,) = air.images((1, -1e-3, 0.0), (1, 2e-3, 3e-3), 20e-3)
-    assert (image.sign, image.offset) == (-1, -4e-3)
-    assert image.shares[0] == pytest.approx(-1.0, rel=1e-4)  # the tolerance of the fit is 2e-4
-
-
 @pytest.mark.slow
 def test_a_perfect_conductor_is_a_mirror():
     """Coil and disc before it carry half of what they and their mirror images carry together."""

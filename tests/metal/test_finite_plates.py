@@ -102,9 +102,9 @@ def test_a_wide_plate_is_one_without_end(sheets):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frequency", [1e3, 2e4])
-def test_axisymmetric_finite_elements(frequency):
-    """A disc of 2 mm that is 0.8 and 3.4 skin depths thick. λ is taken at one κ: 4.3 % where it is 0.8."""
+def test_axisymmetric_finite_elements():
+    """A disc of 2 mm that is 0.8 skin depths thick. λ is taken at one κ: 4.3 %."""
+    frequency = 1e3
     radii, metal = (8e-3, 4e-3), AxialPlate(0.0, 10e-3, -1e-3, 1e-3, ALUMINIUM.conductivity)
     reference = np.array([axial_change([(a, -3e-3)], metal, frequency) for a in radii])
     plate = disc(thickness=2e-3)

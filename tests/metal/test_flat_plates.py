@@ -1,8 +1,7 @@
 """Infinite plates: inductance, field and currents against closed forms, limits and another method.
 
 Who checks whom: circular loops and the integrals of Dodd & Deeds; a perfect conductor and mirror images; an iron plate
-at rest and a magnetic sheet; images for short waves and waves alone; one loop and axisymmetric finite elements, up to
-2 MHz; the currents, the power that they take, and the inductance that they make.
+at rest and a magnetic sheet; images for short waves and waves alone; the currents, their power and their inductance.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import numpy.typing as npt
 import pytest
 import scipy.special
 from scipy.integrate import quad_vec
-from support.axial_plates import AxialPlate, axial_change
 from support.coil_paths import loop
 
 from coilarray import load_design
@@ -182,23 +180,6 @@ def test_frequencies_and_coils_above_a_magnetic_sheet_are_refused() -> None:
         ElastomerError, match=r"paths must lie below the magnetic sheet, whose lower face is at z = 0.0"
     ):
         plate_inductance([loop(10e-3, 5e-3, 6)], [Plate("x", 6e-3, 1e-3, ALUMINIUM)], F, SHEETS)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("frequency", "thickness", "material"),
-    [(2e3, 1e-3, ALUMINIUM), (2e6, 35e-6, COPPER), (2e6, 1e-3, COPPER)],
-    ids=["half a skin depth", "copper pour at 2 MHz", "copper of 22 skin depths"],
-)
-def test_axisymmetric_finite_elements(frequency: float, thickness: float, material: Material) -> None:
-    """The mesh has lines of an eighth of the skin depth, 46 µm in copper at 2 MHz."""
-    a, h = 5e-3, 1e-3
-    wide = AxialPlate(0.0, 20 * a, -thickness / 2, thickness / 2, material.conductivity)
-    expected = axial_change([(a, -h - thickness / 2)], wide, frequency, 2.0)
-    found = plate_inductance([loop(a, 0.0, 180)], [Plate("plate", h, thickness, material)], [frequency])[0, 0, 0]
-    # corners of the circle 2e-4, elements 2e-4, the edge at twenty radii 1e-5
-    assert found.real == pytest.approx(expected.real, rel=5e-4)
-    assert found.imag == pytest.approx(expected.imag, rel=5e-4)
 
 
 RADIUS = 8e-3
