@@ -72,9 +72,7 @@ def test_the_registers_of_two_channels_are_those_of_the_data_sheets_example():
         **{"08": "04D6", "09": "04D6", "0C": "0000", "0D": "0000", "10": "0006", "11": "0006", "14": "1002"},
         **{"15": "1002", "19": "F8FD", "1A": "1601", "1B": "820C", "1E": "9000", "1F": "9000"},
     }
-
-
-def test_every_channel_has_its_own_settling_divider_and_drive():
+    # every channel has its own settling, divider and drive
     wiring = wired_to_channels(["slow", "fast"], (1, 0))
     settings = settings_of(
         wiring, frequency={"slow": 1e6, "fast": 9e6}, quality={"slow": 40.0, "fast": 20.0},
@@ -241,9 +239,7 @@ def test_a_reset_is_found_in_the_scan_in_which_it_happens():
     brown_out(board.chip)
     assert [sample.fault for sample in next(stream).samples] == [SampleFault.CONVERTER_RESET] * 2
     refused(BoardRestarted, "lost its settings", next, stream)
-
-
-def test_settings_with_switches_are_for_another_reader():
+    # settings with switches are for another reader
     _, reader = at_channels(TWO)
     refused(HardwareError, "for 6 switches in a chain", reader.configure, quick_settings())
 

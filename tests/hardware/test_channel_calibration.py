@@ -63,9 +63,7 @@ def test_known_inductances_give_inductances_back(rest):
     with open_recording(rest) as recording:
         L = recorded_series(recording, capacitances=found.capacitances).inductance
     np.testing.assert_allclose(L.mean("scan"), TRUE, rtol=1e-9)
-
-
-def test_the_capacitances_error_is_that_of_the_noise(rest):
+    # without an error of the inductance it is the noise's
     for channel in calibrated(rest, inductances={"coil1": TRUE}).channels:
         # twice the noise of a frequency, in 50 scans; a scatter of 50 is known to 10 %
         assert channel.standard_error / channel.capacitance == pytest.approx(2 * NOISE / math.sqrt(50), rel=0.4)
@@ -146,7 +144,6 @@ def test_states_without_enough_scans_are_refused(tmp_path):
         *(({"inductances": {"coil1": L}}, "inductance of coil1 must be positive and fin") for L in (0.0, math.nan)),
         ({"inductances": {"coil1": 1e3}}, "channels.0.capacitance_F must be at least 1e-12"),
         ({"inductances": {"coil1": TRUE}, "from_design": True}, "must be either known or simulated, not both"),
-        ({"known_frequency": ("coil3", 2e6)}, "has no state 'coil3'"),
         ({"known_frequency": ("coil1", -2e6)}, "a known frequency must be positive"),
         ({"known_frequency": ("coil1", 2e9)}, "clock_Hz must be at most 5.5e\\+07"),
     ],
@@ -176,17 +173,13 @@ GOOD = calibration_to_toml(board_calibration(checksum="none"))
     [
         ("schema = 1", "schema = 2", "schema must be"),
         ("coilarray board calibration", "something else", 'must have kind = "coilarray board calibration"'),
-        ('board = "XMC 2Go"', "", "board is missing"),
         ('board = "XMC 2Go"', 'bord = "XMC 2Go"', "did you mean board"),
         ("= 43200000.0", '= "43 MHz"', "clock_Hz must be"),
-        ("= 43200000.0", "= nan", "clock_Hz must be"),
         ("= 43200000.0", "= 1e9", "clock_Hz must be at most 5.5e\\+07"),
         ('from = "known frequency"', 'from = "guess"', "clock_from must be"),
         ("capacitance_F = 1.2e-10", "capacitance_F = 1.2", "channels.0.capacitance_F must be at most 1e-06"),
-        ("capacitance_F = 1.2e-10", "capacitance_pF = 120.0", "has no key 'capacitance_pF'"),
         ('capacitances_from = "known inductances"', "", "must have capacitances_from"),
         ('state = "coil2"', 'state = "coil1"', "a state of its own"),
-        ("emulated = false", "emulated = ", "not valid TOML"),
     ],
 )
 def test_bad_files(tmp_path, before, after, words):

@@ -183,6 +183,12 @@ def test_a_converter_that_never_answers_is_identity_zero_and_refused_until_it_do
     board.bus.hold()  # held down by a slave, which is freed
     assert configured(reader).identity.device == 0x3055
     assert judge(reader.scan().samples[0])[0] == "good"
+    # rest grounds the coils all the same
+    reader = reader_of(board)
+    board.chain.transfer(b"\x22" * 6)
+    board.bus.refuse(10**6)
+    refused(BusFault, "did not acknowledge", reader.rest)
+    assert board.chain.words == SAFE
 
 
 def test_another_chip_is_refused(board):
@@ -315,11 +321,3 @@ def test_a_port_that_is_gone_is_told_and_the_other_bus_is_still_used(board):
     reader = configured(watched(board, gone)[0])
     refused(DeviceLost, "unplugged", reader.scan)
     assert at_rest(board)
-
-
-def test_rest_grounds_the_coils_although_the_converter_does_not_answer(board):
-    reader = reader_of(board)
-    board.chain.transfer(b"\x22" * 6)
-    board.bus.refuse(10**6)
-    refused(BusFault, "did not acknowledge", reader.rest)
-    assert board.chain.words == SAFE

@@ -81,12 +81,6 @@ def test_a_wiring_has_eight_bytes_a_device_and_unused_switches_close_nothing():
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
 
 
-def test_a_stuck_switch_is_found_by_what_it_joins(chain):
-    assert (chain.find(5, 0, "ground"), chain.find(0, 1, "INB")) == ((0, GROUND_A), (5, INB_B))
-    with pytest.raises(HardwareError, match="no switch joins end 0 of coil 6 to ground"):
-        chain.find(6, 0, "ground")
-
-
 STUCK = {
     # state of the switch, which it is, what the converter then sees when coil1 is measured
     "measured, open": ("open", (0, 0, "INA"), "open", None),

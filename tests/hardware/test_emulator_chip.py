@@ -121,8 +121,14 @@ def test_reset_values_and_that_nothing_else_is_there():
 
 
 @pytest.mark.parametrize("address", [0x1D, 0x22, 0x7D, 0xFF])
-def test_undocumented_registers_and_more_than_16_bits_are_refused(address):
-    chip = Chip()
+def test_undocumented_registers_more_than_16_bits_and_changes_while_it_is_awake_are_refused(address):
+    chip = Chip().wake()
+    for changed in (0x08, 0x1B, 0x1E):
+        with pytest.raises(UndocumentedUse, match="while the chip was active"):
+            chip.write(changed, chip.chip.registers[changed])
+    with pytest.raises(UndocumentedUse, match="CONFIG was changed"):
+        chip.write(0x1A, AWAKE | 0x4000)
+    chip.write(0x1A, ASLEEP)
     with pytest.raises(ValueError, match="0 to 0xFFFF"):
         chip.write(0x08, 0x10000)
     with pytest.raises(UndocumentedUse, match="not documented"):
@@ -182,9 +188,7 @@ def test_conversions_follow_each_other():
         chip.wait(one + gap - 2e-9)
         assert not chip.read(0x18) & 0x40
         chip.wait(2e-9)
-
-
-def test_two_channels_take_turns_and_data_is_ready_after_both():
+    # two channels take turns, and data is ready after both
     chip = Chip(strict=False, sensors={0: GOOD, 1: replace(GOOD, frequency=3e6)})
     chip.wake(wait=conversion() + 1e-9, MUX=0x820C, **channels(1))
     assert chip.read(0x18) == 0x0008
@@ -216,15 +220,6 @@ def test_the_lsb_belongs_to_the_msb_that_was_read_before_it():
     chip.wait(5 * conversion())  # other results come between the two reads
     assert (msb & 0xFFF) << 16 | chip.read(0x01) == round(before / REFERENCE * 2**28)
     assert chip.code() == round(after / REFERENCE * 2**28)
-
-
-def test_sleep_clears_results_and_errors():
-    chip = Chip(strict=False, sensors={0: replace(GOOD, parallel_resistance=9e3)})  # too small an amplitude
-    chip.wake(wait=conversion() * 1.1)
-    assert chip.chip.interrupt
-    chip.write(0x1A, ASLEEP)
-    assert (chip.read(0x18), chip.read(0x00), chip.read(0x01)) == (0, 0, 0)
-    assert not chip.chip.interrupt
 
 
 def test_the_noise_is_what_is_stated_and_the_same_for_the_same_seed():
@@ -319,6 +314,18 @@ def test_unread_and_ready():
     assert chip.read(0x18) == 0
     chip = Chip().converted(AWAKE | 0x80)  # the interrupt pin can be switched off
     assert (chip.chip.interrupt, chip.read(0x18)) == (False, 0x0048)
+    # sleep clears results and errors
+    chip = Chip(strict=False, sensors={0: replace(GOOD, parallel_resistance=9e3)})  # too small an amplitude
+    chip.wake(wait=conversion() * 1.1)
+    assert chip.chip.interrupt
+    chip.write(0x1A, ASLEEP)
+    assert (chip.read(0x18), chip.read(0x00), chip.read(0x01)) == (0, 0, 0)
+    assert not chip.chip.interrupt
+    # a sensor that had no time to settle is called weak
+    chip = Chip(strict=False)
+    assert chip.result(SETTLE0=13)[0] == 0x0248
+    chip.wait(conversion())
+    assert chip.read(0x18) == 0x0048  # it has settled meanwhile
 
 
 @pytest.mark.parametrize("code", DRIVES)
@@ -384,37 +391,9 @@ def test_status_is_read_after_the_interrupt_and_data_before_sleep():
     assert "DATA0_LSB was read while the chip slept" in chip.misuse.notes[3]
 
 
-def test_a_sensor_that_had_no_time_to_settle_is_called_weak():
-    chip = Chip(strict=False)
-    assert chip.result(SETTLE0=13)[0] == 0x0248
-    chip.wait(conversion())
-    assert chip.read(0x18) == 0x0048  # it has settled meanwhile
-
-
-@pytest.mark.parametrize("address", [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1B, 0x1E])
-def test_settings_are_changed_in_sleep(address):
-    chip = Chip().wake()
-    with pytest.raises(UndocumentedUse, match="while the chip was active"):
-        chip.write(address, chip.chip.registers[address])
-    with pytest.raises(UndocumentedUse, match="CONFIG was changed"):
-        chip.write(0x1A, AWAKE | 0x4000)
-    chip.write(0x1A, ASLEEP)
-
-
 def on_a_bus():
     chip = Chip()
     return chip, EmulatedBus(chip.chip, chip.clock)
-
-
-def test_the_wire_takes_its_time_and_has_a_log():
-    chip, bus = on_a_bus()
-    bus.read(0x7E)
-    assert chip.clock.now() == pytest.approx(120e-6)  # 48 bits at 400 kHz
-    bus.log = []
-    bus.write(0x08, 5)
-    assert chip.clock.now() == pytest.approx(120e-6 + 95e-6)  # 38 bits
-    bus.read(0x08)
-    assert bus.log == [("write", 0x08, 5), ("read", 0x08, 5)]
 
 
 def test_faults_of_the_bus():
@@ -435,6 +414,15 @@ def test_faults_of_the_bus():
     bus.flip(0)
     bus.write(0x1B, 0x020C)
     assert bus.read(0x1B) == 0x020D
+    # transfers take their time and have a log
+    chip, bus = on_a_bus()
+    bus.read(0x7E)
+    assert chip.clock.now() == pytest.approx(120e-6)  # 48 bits at 400 kHz
+    bus.log = []
+    bus.write(0x08, 5)
+    assert chip.clock.now() == pytest.approx(120e-6 + 95e-6)  # 38 bits
+    bus.read(0x08)
+    assert bus.log == [("write", 0x08, 5), ("read", 0x08, 5)]
 
 
 def test_a_paced_clock_counts_short_waits_exactly_and_keeps_pace(monkeypatch):

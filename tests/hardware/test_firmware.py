@@ -127,13 +127,6 @@ def gaps(times):
     return [(later - earlier) % 2**32 for earlier, later in itertools.pairwise(times)]
 
 
-@pytest.mark.slow
-def test_chips_are_made_safe_before_anything_else(fresh):
-    assert fresh.chain.history[0] == (b"\x11" * 6, True)
-    assert fresh.converter.log[0] == ("write", 0x1A, 0x2801)
-    assert fresh.converter.cleared == 1  # a transfer that the reset cut off
-
-
 def test_heartbeat_every_second_without_another_line(fresh):
     fresh.lines(0.5)
     fresh.ask("PING")  # puts it off by half a second

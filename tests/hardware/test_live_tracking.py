@@ -65,6 +65,14 @@ def test_the_baseline_comes_first():
     reading = tracker.take(scan(9))
     assert (reading.waiting, reading.location.verdict) == (0, "nothing pressed")
     np.testing.assert_allclose(deltas(reading), 0.0, atol=1e-15)
+    # zero anew
+    tracker = ready()
+    assert tracker.take(scan(10, PRESSED)).location.verdict == "found"
+    tracker.rezero()
+    for number in range(11, 21):
+        reading = tracker.take(scan(number, PRESSED))
+        assert reading.waiting == max(20 - number, 0)
+    np.testing.assert_allclose(deltas(reading), 0.0, atol=1e-15)
 
 
 def test_delta_and_position_are_those_of_the_library():
@@ -86,16 +94,12 @@ def test_noise_is_that_of_the_baseline_and_the_tables():
     # 1e-6 of each scan, 1e-6/√200 of the baseline, 2e-6 of the table; 1000 values tell the first to 2 %
     assert reading.noise == pytest.approx(np.hypot(2e-6, 1e-6), rel=0.02)
     assert (reading.location, reading.problem) == (None, "")  # nobody asked
-
-
-def test_zero_anew():
-    tracker = ready()
-    assert tracker.take(scan(10, PRESSED)).location.verdict == "found"
-    tracker.rezero()
-    for number in range(11, 21):
-        reading = tracker.take(scan(number, PRESSED))
-        assert reading.waiting == max(20 - number, 0)
-    np.testing.assert_allclose(deltas(reading), 0.0, atol=1e-15)
+    # a baseline without any scatter has the noise of the budget
+    tracker = LiveTracker(None, budget=budget())
+    for number in range(10):
+        reading = tracker.take(scan(number))
+    assert reading.noise == pytest.approx(5e-6 * np.sqrt(1 + 1 / 200))
+    assert reading.common_noise == 0.0
 
 
 def test_scans_known_to_press_are_not_of_the_baseline():
@@ -182,14 +186,6 @@ def test_a_location_takes_the_noise_that_is_said():
     reading = tracker.take(scan(10, PRESSED))
     expected = locate(MODEL, dict(zip(NAMES, PRESSED, strict=True)), noise=reading.noise)
     assert reading.location.best.known_deviations == pytest.approx(expected.best.known_deviations, rel=1e-3)
-
-
-def test_a_baseline_without_any_scatter_has_the_noise_of_the_budget():
-    tracker = LiveTracker(None, budget=budget())
-    for number in range(10):
-        reading = tracker.take(scan(number))
-    assert reading.noise == pytest.approx(5e-6 * np.sqrt(1 + 1 / 200))
-    assert reading.common_noise == 0.0
 
 
 FAR = [MODEL.states[-1]]

@@ -119,6 +119,10 @@ def test_too_many_states_and_illegal_switching_are_refused_before_anything_is_se
     refused(HardwareError, "must have at most 5 states; got 6", reader.configure, SETTINGS)
     refused(HardwareError, "coil1", reader.configure, replace(SETTINGS, states=(two, *others[:4])))
     assert board.sent == []
+    # coils at channels are not for the firmware
+    settings = quick_settings(wired_to_channels(["left", "right"], [0, 1]))
+    refused(HardwareError, "the firmware converts channel 0 alone", opened(board).configure, settings)
+    assert "BEGIN" not in verbs(board)
 
 
 @pytest.mark.parametrize(
@@ -141,6 +145,7 @@ def test_a_scan_is_what_the_board_said(board, reader):
     assert [sample.fault for sample in scan.samples] == [0, 0, SampleFault.NO_RESULT, 0, 0, 0]
     assert (scan.samples[1].msb, scan.samples[1].lsb, scan.samples[1].status) == (0x0179, 0x8211, 0x1048)
     assert (scan.sequence, scan.configuration, scan.boot) == (0, SETTINGS.hash, board.boot)
+    assert reader.check_chain() == "none"
 
 
 def test_a_lost_command_and_a_lost_reply_cost_one_repeat_each(board, reader):
@@ -191,10 +196,6 @@ def test_a_board_that_measures_no_more_is_named_after_its_last_scan(board, reade
     with pytest.raises(fault):
         reader.scan()
     refused(HardwareError, "must be configured", reader.scan)
-
-
-def test_chain(reader):
-    assert reader.check_chain() == "none"
 
 
 def steps(scans, count):
@@ -264,12 +265,6 @@ def test_scans_that_come_twice_or_late_pass_once(board, reader):
 
     board.spoil = again
     assert [scan.sequence for scan in itertools.islice(reader.scans(), 10)] == list(range(10))
-
-
-def test_settings_of_coils_at_channels_are_refused(board):
-    settings = quick_settings(wired_to_channels(["left", "right"], [0, 1]))
-    refused(HardwareError, "the firmware converts channel 0 alone", opened(board).configure, settings)
-    assert "BEGIN" not in verbs(board)
 
 
 def stream_of(reader, scans=3):

@@ -319,7 +319,7 @@ def test_series(path, board, session):
 def test_series_as_csv_is_what_locate_reads_and_comes_back_from_netcdf(tmp_path, path, board, session):
     series = read(recorded(path, session, [board.reader.scan() for _ in range(4)]), recorded_series)
     (tmp_path / "run.csv").write_text(series_csv(series))
-    assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2,checksum"
+    assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2,checksum"  # without a thermometer
     readings = read_readings(str(tmp_path / "run.csv"))
     assert [reading["coil2"] for reading in readings] == series.delta.sel(state="coil2").values.tolist()
     assert [reading["time_s"] for reading in readings] == series.time.values.tolist()
@@ -386,13 +386,9 @@ def test_what_linux_and_users_write(tmp_path, text, celsius):
 
 @pytest.mark.parametrize("text", ["", "warm", "nan", "inf.", "999999999", SLAVE.replace("YES", "NO"), "21.5 °C"])
 def test_what_is_no_temperature(tmp_path, text):
+    refused(HardwareError, "No such file or directory", file_temperature, tmp_path / "sensor")
     (tmp_path / "sensor").write_text(text)
     refused(HardwareError, "must hold a temperature from -100 to 300 °C", file_temperature, tmp_path / "sensor")
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    refused(HardwareError, "No such file or directory", file_temperature, tmp_path / "sensor")
-    refused(HardwareError, "cannot read the temperature", file_temperature, tmp_path)
 
 
 def test_it_is_read_again_and_outdated_when_it_is_gone(tmp_path, monkeypatch):
@@ -430,11 +426,3 @@ def test_the_emulators_temperature_is_recorded(tmp_path):
     first = series_csv(series).splitlines()[:2]
     assert first[0] == "time_s,coil1,coil2,temperature_C,checksum"
     assert first[1].split(",")[-2] == f"{expected[0]:.3f}"
-
-
-def test_without_a_thermometer_there_is_no_column(tmp_path):
-    with open_recording(stream_file(tmp_path / "run.sqlite", 5)) as recording:
-        assert [one.temperature for one in recording.scans()] == [None] * 5
-        series = recorded_series(recording)
-    assert "temperature" not in series.coords
-    assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2,checksum"

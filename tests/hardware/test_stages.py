@@ -4,13 +4,11 @@ import math
 import re
 
 import pytest
-from support.quick_coils import plain_board
-from support.recorded_boards import two_coil_wiring
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.record import campaign as module
-from coilarray.hardware.record.campaign import EmulatedStage, GcodeStage, PersonStage, StageLimits
+from coilarray.hardware.record.campaign import GcodeStage, PersonStage, StageLimits
 from coilarray.hardware.record.recording import GridPlace
 
 LIMITS = StageLimits((-30e-3, 30e-3), (-10e-3, 10e-3), 2e-3, 2e-3)
@@ -152,12 +150,6 @@ def test_a_machine_that_restarts_as_its_port_opens_is_not_moved(dialect, greetin
     assert (machine.lines, machine.path, machine.closed) == ([], [], True)
 
 
-def test_a_greeting_that_comes_late_is_one_too():
-    machine = Machine(instead={"G21": GREETINGS["grbl"] + b"ok\n"})
-    refused(HardwareError, "restarted at 'G21'", stage_of, machine)
-    assert machine.path == []
-
-
 def test_a_machine_that_cannot_home_is_not_moved():
     machine = Machine(greets=True, instead={r"\$H": b"error:5\n"})  # no limit switches
     refused(HardwareError, r"refused '\$H': 'error:5'", stage_of, machine, home=True)
@@ -213,6 +205,7 @@ def test_nobody_is_asked_where_a_person_has_confirmed_before(tmp_path):
     ("line", "reply", "message"),
     [
         ("G21", b"error:9\n", "refused 'G21': 'error:9'"),
+        ("G21", GREETINGS["grbl"] + b"ok\n", "restarted at 'G21'"),  # a greeting that comes late
         ("G90", b"", "did not answer 'G90' within 5 s"),
         ("G1 Z", b"ALARM:2\n", "refused 'G1 Z2.0000 F300.00': 'ALARM:2'"),
         ("G1 X", b"Error:Printer halted. kill() called!\n", "refused 'G1 X"),
@@ -295,21 +288,3 @@ def test_person():
         "Press 1 mm deep at x = -4, y = 2 mm, at 1.5 mm/s, and hold it.",
         "Lift the indenter off at 1.5 mm/s.",
     ]
-
-
-def test_emulated():
-    board = plain_board(two_coil_wiring())
-    clock, indenter = board.clock, board.indenter
-    stage = EmulatedStage(board)
-    stage.check([GridPlace(0, 0, 1e-3, 0.0, 0.0)])
-    stage.move(4e-3, 3e-3)
-    assert clock.now() == pytest.approx(5e-3 / 20e-3)
-    stage.indent(1e-3, SPEED)
-    assert indenter.at(clock.now()) == (4e-3, 3e-3, 1e-3)
-    before = clock.now()
-    stage.relax(SPEED)
-    assert clock.now() - before == pytest.approx(1 / 1.5)
-    stage.relax(SPEED)  # it does not touch any more
-    assert clock.now() - before == pytest.approx(1 / 1.5)
-    assert indenter.at(clock.now()).depth == 0
-    stage.close()

@@ -10,8 +10,6 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from coilarray.design.scan_states import ScanState, paper_plan, switch_part
 from coilarray.errors import HardwareError, NetworkError
@@ -24,7 +22,6 @@ from coilarray.hardware.scan.wiring import (  # isort: skip
 SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
 BOTH = pytest.mark.parametrize("wiring", [SIX, FOUR], ids=["six", "four"])
 NETS = ("ground", "INA", "INB", "other")
-GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "open": ""}
 
 
 def _two_coils(devices):
@@ -53,13 +50,6 @@ def _groups(wiring, words):
                     for node in joined:
                         group[node] = joined
     return group, stray
-
-
-def nets_of(wiring, words):
-    """Nets that each end of each coil is joined to."""
-    group, stray = _groups(wiring, words)
-    assert not stray
-    return {end: tuple(net for net in NETS if net in group[end]) for end in wiring.terminals}
 
 
 def _is_legal(wiring, words):
@@ -114,25 +104,6 @@ def test_no_other_safe_words_pass_that_differ_in_one_switch(wiring):
             check(wiring, safe, words)
 
 
-@pytest.mark.slow
-@given(st.permutations(SIX.coils), st.sampled_from([1, -1]), st.data())
-def test_states_join_what_they_say(coils, sense, data):
-    measured, passive = coils[0], st.sampled_from(sorted(GROUNDED))
-    exceptions = data.draw(st.dictionaries(st.sampled_from(coils[1:]), passive))
-    state = ScanState("state", ((measured, sense),), others=data.draw(passive), exceptions=exceptions)
-    wanted = {}
-    for coil in SIX.coils:
-        for end, pin in zip("ab", ("INA", "INB")[::sense], strict=True):
-            passive = state.exceptions.get(coil, state.others)
-            wanted[coil, end] = (pin,) if coil == measured else ("ground",) if end in GROUNDED[passive] else ()
-    assert nets_of(SIX, SIX.words(state)) == wanted
-    if sense > 0:
-        assert nets_of(FOUR, FOUR.words(state)) == wanted
-    else:
-        with pytest.raises(HardwareError, match=rf"six_coils_4 has no switch from {measured}.a to INB"):
-            FOUR.words(state)
-
-
 def test_words_of_the_six():
     # facts: measure 0x22, others 0x11; turned round 0x44; the first byte lands in the far end, U6
     assert SIX.safe_words.hex() == "111111111111"
@@ -150,15 +121,6 @@ def test_words_of_the_four(k):
     wanted = (bus, 0, 0xFF ^ bus, 0x33) if k <= 4 else (0, bus, 0xFF, 0x33 ^ bus)
     assert FOUR.words(ScanState("state", ((f"coil{k}", 1),))) == bytes(reversed(wanted))
     assert FOUR.safe_words == bytes([0x33, 0xFF, 0, 0])
-
-
-@BOTH
-def test_safe_words(wiring):
-    assert set(nets_of(wiring, wiring.safe_words).values()) == {("ground",)}
-    opened = bytes(len(wiring.devices))
-    assert not any(nets_of(wiring, opened).values())
-    for words in (wiring.safe_words, opened):
-        check(wiring, words)
 
 
 @BOTH
@@ -186,6 +148,8 @@ def test_encoding(wiring):
     ("111111111180", "state s: bit 7 of word 5 must be 0; its switch is not wired"),
 ])  # fmt: skip
 def test_conflicts_are_named(words, message):
+    for allowed in (SIX.safe_words, bytes(6)):
+        check(SIX, allowed)
     with pytest.raises(HardwareError, match=re.escape(message)):
         check(SIX, bytes.fromhex(words))
 
@@ -221,14 +185,11 @@ S2B = { coil = "one", end = "b", net = "INB" }
 
 @pytest.mark.parametrize(("old", "new", "message"), [
     ("schema = 1", "schema = 2", "small: schema"),
-    ("schema = 1", "schema = ", "small: not valid TOML"),
     ('title = "one coil"', 'titel = "one coil"', "wiring has no key 'titel'; did you mean title"),
-    ('coils = ["one"]', "coils = []", "small: wiring.coils"),
     ('coils = ["one"]', 'coils = ["one", "one"]', "names the coil 'one' twice"),
     ('coils = ["one"]', 'coils = ["one", "two"]', "must have a switch that grounds two.a"),
     ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to 'one.a'; there are the coils two"),
     ('"S1A", "S2A", ', '"S1A", "S1A", ', "device U1: bits must name each of"),
-    ('part = "ADG739"', 'part = "ADG714"', "U1 has no switch 'S1A'"),
     ('part = "ADG739"', 'part = "74HC4066"', "wiring.device.part must be ADG714, ADG738, ADG739; got '74HC4066'"),
     ("[wiring.part.ADG739]", "[wiring.part.ADG799]", "a table of wiring.part must be ADG714, .*; got 'ADG799'"),
     ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
