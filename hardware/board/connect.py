@@ -48,7 +48,7 @@ class Board:
     converter to sleep. After SIGKILL a microcontroller ends its stream by itself, and chips on the
     computer's own buses are put to rest when the board is opened again.
 
-    Parameters
+    Attributes
     ----------
     reader : Reader
         Reader that measures.
@@ -56,11 +56,8 @@ class Board:
         Name of the port.
     wiring : Wiring
         Wiring of the switches.
-    emulator : EmulatedBoard, optional
+    emulator : EmulatedBoard or None
         The emulated board behind the reader. None for real hardware.
-
-    Attributes
-    ----------
     thermometer : callable or None
         Returns the temperature in °C, or None if it is not known at present. It is the emulator's
         thermometer, or a thermometer that the user of the board sets.

@@ -100,13 +100,8 @@ class MicrocontrollerReader:
     def identity(self) -> Identity:
         """Identity of the board."""
         greeting = self._session.greeting
-        return Identity(
-            kind=f"{greeting.firmware}, protocol {greeting.version[0]}.{greeting.version[1]}",
-            emulated=False,
-            manufacturer=greeting.manufacturer,
-            device=greeting.device,
-            boot=greeting.boot,
-        )
+        kind = f"{greeting.firmware}, protocol {greeting.version[0]}.{greeting.version[1]}"
+        return Identity(kind, False, greeting.manufacturer, greeting.device, greeting.boot)
 
     def configure(self, settings: ScanSettings) -> None:
         """Send the board its settings."""
@@ -241,14 +236,8 @@ class MicrocontrollerReader:
         if len(message.samples) != len(settings.states) or message.sequence <= self._sequence:
             return None
         self._after, self._sequence = microseconds, message.sequence
-        return RawScan(
-            sequence=message.sequence,
-            time=microseconds * 1e-6,
-            received=time.time(),
-            configuration=message.configuration,
-            boot=message.boot,
-            samples=message.samples,
-        )
+        board_time = microseconds * 1e-6
+        return RawScan(message.sequence, board_time, time.time(), message.configuration, message.boot, message.samples)
 
     def _run(self, settings: ScanSettings, interval: int) -> Generator[RawScan]:
         """Start a stream, yield its scans, and stop it."""

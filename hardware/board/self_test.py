@@ -146,10 +146,16 @@ class Fault:
 
     def predict(self, words: bytes) -> Prediction:
         """Predict the result of a trial with these words."""
+        arriving = {
+            "as sent": words,
+            "reversed": words[::-1],
+            "a bit late": (int.from_bytes(words, "big") >> 1).to_bytes(len(words), "big"),
+            "not at all": bytes(len(words)),
+        }[self.delivery]
         names = self.wiring.coils
         present = [coil for coil, name in enumerate(names) if name != self.missing]
         shorted = [coil for coil, name in enumerate(names) if name == self.shorted]
-        closure = Closure(present, closed_switches(self._table, self._received(words), stuck=self.stuck), shorted)
+        closure = Closure(present, closed_switches(self._table, arriving, stuck=self.stuck), shorted)
         pins = {closure.group("INA"), closure.group("INB")}
         oscillates: bool | None = any(set(branch.ends) == pins for branch in closure.branches)
         to_ground = any(closure.conducts(pin, "ground") for pin in ("INA", "INB"))
@@ -162,17 +168,6 @@ class Fault:
     @cached_property
     def _table(self) -> SwitchTable:
         return switch_table(self.wiring.encode())
-
-    def _received(self, words: bytes) -> bytes:
-        """Return the words that arrive at the switches."""
-        match self.delivery:
-            case "reversed":
-                return words[::-1]
-            case "not at all":
-                return bytes(len(words))
-            case "a bit late":
-                return (int.from_bytes(words, "big") >> 1).to_bytes(len(words), "big")
-        return words
 
 
 def single_faults(wiring: Wiring) -> tuple[Fault, ...]:

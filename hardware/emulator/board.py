@@ -221,10 +221,6 @@ class EmulatedChain:
         """Return the conducting switches, including switches stuck closed."""
         return closed_switches(self.devices, self.words, stuck=self._stuck)
 
-    def commanded(self) -> tuple[WiredSwitch, ...]:
-        """Return the switches that conduct if none is stuck."""
-        return closed_switches(self.devices, self.words)
-
     def shift(self, words: bytes) -> bytes | None:
         """Send one byte per device and latch all of them."""
         self._clock.sleep(SWITCHES * len(words) / _SPEED)
@@ -317,8 +313,6 @@ class EmulatedBoard:
         self.indenter = Indenter(self.chip.advance, world.check)
         self.bus = EmulatedBus(self.chip, clock)
 
-    # ------------------------------------------------- the converter's surroundings
-
     @property
     def noise(self) -> float:
         """Relative standard deviation of a frequency at full resolution."""
@@ -336,8 +330,6 @@ class EmulatedBoard:
             return None
         return self.world.resonator(state, self.indenter.at(time), self.temperature(time))
 
-    # ------------------------------------------------------------------ for tests
-
     def true_tank(self, channel: int = 0) -> Resonator | None:
         """Return the present tank at a channel, without noise."""
         return self.sensor(channel, self.clock.now())
@@ -352,7 +344,7 @@ class EmulatedBoard:
 
     def _switched(self) -> None:
         self.seen = self._solve(self.chain.closed())
-        commanded = self._solve(self.chain.commanded()).kind
+        commanded = self._solve(closed_switches(self.chain.devices, self.chain.words)).kind  # as if none were stuck
         if commanded in ("short", "grounded", "tangled"):  # or a bit was shifted
             self.misuse.remark(f"the words {self.chain.words.hex()} make a circuit that is {commanded}.")
 

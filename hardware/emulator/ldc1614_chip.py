@@ -204,8 +204,6 @@ class Run:
             else:
                 break
 
-    # ------------------------------------------------------------------- phases
-
     @property
     def _channel(self) -> int:
         return self._setting.sequence[self._turn]
@@ -313,8 +311,6 @@ class Run:
             self._time += unseen * turn
             self._begin_count()
 
-    # ------------------------------------------------------------------- the sensor
-
     def _judge_start(self, sensor: Resonator) -> None:
         """Check the settling time and frequency of the sensor."""
         one = self._one
@@ -409,8 +405,6 @@ class Ldc1614:
         self._run: Run | None = None
         self._reset()
 
-    # ------------------------------------------------------------------ the bus
-
     @property
     def interrupt(self) -> bool:
         """Whether the pin INTB is pulled low."""
@@ -458,17 +452,21 @@ class Ldc1614:
             return
         kept = self.registers[address] & ~register.writable_mask
         self.registers[address] = kept | value & register.writable_mask
-        if address == _CONFIG:
-            self._configure(value)
-
-    # ------------------------------------------------------- events at the chip
+        if address == _CONFIG and value & _SLEEP:
+            self._run = None
+            self._forget_results()
+            for channel in range(CHANNELS):
+                self.registers[_DRIVE + channel] &= ~_INIT_DRIVE
+        elif address == _CONFIG and self._run is None:  # it wakes
+            now, setting, around = self.clock.now(), Setting.of(self.registers), self.surroundings
+            for problem in setting.problems(around.clock_of(now, external=setting.external)):
+                self._note(problem)
+            self._run = Run(around, setting, now, self._take, self._note, self._random)
 
     def advance(self) -> None:
         """Simulate the chip up to now."""
         if self._run is not None:
             self._run.advance(self.clock.now(), changing=True)
-
-    # -------------------------------------------------------------------- inside
 
     def _look(self) -> None:
         if self._run is not None:
@@ -495,20 +493,6 @@ class Ldc1614:
         self._interrupting = False  # by an error
         self._announced = False  # whether INTB had a reason to be asserted since waking
         self._frozen: int | None = None  # STATUS until it is read
-
-    def _configure(self, value: int) -> None:
-        """Put the chip to sleep or wake it."""
-        if value & _SLEEP:
-            self._run = None
-            self._forget_results()
-            for channel in range(CHANNELS):
-                self.registers[_DRIVE + channel] &= ~_INIT_DRIVE
-        elif self._run is None:
-            now, setting = self.clock.now(), Setting.of(self.registers)
-            around = self.surroundings
-            for problem in setting.problems(around.clock_of(now, external=setting.external)):
-                self._note(problem)
-            self._run = Run(around, setting, now, self._take, self._note, self._random)
 
     def _check_write(self, register: Register, value: int) -> None:
         """Note violations of the data sheet by a written value."""

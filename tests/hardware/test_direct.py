@@ -29,28 +29,14 @@ class Watched:
     def __init__(self, inner, log, before, answer):
         self._inner, self._log, self._before, self._answer = inner, log, before, answer
 
-    def _step(self, *step):
-        self._before(step)
-        self._log.append(step)
+    def __getattr__(self, name):
+        def passed(*given):
+            self._before((name, *given))
+            self._log.append((name, *given))
+            result = getattr(self._inner, name)(*given)
+            return self._answer(*given, result) if name == "read" else result
 
-    def read(self, register):
-        self._step("read", register)
-        return self._answer(register, self._inner.read(register))
-
-    def write(self, register, value):
-        self._step("write", register, value)
-        self._inner.write(register, value)
-
-    def shift(self, words):
-        self._step("shift", words)
-        return self._inner.shift(words)
-
-    def clear(self):
-        self._step("clear")
-        self._inner.clear()
-
-    def close(self):
-        self._step("close")
+        return passed
 
 
 def watched(board, before=lambda step: None, answer=lambda register, value: value):

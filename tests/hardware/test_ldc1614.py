@@ -43,6 +43,10 @@ def test_code_of_two_megahertz():
     assert code_to_frequency(0x17982F3, 21.7e6) == pytest.approx(2e6, abs=0.05)
     assert code_to_frequency(2, 21.7e6) - code_to_frequency(1, 21.7e6) == pytest.approx(0.0808, rel=1e-3)
     assert code_to_frequency(1000, 21.7e6, divider=3) == pytest.approx(3 * code_to_frequency(1000, 21.7e6), rel=1e-15)
+    # no losses are the limit of few
+    L = inductance_from_frequency(2e6, 120e-12)
+    assert inductance_from_frequency(2e6, 120e-12, 1e12) == pytest.approx(L, rel=1e-13)  # first order: 5 ns·ω/Q = 6e-14
+    assert oscillation_frequency(L, 120e-12) == pytest.approx(2e6, rel=1e-14)
 
 
 @pytest.mark.parametrize(("quality", "shift"), [(10, -0.81), (20, -0.28), (40, -0.11)])
@@ -64,12 +68,6 @@ def test_lossy_inductance_there_and_back(frequency, capacitance, quality):
     assert 2 * math.pi * frequency * period == pytest.approx(math.sqrt(square), rel=1e-12)
     # losses lower the frequency, so a smaller inductance explains it
     assert L <= inductance_from_frequency(frequency, capacitance) * (1 + 1e-15)
-
-
-def test_no_losses_is_the_limit_of_few():
-    L = inductance_from_frequency(2e6, 120e-12)
-    assert inductance_from_frequency(2e6, 120e-12, 1e12) == pytest.approx(L, rel=1e-13)  # first order: 5 ns·ω/Q = 6e-14
-    assert oscillation_frequency(L, 120e-12) == pytest.approx(2e6, rel=1e-14)
 
 
 @given(st.floats(600, 88e3))  # above, the smallest current passes 1.8 V
@@ -176,17 +174,14 @@ def test_bad_input(call, message):
 
 
 def test_times_of_the_parts():
+    for count, clocks in ((0, 32), (2, 32), (3, 48), (0x100, 4096)):
+        assert settle_time(count, 21.7e6) == pytest.approx(clocks / 21.7e6, rel=1e-12)
     # facts: 48.321 ms, 240 µs; the data sheet's example: RCOUNT 0x04D6 at 20 MHz converts in about 0.99 ms
     assert conversion_time(0xFFFF, 21.7e6) * 1e3 == pytest.approx(48.321, abs=5e-4)
     assert conversion_time(0x04D6, 20e6) == pytest.approx(0.99e-3, abs=0.005e-3)
     assert (bus_time(reads=2), bus_time(writes=2)) == pytest.approx((240e-6, 190e-6), rel=1e-12)
     # an external oscillator of 40 MHz by two cannot give the scan time of the paper
     assert 6 * conversion_time(0xFFFF, 20e6) > 314e-3
-
-
-@pytest.mark.parametrize(("count", "clocks"), [(0, 32), (2, 32), (3, 48), (0x100, 4096)])
-def test_settling(count, clocks):
-    assert settle_time(count, 21.7e6) == pytest.approx(clocks / 21.7e6, rel=1e-12)
 
 
 FIXED_DRIVE = {"RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}

@@ -200,9 +200,7 @@ def test_common_drift_goes_and_noise_adds_in_quadrature():
     assert one.std() == pytest.approx(noise * np.sqrt(2), rel=0.02)
     assert two.std() == pytest.approx(noise * np.sqrt(1.5), rel=0.02)
     assert abs(one[:1000].mean() - one[-1000:].mean()) < 5 * noise * np.sqrt(2 * 2 / 1000)
-
-
-def test_a_missing_reading_of_a_reference_gives_no_value():
+    # a missing reading of a reference gives no value
     left = less_reference({"a": [1e-3, 2e-3], "b": [0.0, 0.0], "c": [0.0, np.nan]}, ["b", "c"])
     np.testing.assert_array_equal(left["a"], [1e-3, np.nan])
 
@@ -245,9 +243,7 @@ def test_the_live_display_is_corrected():
     assert plain.states[0].delta == pytest.approx(PER_KELVIN * warmer, rel=0.05)
     assert corrected.states[0].delta == pytest.approx(0.0, abs=2e-7)  # codes of 8e-8, of both coils
     assert corrected.states[1].delta == plain.states[1].delta  # its own is shown as it is
-
-
-def test_a_press_is_found_under_the_correction():
+    # a press is found under the correction
     readings = live(40, reference=["coil2"], drift=WARMING, press_at=20)
     assert readings[-1].states[0].delta == pytest.approx(0.8e-3 * np.exp(-100 / 64), rel=5e-3)
     assert readings[-1].press.begin == readings[21].elapsed

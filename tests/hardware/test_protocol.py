@@ -78,6 +78,10 @@ def test_a_scan_is_read():
         RawSample(0x0179, 0xFFFF, 0x0048), RawSample(0x0179, 0x0000, 0x0048), RawSample(0x0ABC, 0xDEF0, 0x0048),
     )  # fmt: skip
     assert parse_message(SCAN) == ScanMessage(7, 1_000_000, 0xD9A4, 0x1234ABCD, samples)
+    # replies to HELLO and PING
+    hello = "2.0,XMC 2Go 1,1234ABCD,5449,3055,16,8,readback,later"
+    assert read_greeting(hello) == Greeting((2, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8)
+    assert read_pong("1234ABCD,000F4240,i,12") == Heartbeat(0x1234ABCD, 1_000_000, Mode.IDLE)
 
 
 @pytest.mark.parametrize(("text", "message"), [
@@ -102,12 +106,6 @@ def test_other_messages_are_read(text, message):
 ])  # fmt: skip
 def test_another_form_is_refused(text):
     assert parse_message(text) is None
-
-
-def test_a_greeting_and_a_pong_are_read():
-    hello = "2.0,XMC 2Go 1,1234ABCD,5449,3055,16,8,readback,later"
-    assert read_greeting(hello) == Greeting((2, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8)
-    assert read_pong("1234ABCD,000F4240,i,12") == Heartbeat(0x1234ABCD, 1_000_000, Mode.IDLE)
 
 
 def told(settings):
