@@ -19,7 +19,6 @@ from support.recorded_boards import (
     configured,
     quick_board,
     session_of,
-    stream_file,
     two_coils,
 )
 from support.refusals import refused
