@@ -161,10 +161,6 @@ def test_capacitors_at_the_coils_are_not_common():
     assert of(found, "capacitor").drift == pytest.approx(np.sqrt(2) * 30e-6 * np.ones(5))
 
 
-def test_a_reference_that_is_not_there_is_refused():
-    refused(NetworkError, "a reference coil must be one of coil1, .*; got 'far'", budget().referenced, ["far"])
-
-
 def test_the_table_of_a_design_file_is_read_and_written():
     entries = {"rcount": 2048, "clock_MHz": 40.0, "external_clock": True, "resolution_ppm": 1.2, "clock_ppm_per_K": 0.7}
     design = build_design({**design_document(PAPER), "readout": entries})
@@ -172,11 +168,6 @@ def test_the_table_of_a_design_file_is_read_and_written():
     assert design.readout == readout
     assert design_document(design)["readout"] == entries
     assert (Readout(**ReadoutTable().in_si()), "readout" in design_document(PAPER)) == (Readout(), False)
-
-
-def test_another_read_out_is_another_design():
-    """Positions are located with its noise."""
-    assert replace(PAPER, readout=Readout(rcount=2048)).digest != PAPER.digest
 
 
 @pytest.mark.parametrize(
@@ -211,17 +202,6 @@ def test_a_size_that_is_given_is_not_assumed_even_where_it_is_the_usual_one():
         assert of(given, name).source == "[readout] of the design"
     assert given.sigma == pytest.approx(left.sigma)
     assert design_document(design)["readout"] == entries
-
-
-def test_nothing_is_assumed_of_a_jitter_that_is_not_counted():
-    assert of(budget(), "jitter").size == "none"
-    assert of(budget(Readout(clock_jitter=1e-12)), "jitter").size == "known"
-
-
-def test_a_board_without_switches_has_none_of_their_drift():
-    found = budget_of(PAPER, *SIX, switches=Switches(on_resistance=0.0))
-    assert of(found, "resistance of the switches").size == "none"
-    assert of(budget(), "resistance of the switches").size == "assumed"
 
 
 def test_some_states_are_chosen_by_name():

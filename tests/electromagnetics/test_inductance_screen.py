@@ -13,7 +13,7 @@ from coilarray.circuit.coupling import design_inductance
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
 from coilarray.electromagnetics.neumann import segment_table
-from coilarray.geometry import PlatedHole, Spiral, Stackup, path_coil
+from coilarray.geometry import PlatedHole, Spiral, Stackup
 from coilarray.geometry.array import Array, Placement
 
 VIA = PlatedHole(0.2e-3, 0.45e-3)
@@ -91,12 +91,6 @@ def test_series_cover_every_segment_once():
         assert weights.sum() == pytest.approx(len(table), rel=1e-12)
         # lengths step evenly but for the tilt of the turns
         assert (weights * conductor.lengths[segments]).sum() == pytest.approx(conductor.lengths.sum(), rel=1e-8)
-
-
-def test_uneven_turns_are_no_series():
-    coil = path_coil([np.cumsum(np.random.default_rng(0).uniform(1e-3, 2e-3, (40, 2)), axis=0)], 0.1e-3, 0.1e-3, VIA)
-    conductor = Array(BOARD, (Placement("A", coil, ("L1",), 0, 0),)).conductors()[0]
-    assert (find_series(segment_table(conductor))[:, 2] == 1).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 6, 7, 12, 30, 101])

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from coilarray import Conductor, inductance_matrix, load_design, mutual_inductance
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
 from coilarray.electromagnetics.neumann import (
-    MOST_PARTS,
     MUTUAL_NEAR_WIDTHS,
     OWN_NEAR_WIDTHS,
     find_parts,
-    mirrored,
     segment_table,
 )
 
@@ -63,33 +60,6 @@ def test_parts_make_up_their_paths(mirror, turned, shift):
         np.testing.assert_allclose(joined, vertices(table), atol=2 * QUANTUM, rtol=0)
 
 
-@settings(max_examples=20)
-@given(SIGNS)
-def test_a_mirrored_table_is_the_table_of_the_mirror_image(mirror):
-    table = segment_table(image(COIL, mirror))
-    level = table[:, 5] == 0.0  # the lateral direction of a via has no left and right
-    np.testing.assert_allclose(mirrored(segment_table(COIL), np.array(mirror))[level], table[level], atol=1e-15)
-
-
-def test_parts_that_differ_are_not_the_same():
-    other_width = Conductor(COIL.vertices, COIL.widths * (1 + 1e-6), COIL.thicknesses)
-    longer = Conductor(COIL.vertices * (1 + 1e-6), COIL.widths, COIL.thicknesses)
-    turned = Rotation.from_euler("z", 30, degrees=True).apply(COIL.vertices.copy())
-    paths = [COIL, other_width, longer, Conductor(turned, COIL.widths, COIL.thicknesses)]
-    # layers 1 + 1 + 1 + 2, for the turned ones mirror each other on another axis; the via is alike but in two
-    assert len(find_parts([segment_table(path) for path in paths], np.full(4, QUANTUM)).tables) == 5 + 3
-    assert len(find_parts([segment_table(COIL)] * 2, np.array([QUANTUM, 2 * QUANTUM])).tables) == 4
-
-
-def test_a_path_of_many_heights_is_not_cut():
-    steps = np.array([[k % 2 * 1e-3, 0.0, (k // 2) * 1e-4] for k in range(2 * MOST_PARTS)])
-    stairs = segment_table(Conductor(steps, 1e-4, 1e-5))
-    parts = find_parts([stairs], np.array([QUANTUM]))
-    assert parts.first.tolist() == [0, 1]
-    np.testing.assert_array_equal(parts.tables[0], stairs)
-    assert not parts.flat[0]
-
-
 @pytest.mark.slow
 @settings(max_examples=25)
 @given(
@@ -106,24 +76,6 @@ def test_sums_by_parts_are_those_of_whole_paths(mirror, turned, aside, up):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("coilarray.electromagnetics.neumann.MOST_NODES", 0)  # none by equivalent currents
         assert mutual_inductance(COIL, other)[0, 0] == pytest.approx(whole(COIL, other), abs=1e-7 * own, rel=0)
-
-
-@pytest.mark.parametrize("up", [0.3e-3, -2e-3])
-def test_a_layer_straight_above_itself_takes_half_the_pairs(monkeypatch, up):
-    level = COIL.vertices[:, 2] == COIL.vertices[0, 2]
-    count = int(np.flatnonzero(~level)[0])
-    layer = Conductor(COIL.vertices[:count], COIL.widths[: count - 1], COIL.thicknesses[: count - 1])
-    other = image(layer, (1.0, 1.0, -1.0), shift=(0.0, 0.0, up + 2 * layer.vertices[0, 2]))
-    rows = []
-
-    def counted(first, second, *more):
-        rows.append(len(second))
-        return mutual_sum(first, second, *more)
-
-    monkeypatch.setattr("coilarray.electromagnetics.neumann.mutual_sum", counted)
-    # nearly parallel bars: see above
-    assert mutual_inductance(layer, other)[0, 0] == pytest.approx(whole(layer, other), rel=1e-7)
-    assert rows == [1] * (count - 1)  # the bars that face each other
 
 
 @pytest.mark.parametrize("accuracy", ["full", "screen"])

@@ -36,7 +36,7 @@ def compile_kernels() -> list[Any]:
     from coilarray.electromagnetics.kernels import bars, paths, sections, segments
 
     row, table, indices = float64[::1], float64[:, ::1], int64[::1]
-    vector = UniTuple(float64, 3)
+    vector = UniTuple(float64, 3)  # type: ignore[no-untyped-call]
     pair = (vector, float64, vector, vector, float64)
     constants = Array(float64, 1, "C", readonly=True)
     kernels: tuple[tuple[Any, tuple[Any, ...]], ...] = (
