@@ -156,10 +156,7 @@ class Windings(_Locked):
 
 @dataclass(frozen=True, eq=False)
 class Plates:
-    """Change of the impedance over jω by plates in H, at the nodes of a band.
-
-    `working` is the frequency in Hz for which the inductance of the circuit holds.
-    """
+    """Change of the impedance over jω by plates in H, and the frequency that L holds for."""
 
     band: FrequencyBand
     samples: ComplexArray
@@ -390,10 +387,7 @@ def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN
 
 
 def _close_together(low: float, high: float) -> FloatArray:
-    """Frequencies in Hz a `_STEP` apart or less.
-
-    A quantity linear between them errs by 2e-5 of its curvature.
-    """
+    """Frequencies in Hz between which linear quantities err by 2e-5 of their curvature."""
     return np.geomspace(low, high, math.ceil(math.log(high / low) / _STEP) + 1)
 
 

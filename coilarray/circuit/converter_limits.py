@@ -66,10 +66,7 @@ RESONATOR = ("frequency", "parallel_resistance", "quality_factor")
 
 @dataclass(frozen=True)
 class Drive:
-    """Setting of the sensor drive.
-
-    IDRIVE `code` 0 to 31, `current` I in A, and peak voltage `amplitude` in V, which is 4 R_p I/π.
-    """
+    """Sensor drive: IDRIVE code, current I in A, and peak voltage 4 R_p I/π in V."""
 
     code: int
     current: float
@@ -155,11 +152,7 @@ def drive_codes(parallel_resistance: FloatArray) -> IntArray:
 
 
 def drive_of(code: int, parallel_resistance: float) -> Drive:
-    """Return the drive of an IDRIVE code at an R_p.
-
-    >>> round(drive_of(6, 33e3).amplitude, 2)
-    1.68
-    """
+    """Return the drive of an IDRIVE code at an R_p."""
     if not 0 <= code < len(_DRIVE):
         raise ValueError(f"code must be 0 to {len(_DRIVE) - 1}; got {code}.")
     require_each_positive(parallel_resistance=parallel_resistance)

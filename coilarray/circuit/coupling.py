@@ -96,10 +96,7 @@ def design_circuit(
 def design_inductance(
     design: Design | DesignFile, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the inductance matrix and its sheets' part in H.
-
-    With plates the matrix holds at the working frequency of the coils.
-    """
+    """Return the inductance matrix, at the working frequency of plates, and its sheets' part in H."""
     circuit = board_circuit(design, accuracy=accuracy, progress=progress)
     return circuit.inductance.copy(), circuit.sheet_inductance.copy()
 
@@ -364,12 +361,7 @@ def operating_field(
 
 
 def part_switches(design: Design) -> Switches:
-    """Return the switches with the capacitances of the named part.
-
-    >>> from coilarray import load_design
-    >>> round(part_switches(load_design("gast2020")).across_coil * 1e12)
-    218
-    """
+    """Return the switches with the capacitances of the named part."""
     circuit = design.circuit
     if circuit.part is None:
         return circuit.switches

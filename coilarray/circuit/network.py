@@ -310,10 +310,7 @@ def resonate(network: Network, state: ScanState) -> Resonance:
 
 
 def loaded_quality(network: Network, result: StateResult) -> float:
-    """Return the quality factor (ω/2) (dB/dω)/G of the resonator.
-
-    It counts the energy in every inductance and capacitance, switches and bus included.
-    """
+    """Return the quality (ω/2) (dB/dω)/G of all inductances and capacitances."""
     if result.admittance.real <= 0:
         return math.inf
     return result.frequency / 2 * susceptance_slope(network, result.state, result.frequency) / result.admittance.real
@@ -459,10 +456,7 @@ def _solve(
 
 
 def _around(network: Network, wiring: _Wiring, frequencies: FloatArray) -> ComplexArray:
-    """Impedances between the coils' places and, last, the converter.
-
-    They have the shape (f, n + 1, n + 1) in Ω. See the module.
-    """
+    """Impedances (f, n + 1, n + 1) in Ω of the coils' places and the converter, see the module."""
     n, nodes = len(network.names), len(wiring.capacitance)
     low, high = float(frequencies.min()), float(frequencies.max())
     half, middle = (high - low) / 2, (high + low) / 2

@@ -103,10 +103,7 @@ class NoiseBudget:
 
     @property
     def drift(self) -> FloatArray:
-        """Change (states,) of δ in 1/K.
-
-        The causes add in quadrature, as some signs are unknown.
-        """
+        """Change (states,) of δ in 1/K, in quadrature, as some signs are unknown."""
         return _quadrature([cause.drift for cause in self.causes])
 
     @property
@@ -121,10 +118,7 @@ class NoiseBudget:
 
     @property
     def independent(self) -> FloatArray:
-        """Standard deviation of δ (states,) by each coil's own causes.
-
-        With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ.
-        """
+        """Standard deviation of δ (states,) by own causes, the diagonal beside `common`."""
         return np.hypot(self.noise, self.own_change)
 
     @property
@@ -156,11 +150,7 @@ class NoiseBudget:
         return replace(self, states=tuple(states), causes=causes)
 
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
-        """Return the budget less the mean of reference coils.
-
-        Common changes cancel as far as they are equal at both. The remaining errors of the
-        references are added in quadrature.
-        """
+        """Return the budget less the mean of reference coils, common changes as far as they differ."""
         others = referenced_names(self.states, reference)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
 

@@ -126,10 +126,7 @@ def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]
 
 
 class _States(NamedTuple):
-    """States at resonance, with arrays over the states.
-
-    ω in 1/s is NaN without a resonance, Y in S, dB/dω in F, and i (coils, states) in A/V.
-    """
+    """Resonances, NaN without any, in 1/s, Y in S, dB/dω in F, i (coils, states) in A/V."""
 
     omega: FloatArray
     admittance: ComplexArray
@@ -144,11 +141,7 @@ def _measured(network: Network, states: Sequence[ScanState]) -> IntArray:
 
 
 def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW) -> Iterator[tuple[list[int], _States]]:
-    """Yield groups of states for which a faster method exists.
-
-    Coils alone (`_is_bare`) are solved together from an array of `fewest` coils on, all others from
-    `_FEW` coils on.
-    """
+    """Yield groups for a faster method, coils alone from `fewest` coils on, others from `_FEW`."""
     n, bare = len(network.names), _is_bare(network)
     groups: dict[bytes, list[int]] = {}
     for row, state in enumerate(states):

@@ -228,11 +228,7 @@ def _above(sheets: Sequence[Sheet], relative_permittivity: float) -> Above:
 
 
 def _board_medium(stackup: Stackup, above: Above) -> LayeredMedium:
-    """Medium with planes at the copper faces and above the top.
-
-    The gaps of the outer copper are filled with the medium outside, the gaps of inner copper with
-    the mean of the dielectrics on both sides.
-    """
+    """Medium of copper and dielectrics, copper gaps filled as outside, or with both sides' mean."""
     media = (above[1][-1], *stackup.epsilon_r, 1.0)  # above and below each copper layer
     thicknesses, epsilons = (list(part) for part in above)
     last = len(stackup.copper_thickness) - 1
@@ -472,10 +468,7 @@ def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: Float
 
 
 def _leads(turns: Turns, planes: IntArray, thicknesses: FloatArray, near: float) -> Iterator[_Wire]:
-    """Pieces of both leads from the winding on, more for longer leads.
-
-    A lead wider than the distance `near` of planes in m is several wires side by side.
-    """
+    """Pieces of both leads, longer from the winding on, side by side for leads wider than `near`."""
     path = turns.path
     along, grain = path.along, _GRAIN * turns.pitch
     for origin, end, potential in ((turns.begin, 0.0, 0.0), (turns.end, float(along[-1]), 1.0)):

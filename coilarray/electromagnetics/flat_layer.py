@@ -80,11 +80,7 @@ class Slab:
 
 
 def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
-    """Return the magnetic region of sheets from z = 0, or None.
-
-    >>> magnetic_slab([Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7)])
-    Slab(lower=0.006, thickness=0.002, relative_permeability=2.7)
-    """
+    """Return the magnetic region of sheets from z = 0, or None."""
     magnetic = [k for k, sheet in enumerate(sheets) if sheet.magnetic]
     if not magnetic:
         return None
@@ -331,10 +327,7 @@ def wavenumbers(board: Board, lowest: float, highest: float, distance: float) ->
 
 
 def _grid(board: Board, other_kinds: int) -> tuple[tuple[FloatArray, FloatArray], list[IntArray]] | None:
-    """Distinct offsets x and y in m between paths, whose pairs share integrals, and their numbers.
-
-    The numbers (paths, paths) are those of each pair. None if most offsets differ.
-    """
+    """Offsets x and y in m between paths and their numbers by pair, or None if most differ."""
     steps = board.origins[:, None] - board.origins
     rounded = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
     offsets, numbers = [], []
@@ -395,10 +388,7 @@ def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
 def _products(
     boards: Sequence[Board], pairs: Sequence[tuple[int, int]], offsets: tuple[FloatArray, FloatArray] | None, k: float
 ) -> list[FloatArray]:
-    """Mean of J_i·J'_j over directions at k in 1/m, in m².
-
-    The shape is (paths, paths) without a grid of `offsets`, else (kinds, kinds, x, y).
-    """
+    """Mean of J_i·J'_j at k in m², (paths, paths), or (kinds, kinds, x, y) with `offsets`."""
     n = _nodes(k * boards[0].extent, boards[0].digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
     waves = k * np.column_stack((np.cos(angle), np.sin(angle)))

@@ -84,11 +84,7 @@ class CoilSpectra:
 
 
 def coil_segments(source: Source) -> list[Segments]:
-    """Segments of current paths at z ≤ 0.
-
-    A path whose ends lie apart is closed by a straight line between them, since only a closed
-    current has a potential.
-    """
+    """Segments of current paths at z ≤ 0, open ones closed by a straight line."""
     vertices = [conductor.vertices for conductor in as_conductors(source)]
     return [Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices]
 
@@ -421,10 +417,7 @@ def _growth(layer: Layer, k: FloatArray, omega: FloatArray | float) -> ComplexAr
 def _joined(
     a: Layer, b: Layer, k: FloatArray, omega: FloatArray | float, r: ComplexArray, passed: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Reflection ρ from medium a to b and 1 − ρ, neither cancelled.
-
-    Behind the face the reflection is r, and `passed` is 1 − r.
-    """
+    """Reflection ρ from medium a to b and 1 − ρ, neither cancelled, r and 1 − r behind the face."""
     if math.isinf(b.conductivity) or math.isinf(a.conductivity):
         return np.full_like(r, -1.0), np.full_like(r, 2.0)
     mu_a, mu_b = a.permeability, b.permeability

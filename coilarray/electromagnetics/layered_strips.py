@@ -45,10 +45,7 @@ _CUTOFF_DISTANCE = 5.0
 
 @dataclass(frozen=True)
 class LayeredMedium:
-    """Parallel planes with dielectrics between, above and below.
-
-    `thicknesses` in m and `epsilon_r`, two longer, go from top to bottom.
-    """
+    """Dielectrics from top to bottom: thicknesses in m between planes, two permittivities more."""
 
     thicknesses: tuple[float, ...]
     epsilon_r: tuple[float, ...]
@@ -88,10 +85,7 @@ class LayeredMedium:
         return G
 
     def mean_green(self) -> FloatArray:
-        """`green` at k = 0, (planes, planes) in V m²/C, relative to the bottom plane.
-
-        It holds for no net charge: the slabs above the higher of two planes, d/(ε0 ε), are common.
-        """
+        """`green` at k = 0 without net charge, (planes, planes), relative to the bottom plane."""
         slabs = np.array(self.thicknesses) / (EPSILON_0 * np.array(self.epsilon_r[1:-1]))
         below = np.append(np.cumsum(slabs[::-1])[::-1], 0.0)
         return np.minimum.outer(below, below)

@@ -73,10 +73,7 @@ def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
 
 
 def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
-    """Numbers of nodes along x and y, and along z, of box pairs, (n, 2).
-
-    The second box is moved by `shifts` in m. Values above `MOST_NODES` mean boxes too near.
-    """
+    """Numbers of nodes along x and y, and z, of boxes and moved boxes, too near over `MOST_NODES`."""
     between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)
     half = np.maximum(first[:, 1], second[:, 1])
@@ -135,10 +132,7 @@ def path_sums(
     *,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Compute Neumann's integral ∬ dl·dl'/R of pairs in m.
-
-    It is averaged over cross-sections, and inf for thin filaments that overlap on one line.
-    """
+    """Mean of Neumann's ∬ dl·dl'/R of pairs in m, inf for thin filaments that overlap."""
     if not len(first):
         return np.zeros(0)
     for i in np.unique(first[first == second]).tolist():
@@ -251,11 +245,7 @@ def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tup
 def _near_blocks(
     shapes: list[_Shape], classes: _Classes, near: IntArray, quantum: float, accuracy: Accuracy
 ) -> list[_Block]:
-    """Tasks for the pairs that are summed segment by segment.
-
-    Pairs of parts of all paths that mirror each other are summed once. `quantum` is the largest
-    difference in m between equal shifts.
-    """
+    """Tasks for pairs summed by segments, once for parts that mirror each other."""
     if not len(near):
         return []
     numbers, paths = np.unique(np.concatenate((classes.first[near], classes.second[near])), return_inverse=True)
@@ -339,10 +329,7 @@ class PathParts:
 
 
 def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
-    """Cut paths (rows of `kernels.paths`) into parts in their order.
-
-    Differences below the `quanta` (paths,) in m make no other part.
-    """
+    """Cut paths (rows of `kernels.paths`) into parts, alike to the `quanta` (paths,) in m."""
     cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
     first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))
     parts = [part for of_path in cut for part in of_path]
@@ -411,10 +398,7 @@ def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatA
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Pairs of distinct parts, the second mirrored and moved by `shift` in m.
-
-    `of` is their pair of paths, where they count `weight` times.
-    """
+    """Pairs of parts, the second mirrored and moved, that count `weight` times in a pair of paths."""
 
     of: IntArray
     weight: FloatArray

@@ -1,9 +1,8 @@
 """The flat magnetic sheet and the inductance matrix.
 
-Who checks whom: ref_slab_circular_filament.csv (mpmath, two ways) and Hankel integrals by scipy for circles; the image
-series added up with `mutual_inductance` alone for any shape; dipoles and their images by magnetic charges for the
-directions; Biot–Savart at the sheet's face for the boundary conditions. The near images and the spectrum check each
-other by where they share the series.
+Who checks whom: ref_slab_circular_filament.csv (mpmath, two ways) for circles; the image series added up with
+`mutual_inductance` alone for any shape; dipoles and their images by magnetic charges for the directions. The near
+images and the spectrum check each other by where they share the series.
 """
 
 import itertools

@@ -1,7 +1,7 @@
 """Inductance matrices of bars and filaments.
 
 Who checks whom: closed forms and other programs in test_references.py; here the pair rules against a brute-force mean
-over both cross-sections, reuse against no reuse, and the identities that every inductance matrix obeys.
+over both cross-sections, and the identities that every inductance matrix obeys.
 """
 
 import mpmath

@@ -87,10 +87,7 @@ def _near_potential(at: Vector, u: Vector, length: float) -> float:
 
 @kernel
 def _graded(u: Vector, length_1: float, q0: Vector, v: Vector, start: float, end: float, finest: float) -> float:
-    """Integrate the potential of a filament from the origin along q0 + t v from `start` to `end`.
-
-    The panels halve towards `start`, the last at most `finest` long.
-    """
+    """Integrate a potential along q0 + t v, in panels that halve from `end` towards `start`."""
     total = 0.0
     far = end
     while far != start:

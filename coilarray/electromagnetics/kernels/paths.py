@@ -60,10 +60,7 @@ def add_node_sums(
     nodes: FloatArray, currents: FloatArray, other_nodes: FloatArray, other_currents: FloatArray, shifts: FloatArray,
     sums: FloatArray,
 ) -> None:  # fmt: skip
-    """Add the sum of two sets of nodes to `sums`, by `shifts` (m, 3).
-
-    The others' shape (3, k) lets the processor take several at once.
-    """
+    """Add the sums of two sets of nodes, the others (3, k), by `shifts` (m, 3)."""
     x, y, z = other_nodes[0], other_nodes[1], other_nodes[2]
     wx, wy, wz = other_currents[0], other_currents[1], other_currents[2]
     potential = np.empty((3, x.shape[0]))
@@ -244,10 +241,7 @@ def _parallel_rule(a: FloatArray, b: FloatArray, nearest: Vector, level: bool, e
 
 @kernel
 def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
-    """Offset to both sides that represents distant parallel bars.
-
-    Across the bars the kernel is harmonic, so only the difference of both variances counts.
-    """
+    """Offset of two nodes with the difference of both variances of distant parallel bars."""
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
     if variance > 0.0:
         across, side = moved(_lateral(a), _same_side(a, b), _lateral(b)), 0.5
@@ -258,10 +252,7 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
 
 @kernel
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of bars at an angle, or parallel and of different size.
-
-    The two nodes across the thickness have its variance. Distant or `level` bars need one node.
-    """
+    """Offsets of bars at an angle or of different size, two nodes across near bars' thickness."""
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
     n = min(math.ceil(-_LOG_TOLERANCE_ANGLED / (2.0 * log_rho)) + extra, MAX_NODES)
@@ -451,10 +442,7 @@ def bar_pair(
 def _collect(
     a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, count: int, batch: FloatArray
 ) -> int:
-    """Collect the nodes of distant bars, or return −1 for near bars.
-
-    Two lateral offsets of each bar stand for the cross-sections, of parallel bars two in all.
-    """
+    """Collect nodes of distant bars, two offsets for each cross-section, or −1 for near bars."""
     apart, middles = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])
     distance = middles - 0.5 * (a[6] + b[6])

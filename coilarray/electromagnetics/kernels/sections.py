@@ -285,10 +285,7 @@ class Section:
     z: FloatArray
 
     def losses(self, sources: FloatArray, beta: FloatArray) -> FloatArray:
-        """Sum |y|² of the eddy currents of each trace, (frequencies, traces, n).
-
-        The amplitudes are −jβ/(1 + jβM) s of the sources s (modes, n).
-        """
+        """Sum |y|², y = −jβ/(1 + jβM) s of sources s (modes, n), (frequencies, traces, n)."""
         modal = self.vectors.T @ sources
         factor = -1j * beta[:, None] / (1.0 + 1j * beta[:, None] * self.values)
         amplitude = self.vectors @ (factor[:, :, None] * modal).transpose(1, 0, 2).reshape(len(modal), -1)
@@ -307,10 +304,7 @@ def section(
     basis: Callable[[float, float], Basis],
     between: Callable[[tuple[float, float], tuple[float, float], float, float], FloatArray],
 ) -> Section:
-    """Reduce parallel traces to their eddy modes.
-
-    `basis` takes a width and thickness, `between` two such sizes at a distance (x, z).
-    """
+    """Reduce parallel traces to their eddy modes, by the basis of a size and interactions of two."""
     unit = max(max(w, t) for _, _, w, t in traces)
     scaled = [tuple(round(value / unit, 9) for value in trace) for trace in traces]
     bases = [basis(w, t) for _, _, w, t in scaled]

@@ -56,10 +56,7 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
 
 
 def find_series(path: FloatArray) -> IntArray:
-    """Cut a path (rows of `kernels.paths`) into series of evenly stepping segments.
-
-    Rows of the result are first row, stride and number of rows. A single segment is a series too.
-    """
+    """Cut a path into evenly stepping series: first row, stride and number of rows of each."""
     ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
     places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
     tolerance = _STEP * float(np.ptp(path[:, :3], axis=0).max() + path[:, 6].max())
@@ -118,10 +115,7 @@ def _sum_two_series(
     first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
-    """Sum of two series, or of pairs i < j of the `own` series.
-
-    It is cut into lines of pairs (i + t·di, j + t·dj), halved where their two rules disagree.
-    """
+    """Sum of two series (`own`: pairs i < j) by lines, halved where their two rules disagree."""
     m, n = a[2], b[2]
     a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
     near, far = _distance(first[a[0]], second[b[0]], shift), _distance(first[a[0]], second[b_last], shift)
