@@ -151,9 +151,6 @@ def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ..
     """Return distinct names of letters, digits and underscores.
 
     They differ in more than case. Every other character becomes ``_``.
-
-    >>> plain_names(["coil 1", "coil-1", "COIL_1"])
-    ('coil_1', 'coil_1_2', 'COIL_1_3')
     """
     given = list(names)
     if not given or (count is not None and len(given) != count):
@@ -259,11 +256,6 @@ def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> tuple[float, 
     Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR.
     With corners on a logarithmic grid the rest is a linear fit of numbers that are not negative
     (Lawson & Hanson, Solving Least Squares Problems, 1974, ch. 23).
-
-    >>> f = np.geomspace(1e5, 1e7, 21)
-    >>> direct, sections = fit_ladder(f, 10 + 4 * (f / 3e6) ** 2 / (1 + (f / 3e6) ** 2))
-    >>> round(direct, 1), round(float(ladder_impedance(direct, sections, 3e6).real), 1)
-    (10.0, 12.0)
     """
     low, high = frequencies[0], _ABOVE * frequencies[-1]
     corners = np.geomspace(low, high, 1 + round(_CORNERS_A_DECADE * np.log10(high / low)))

@@ -174,11 +174,6 @@ def elastomer_effect(
     changes it only above `undisturbed`, to something between 1 and `relative_permittivity`. So the
     difference of C between full and empty space there is the bound (taken with `longest_turns`).
     The coil floats alone, without the field of its mean voltage against ground or neighbours.
-
-    >>> from coilarray import load_design
-    >>> effect = elastomer_effect(load_design("gast2020").array, 3.0, 120e-12, undisturbed=5e-3)
-    >>> bool(effect.dent_bound[1] < 0.01 * effect.apparent_delta[1])  # of an upper coil
-    True
     """
     C_t = float(_positive("tank_capacitance", tank_capacitance, "F", zero=True))
     if not 0 <= undisturbed <= _HIGHEST_FACE:

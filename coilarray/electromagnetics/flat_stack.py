@@ -379,17 +379,7 @@ class LayerWaves:
 
 
 def layer_waves(layers: Sequence[Layer], wavenumbers: FloatArray, omega: FloatArray | float = 0.0) -> LayerWaves:
-    """Compute the waves in flat layers between air.
-
-    An `omega` (f, 1) in 1/s leads the shapes of the result. A thick layer of the permeability 3
-    draws half of the flux in, a perfect conductor sends all back:
-
-    >>> k = np.array([100.0])
-    >>> layer_waves([Layer(1.0, 3.0)], k).reflection.real
-    array([0.5])
-    >>> layer_waves([Layer(1e-3, 1.0, math.inf)], k, 1.0).reflection.real
-    array([-1.])
-    """
+    """Compute the waves in flat layers between air, shapes led by an `omega` (f, 1) in 1/s."""
     zero = np.zeros(np.broadcast_shapes(np.shape(omega), wavenumbers.shape), dtype=np.complex128)
     r, passed = zero, zero + 1
     growths, beyond, left = (np.empty((len(layers), *zero.shape), dtype=np.complex128) for _ in range(3))

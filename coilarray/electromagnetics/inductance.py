@@ -162,12 +162,7 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
 
 
 def pair_inductance(source: Source, first: IntArray, second: IntArray, *, accuracy: Accuracy = "full") -> FloatArray:
-    """Compute the mutual inductance of selected pairs in H.
-
-    >>> squares = [[[0, y, 0], [1e-2, y, 0], [1e-2, y + 1e-2, 0], [0, y + 1e-2, 0], [0, y, 0]] for y in (0, 0.02, 0.04)]
-    >>> (pair_inductance(squares, np.array([0, 0]), np.array([1, 2])) * 1e9).round(3).tolist()
-    [-0.153, -0.016]
-    """
+    """Compute the mutual inductance of selected pairs in H."""
     M = _matrix(tuple(as_conductors(source)), first, second, accuracy)[first, second]
     return np.asarray(M)
 

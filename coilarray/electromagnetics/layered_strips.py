@@ -119,11 +119,6 @@ def strip_capacitance(
     and f the transforms in the module's heading. Beyond the cutoff K, a strip's J_m J_m' averages
     to ±1/(πka) and G to 1/(ε0 (ε_above + ε_below) k). The tail is then 1/(π² a K ε0 (ε_above +
     ε_below)).
-
-    >>> air = LayeredMedium((), (1.0, 1.0))
-    >>> C = strip_capacitance(air, [0, 0], [-0.15e-3, 0.15e-3], [0.15e-3, 0.15e-3], period=20e-3)
-    >>> round(float(-C[0, 1]) * 1e12, 2)  # alone, in closed form: 13.84
-    13.85
     """
     plane = np.asarray(planes, dtype=np.int64)
     x, w = np.asarray(centres, dtype=np.float64), np.asarray(widths, dtype=np.float64)
@@ -179,11 +174,6 @@ def crossed_grid_capacitance(
     the mean charge alone (k = 0). Their other harmonics have no wavevector in common, and their
     induced charge comes back damped by exp(−4πh/pitch). Within a grid all harmonics count, so the
     fill factor enters with its fringing.
-
-    >>> medium = LayeredMedium((0.2e-3,), (1.0, 4.5, 1.0))
-    >>> C = crossed_grid_capacitance(medium, [0, 1], [0.15e-3] * 2, [0.3e-3] * 2, [0, 1], [0, 1])
-    >>> round(float(-C[0, 1]) * 0.3e-3 * 1e12, 1)  # in pF/m; parallel and aligned: 47.2
-    47.0
     """
     plane, grid = np.asarray(planes, dtype=np.int64), np.asarray(grids, dtype=np.int64)
     w, p = np.asarray(widths, dtype=np.float64), np.asarray(pitches, dtype=np.float64)

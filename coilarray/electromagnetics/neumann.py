@@ -454,10 +454,6 @@ def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, B
 
     Rows of `key` and `turned` (n, columns) mean the same. The result is one pair of each class, the
     class of each pair (n,), and where `turned` is used.
-
-    >>> example, number, turn = pair_classes(np.array([[1, 2], [2, 1], [3, 3]]), np.array([[2, 1], [1, 2], [3, 3]]))
-    >>> number, turn
-    (array([0, 0, 1]), array([False,  True, False]))
     """
     turn, undecided = np.zeros(len(key), dtype=bool), np.ones(len(key), dtype=bool)
     for column in range(key.shape[1]):

@@ -116,10 +116,6 @@ def cross_section(
     IBM J. Res. Dev. 23, 652, 1979) with exact mean logarithms on a mesh graded towards the edges.
     Every eddy mode adds β²c/(1 + β²λ²), so that one decomposition per aspect ratio, which is
     cached, serves all frequencies.
-
-    >>> trace = cross_section(0.1e-3, 35e-6, [1e6, 10e6])
-    >>> trace.resistance_ratio.round(3)
-    array([1.002, 1.14 ])
     """
     for value, name in ((width, "width"), (thickness, "thickness")):
         require_positive(f"{name} of a trace", value)
@@ -199,12 +195,6 @@ def resistance_matrix(
     factors, which keeps R positive definite. So turns of one coil shield each other, but coils do
     not. Corners, leads and turns shorter than a few bundle widths are the weak points. Vias count
     with their DC resistance, eddy currents in pads and planes are left out.
-
-    >>> from coilarray import load_design
-    >>> result = resistance_matrix(load_design("gast2020").array, [1e5, 1.7e6])
-    >>> R = result.resistance[:, 0, 0]
-    >>> round(float(R[1] / R[0]), 2), str(result.model[1, 0].values)
-    (1.12, 'transverse field')
     """
     # A bar's own field is left out on the whole of a straight run, however many vertices it has.
     conductors = [conductor.straightened() for conductor in as_conductors(source)]
