@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
@@ -28,6 +27,7 @@ _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
 _BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
 _LARGEST_CURRENT = 1e30  # A; with `LARGEST` every field stays in the range of float64
 _IN_PIECES = "compute it in pieces"
+_Paths = tuple[FloatArray, IntArray, FloatArray]  # vertices, starts and weights µ0 I/4π, see `kernels.segments`
 
 
 class HasConductors(Protocol):
@@ -125,14 +125,14 @@ def magnetic_field(
     >>> bool(abs(B[2] / (MU_0 / 2) - 1) < 1e-4)
     True
     """
-    paths = _paths(source, points, currents)
+    where, paths = _checked(source, points, currents)
     if backend == "cuda":
         from coilarray.electromagnetics.kernels.cuda_segments import magnetic_field_on_gpu
 
-        return magnetic_field_on_gpu(paths.points, paths.vertices, paths.starts, paths.weights).reshape(paths.shape)
+        return magnetic_field_on_gpu(where.reshape(-1, 3), *paths).reshape(where.shape)
     if backend != "cpu":
         raise GeometryError(f"backend must be one of {', '.join(get_args(Backend))}; got {backend!r}.")
-    return _on_processor(add_magnetic_field, paths, progress)
+    return _on_processor(add_magnetic_field, where, paths, progress)
 
 
 def vector_potential(
@@ -145,7 +145,7 @@ def vector_potential(
     filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets no
     contribution from that segment.
     """
-    return _on_processor(add_vector_potential, _paths(source, points, currents), progress)
+    return _on_processor(add_vector_potential, *_checked(source, points, currents), progress)
 
 
 def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
@@ -174,19 +174,8 @@ def first_of_each(keys: Iterable[Hashable]) -> tuple[list[int], IntArray]:
     return np.unique(number, return_index=True)[1].tolist(), number
 
 
-@dataclass(frozen=True, eq=False)
-class _Paths:
-    """Current paths and evaluation points (n, 3), from points of `shape`."""
-
-    vertices: FloatArray
-    starts: IntArray
-    weights: FloatArray
-    points: FloatArray
-    shape: tuple[int, ...]
-
-
-def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _Paths:
-    """Check a source, points and currents, and flatten them."""
+def _checked(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> tuple[FloatArray, _Paths]:
+    """Check points and currents, and join the paths that carry a current."""
     conductors = as_conductors(source)
     try:
         where = np.asarray(points, dtype=np.float64)
@@ -211,23 +200,26 @@ def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _P
     vertices = np.concatenate([np.zeros((0, 3)), *(conductors[c].vertices for c in used)])
     starts = np.cumsum([0, *(len(conductors[c].vertices) for c in used)])
     weights = MU_0 / (4 * np.pi) * current[used]
-    return _Paths(vertices, starts, weights, where.reshape(-1, 3), where.shape)
+    return where, (vertices, starts, weights)
 
 
-def _on_processor(kernel: Callable[..., None], paths: _Paths, progress: Progress | None) -> FloatArray:
+def _on_processor(
+    kernel: Callable[..., None], where: FloatArray, paths: _Paths, progress: Progress | None
+) -> FloatArray:
     """Run a kernel over blocks of points on all cores."""
-    field = np.zeros_like(paths.points)
-    if not len(paths.weights) or not field.size:
-        return field.reshape(paths.shape)
+    points = where.reshape(-1, 3)
+    field = np.zeros_like(points)
+    if not len(paths[2]) or not field.size:
+        return field.reshape(where.shape)
 
     def work(task: tuple[int, int]) -> None:
         for start, stop in ranges(task[1] - task[0], _BLOCK):
             rows = slice(task[0] + start, task[0] + stop)
-            x, y, z = np.ascontiguousarray(paths.points[rows].T)
+            x, y, z = np.ascontiguousarray(points[rows].T)
             out = np.zeros((3, len(x)))
-            kernel(x, y, z, paths.vertices, paths.starts, paths.weights, out[0], out[1], out[2], np.empty(len(x)))
+            kernel(x, y, z, *paths, out[0], out[1], out[2], np.empty(len(x)))
             field[rows] = out.T
 
     blocks = -(-len(field) // (_BLOCK * _TASKS_A_CORE * cores()))
     run_blocks(work, ranges(len(field), _BLOCK * min(blocks, _BLOCKS_A_TASK)), progress=progress)
-    return field.reshape(paths.shape)
+    return field.reshape(where.shape)

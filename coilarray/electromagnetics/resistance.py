@@ -312,10 +312,11 @@ def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: floa
     point, crossing, share = np.arange(len(of_point)), np.full(len(of_point), -1), np.ones(len(of_point))
     factors = np.ones((3, len(f), 1))
     if wide.any():
-        turns = find_turns(FlatPath(vertices[:, :2], widths, _line_numbers(vertices)))
+        lines = np.where(flat, np.cumsum(~flat), -1)  # from via to via
+        turns = find_turns(FlatPath(vertices[:, :2], widths, lines))
         cuts = [] if turns is None else turns.enough_cuts(*RAYS)
         if cuts:
-            point, crossing, share = _shared_out(vertices, places, of_point, cuts)
+            point, crossing, share = _shared_out(vertices, lines, places, of_point, cuts)
             h = points.field((shape, shape), vertices, own=True)
             first = np.cumsum([0, *(len(cut.piece) for cut in cuts)])
             # the mean field of the points of each crossing, 0 of none
@@ -347,21 +348,14 @@ def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: floa
     return _Traces(points, on_traces, resistivity * (ratio * alone) @ skin, *losses)
 
 
-def _line_numbers(vertices: FloatArray) -> IntArray:
-    """Line of each segment (n,), from via to via, −1 for vias."""
-    _, flat = lateral_axes(vertices)
-    return np.where(flat, np.cumsum(~flat), -1)
-
-
 def _shared_out(
-    vertices: FloatArray, places: FloatArray, of_point: IntArray, cuts: Sequence[Cut]
+    vertices: FloatArray, line: IntArray, places: FloatArray, of_point: IntArray, cuts: Sequence[Cut]
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Points that cuts represent, with crossings and shares of equal shape.
 
     Between two crossings of a line the shares change linearly. Outside the turns the whole share
     has crossing −1. Points occur once or twice.
     """
-    line = _line_numbers(vertices)
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(vertices[:, :2], axis=0).T)))
     s = along[of_point] + np.hypot(*(places - vertices[of_point])[:, :2].T)
     piece = np.concatenate([cut.piece for cut in cuts])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,9 +29,8 @@ def parallel_traces(widths, thicknesses, x, z, currents, frequency, resistivity=
     w, t, across, up, current = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in given))
     delta = skin_depth(frequency, resistivity)
     side = float(max(w.max(), t.max()))
-    bundle = resistance._section(
-        tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), resistance._octaves(side, delta)
-    )
+    octaves = max(2, math.ceil(math.log2(side / delta)))
+    bundle = resistance._section(tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), octaves)
     beta = np.atleast_1d((bundle.unit / delta) ** 2 / np.pi)
     density = current / np.sqrt(bundle.areas)
     source = (bundle.own @ density)[:, None]

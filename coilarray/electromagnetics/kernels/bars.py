@@ -21,6 +21,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels import kernel
 from coilarray.electromagnetics.kernels.segments import Vector, cross, dot, log_of_ratio, moved, norm
 
+Line = tuple[float, float]  # a and b of a density a + b x
 PARALLEL_SIN2 = 1e-9  # sin² of the angle below which the panel rule replaces the skew form, which errs like 1e-17/sin²
 COLLINEAR = 1e-13  # of the lengths: distance of parallel lines that count as one
 _NEAR = 1e-3  # of the distances to the ends; nearer, r1 + r2 − length would lose more than three digits
@@ -225,10 +226,9 @@ def filament_pair_far(
 
 @kernel
 def _corner_cell(
-    x_end: float, y_end: float, ax: float, bx: float, ay: float, by: float,
-    offset: float, length_1: float, length_2: float,
-) -> float:  # fmt: skip
-    """Integrate (ax + bx x)(ay + by y) K from the origin to (x_end, y_end).
+    x_end: float, y_end: float, in_x: Line, in_y: Line, offset: float, length_1: float, length_2: float
+) -> float:
+    """Integrate densities a + b x and a + b y times K from the origin to (x_end, y_end).
 
     K is the filament integral at √(x² + y²). Each of two triangles in polar coordinates has the
     variable dθ/cos θ, and r = R τ³ makes r ln r smooth.
@@ -238,8 +238,7 @@ def _corner_cell(
     total = 0.0
     width, height = abs(x_end), abs(y_end)
     for side in range(2):
-        along = width if side == 0 else height  # the triangle's side on an axis
-        across = height if side == 0 else width
+        along, across = (width, height) if side == 0 else (height, width)  # along: the triangle's side on an axis
         # u = asinh(tan θ), with θ measured from that axis; tan θ runs to across/along
         u_end = math.asinh(across / along)
         for i in range(_NODES_16.shape[0]):
@@ -247,67 +246,64 @@ def _corner_cell(
             tangent = math.sinh(u)
             secant = math.sqrt(1.0 + tangent * tangent)
             radius = along * secant
-            cos_axis, sin_axis = 1.0 / secant, tangent / secant
             angle_weight = 0.5 * u_end * _WEIGHTS_16[i] / secant  # dθ = du / cosh u
-            c = cos_axis if side == 0 else sin_axis
-            s = sin_axis if side == 0 else cos_axis
+            c, s = (1.0 if side == 0 else tangent) / secant, (tangent if side == 0 else 1.0) / secant
             inner = 0.0
             for j in range(_NODES_16.shape[0]):
                 tau = 0.5 * (1.0 + _NODES_16[j])
                 r = radius * tau * tau * tau
                 x = math.copysign(r * c, x_end)
                 y = math.copysign(r * s, y_end)
-                density = (ax + bx * x) * (ay + by * y)
-                inner += (
-                    0.5 * _WEIGHTS_16[j] * 3.0 * tau * tau * radius * r * density
-                    * parallel_filaments(r, offset, length_1, length_2)
-                )  # fmt: skip
+                density = (in_x[0] + in_x[1] * x) * (in_y[0] + in_y[1] * y)
+                weight = 0.5 * _WEIGHTS_16[j] * 3.0 * tau * tau * radius * r * density
+                inner += weight * parallel_filaments(r, offset, length_1, length_2)
             total += angle_weight * inner
     return math.copysign(1.0, x_end) * math.copysign(1.0, y_end) * total
 
 
 @kernel
-def _cell(
-    x0: float, x1: float, y0: float, y1: float, ax: float, bx: float, ay: float, by: float,
-    offset: float, length_1: float, length_2: float,
-) -> float:  # fmt: skip
-    """Integrate (ax + bx x)(ay + by y) K over [x0, x1] × [y0, y1]."""
-    near_x = max(0.0, x0, -x1)
-    near_y = max(0.0, y0, -y1)
-    if math.hypot(near_x, near_y) < 0.75 * max(x1 - x0, y1 - y0):
-        return (
-            _corner_cell(x1, y1, ax, bx, ay, by, offset, length_1, length_2)
-            - _corner_cell(x0, y1, ax, bx, ay, by, offset, length_1, length_2)
-            - _corner_cell(x1, y0, ax, bx, ay, by, offset, length_1, length_2)
-            + _corner_cell(x0, y0, ax, bx, ay, by, offset, length_1, length_2)
-        )
+def _pieces(size_1: float, start_2: float, size_2: float, pieces: FloatArray) -> int:
+    """Count the pieces low, high, a, b of the density a + b x of x2 − x1, cut at zero.
+
+    x1 and x2 are uniform on [0, size_1] and `start_2` + [0, size_2].
+    """
+    small, large = min(size_1, size_2), max(size_1, size_2)
+    first, last, slope = start_2 - size_1, start_2 + size_2, 1.0 / (small * large)
+    edges = (first, first + small, last - small, last)
+    lines = ((-slope * first, slope), (1.0 / large, 0.0), (slope * last, -slope))
+    count = 0
+    for i in range(3):
+        for part in range(2):
+            low = edges[i] if part == 0 else max(edges[i], 0.0)
+            high = min(edges[i + 1], 0.0) if part == 0 else edges[i + 1]
+            if high > low:
+                a, b = lines[i]
+                pieces[count, 0], pieces[count, 1], pieces[count, 2], pieces[count, 3] = low, high, a, b
+                count += 1
+    return count
+
+
+@kernel
+def _cell(x_piece: FloatArray, y_piece: FloatArray, offset: float, length_1: float, length_2: float) -> float:
+    """Integrate two densities times K over two `_pieces`."""
+    x0, x1, ax, bx = x_piece[0], x_piece[1], x_piece[2], x_piece[3]
+    y0, y1, ay, by = y_piece[0], y_piece[1], y_piece[2], y_piece[3]
+    if math.hypot(max(0.0, x0, -x1), max(0.0, y0, -y1)) < 0.75 * max(x1 - x0, y1 - y0):
+        total = 0.0
+        for i in range(2):
+            for j in range(2):
+                x, y = x1 if i == 0 else x0, y1 if j == 0 else y0
+                cell = _corner_cell(x, y, (ax, bx), (ay, by), offset, length_1, length_2)
+                total += cell if i == j else -cell
+        return total
     total = 0.0
     for i in range(_NODES_16.shape[0]):
         x = 0.5 * (x0 + x1) + 0.5 * (x1 - x0) * _NODES_16[i]
         for j in range(_NODES_16.shape[0]):
             y = 0.5 * (y0 + y1) + 0.5 * (y1 - y0) * _NODES_16[j]
-            total += (
-                _WEIGHTS_16[i] * _WEIGHTS_16[j] * (ax + bx * x) * (ay + by * y)
-                * parallel_filaments(math.hypot(x, y), offset, length_1, length_2)
-            )  # fmt: skip
+            weight = _WEIGHTS_16[i] * _WEIGHTS_16[j] * (ax + bx * x) * (ay + by * y)
+            total += weight * parallel_filaments(math.hypot(x, y), offset, length_1, length_2)
     return 0.25 * (x1 - x0) * (y1 - y0) * total
-
-
-@kernel
-def _offset_density(
-    start_1: float, size_1: float, start_2: float, size_2: float, edges: FloatArray, lines: FloatArray
-) -> None:
-    """Density of x2 − x1 for variables uniform on intervals: 4 edges and 3 lines a + b x."""
-    d = start_2 - start_1
-    small, large = min(size_1, size_2), max(size_1, size_2)
-    edges[0] = d - size_1
-    edges[1] = edges[0] + small
-    edges[3] = d + size_2
-    edges[2] = edges[3] - small
-    slope = 1.0 / (small * large)
-    lines[0, 0], lines[0, 1] = -slope * edges[0], slope
-    lines[1, 0], lines[1, 1] = 1.0 / large, 0.0
-    lines[2, 0], lines[2, 1] = slope * edges[3], -slope
 
 
 @kernel
@@ -317,28 +313,12 @@ def parallel_bars(
     dx: float, dy: float, dz: float,
 ) -> float:  # fmt: skip
     """Mean of ∬ dz dz'/R over two bars, the second at (dx, dy, dz)."""
-    x_edges, x_lines = np.empty(4), np.empty((3, 2))
-    y_edges, y_lines = np.empty(4), np.empty((3, 2))
-    _offset_density(0.0, width_1, dx, width_2, x_edges, x_lines)
-    _offset_density(0.0, thickness_1, dy, thickness_2, y_edges, y_lines)
+    x, y = np.empty((6, 4)), np.empty((6, 4))
+    x_count, y_count = _pieces(width_1, dx, width_2, x), _pieces(thickness_1, dy, thickness_2, y)
     total = 0.0
-    for i in range(3):
-        # A cell that straddles zero is cut there.
-        for x_part in range(2):
-            x0 = x_edges[i] if x_part == 0 else max(x_edges[i], 0.0)
-            x1 = min(x_edges[i + 1], 0.0) if x_part == 0 else x_edges[i + 1]
-            if x1 <= x0:
-                continue
-            for j in range(3):
-                for y_part in range(2):
-                    y0 = y_edges[j] if y_part == 0 else max(y_edges[j], 0.0)
-                    y1 = min(y_edges[j + 1], 0.0) if y_part == 0 else y_edges[j + 1]
-                    if y1 <= y0:
-                        continue
-                    total += _cell(
-                        x0, x1, y0, y1, x_lines[i, 0], x_lines[i, 1], y_lines[j, 0], y_lines[j, 1],
-                        dz, length_1, length_2,
-                    )  # fmt: skip
+    for i in range(x_count):
+        for j in range(y_count):
+            total += _cell(x[i], y[j], dz, length_1, length_2)
     return total
 
 
@@ -346,7 +326,5 @@ def parallel_bars(
 def bar_self(length: float, width: float, thickness: float) -> float:
     """Mean of ∬ dz dz'/R of one bar with itself."""
     # The density is even in x and y, so four times one quadrant suffices.
-    return 4.0 * _corner_cell(
-        width, thickness, 1.0 / width, -1.0 / (width * width), 1.0 / thickness, -1.0 / (thickness * thickness),
-        0.0, length, length,
-    )  # fmt: skip
+    in_x, in_y = (1.0 / width, -1.0 / (width * width)), (1.0 / thickness, -1.0 / (thickness * thickness))
+    return 4.0 * _corner_cell(width, thickness, in_x, in_y, 0.0, length, length)

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
+from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from coilarray.electromagnetics.kernels import kernel
 from coilarray.electromagnetics.kernels.segments import cross, dot, log_of_ratio, moved, norm
 
@@ -284,13 +284,16 @@ class Section:
     x: FloatArray
     z: FloatArray
 
-    def losses(self, sources: FloatArray, beta: FloatArray) -> FloatArray:
-        """Sum |y|², y = −jβ/(1 + jβM) s of sources s (modes, n), (frequencies, traces, n)."""
+    def answer(self, sources: FloatArray, beta: FloatArray) -> ComplexArray:
+        """Amplitudes −jβ/(1 + jβM) s of sources (modes, n), (frequencies, modes, n)."""
         modal = self.vectors.T @ sources
         factor = -1j * beta[:, None] / (1.0 + 1j * beta[:, None] * self.values)
         amplitude = self.vectors @ (factor[:, :, None] * modal).transpose(1, 0, 2).reshape(len(modal), -1)
-        square = np.abs(amplitude.reshape(len(modal), len(beta), -1).transpose(1, 0, 2)) ** 2
-        return np.asarray(np.add.reduceat(square, self.first[:-1], axis=1))
+        return np.asarray(amplitude.reshape(len(modal), len(beta), -1).transpose(1, 0, 2), dtype=np.complex128)
+
+    def losses(self, sources: FloatArray, beta: FloatArray) -> FloatArray:
+        """Sum |y|² of the eddy currents of each trace, (frequencies, traces, n)."""
+        return np.asarray(np.add.reduceat(np.abs(self.answer(sources, beta)) ** 2, self.first[:-1], axis=1))
 
 
 def interaction(first: Basis, second: Basis, x: float, z: float) -> FloatArray:
