@@ -199,11 +199,6 @@ class BoardCircuit(_Locked):
     _errors: dict[float, dict[str, PlateError]] = field(default_factory=dict, repr=False)
 
     @property
-    def sheet_inductance(self) -> FloatArray:
-        """Inductance (n, n) in H due to the magnetic sheets."""
-        return self.windings.by_sheets
-
-    @property
     def inductance(self) -> FloatArray:
         """Inductance matrix in H, with plates at the working frequency."""
         own = self.windings.inductance

@@ -167,9 +167,8 @@ def decisive_limits(
     low, high = AMPLITUDES
     # Without a row the smallest current is tried. Too low an R_p has broken its own limit already.
     of_amplitude = (np.where(codes < 0, 0.0, low), np.where(codes < 0, AMPLITUDE_HIGH, high))
-    return [
-        (f, *SENSOR_FREQUENCY), (R_p, *RESISTANCE), (amplitude, *of_amplitude), (Q, _SMALLEST_QUALITY, math.inf)
-    ]  # fmt: skip
+    quality = Q, _SMALLEST_QUALITY, math.inf
+    return [(f, *SENSOR_FREQUENCY), (R_p, *RESISTANCE), (amplitude, *of_amplitude), quality]
 
 
 def broken_limit(
@@ -180,10 +179,8 @@ def broken_limit(
     Frequencies in Hz, R_p at resonance in Ω and quality factors have shape (…). The IDRIVE `code`
     of each sensor comes from `drive_for` by default, so that a limit is broken by any drive.
     """
-    kept = [(one >= low) & (one <= high) for one, low, high in decisive_limits(
-        frequency, parallel_resistance, quality_factor, code
-    )]  # fmt: skip
-    every = np.stack(np.broadcast_arrays(*kept))
+    limits = decisive_limits(frequency, parallel_resistance, quality_factor, code)
+    every = np.stack(np.broadcast_arrays(*((one >= low) & (one <= high) for one, low, high in limits)))
     return np.where(every.all(axis=0), 0, 1 + every.argmin(axis=0))
 
 
@@ -227,11 +224,10 @@ def check_channel(
     ['sensor frequency by divider over reference']
     """
     require_each_positive(frequency=frequency, quality_factor=quality_factor, self_resonance=self_resonance)
-    require_each_positive(reference=reference)
+    require_each_positive(reference=reference, parallel_resistance=parallel_resistance)
     if divider is None:
         divider = min(least_divider(frequency, reference), LARGEST_INPUT_DIVIDER)
     require_each_positive(divider=divider)
-    require_each_positive(parallel_resistance=parallel_resistance)
     share = frequency / divider / reference
     decisive = decisive_limits(frequency, parallel_resistance, quality_factor, code)
     sensor, resistance, amplitude, quality = (

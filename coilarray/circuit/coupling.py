@@ -98,7 +98,7 @@ def design_inductance(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the inductance matrix, at the working frequency of plates, and its sheets' part in H."""
     circuit = board_circuit(design, accuracy=accuracy, progress=progress)
-    return circuit.inductance.copy(), circuit.sheet_inductance.copy()
+    return circuit.inductance.copy(), circuit.windings.by_sheets.copy()
 
 
 def couple_design(
@@ -127,12 +127,8 @@ def couple_design(
         contribution at the attribute ``working_frequency_Hz``, for which inductance and coupling
         then hold. Of plates with an outline, the attributes ``plate_error_inductance`` and
         ``plate_error_resistance`` are relative errors of ΔL and ΔR by mesh and model, and
-        ``plate_skin_depths`` is the thickness in skin depths.
-
-    Raises
-    ------
-    NetworkError
-        A coil or a state of the scan plan without a resonance.
+        ``plate_skin_depths`` is the thickness in skin depths. A coil or a state of the scan plan
+        without a resonance raises a NetworkError.
 
     Examples
     --------
@@ -152,7 +148,7 @@ def couple_design(
     rows = [
         ("ideal_effective_inductance", single, L, "H", f"effective inductance, {meaning}"),
         ("ideal_frequency", single, f, "Hz", f"resonance frequency, {meaning}"),
-        ("sheet_inductance", ("coil", "other"), circuit.sheet_inductance, "H", "inductance due to the sheets"),
+        ("sheet_inductance", ("coil", "other"), circuit.windings.by_sheets, "H", "inductance due to the sheets"),
     ]
     places = [(axis, single, at, "m", f"centre of the coil, {axis}") for axis, at in zip("xy", centres.T, strict=True)]
     if (plates := circuit.plates) is not None:
@@ -317,15 +313,9 @@ def operating_field(
         ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the
         active coil's current and 90° ahead of it. The field is in free space, or beside the
         design's plates at the active coil's frequency. Magnetic sheets change the currents only,
-        with and without plates.
-
-    Raises
-    ------
-    GeometryError
-        No coil of that name, or points or a current that are not finite.
-    MetalError
-        Plates with an outline, whose field is not computed, or a height beside the copper of a
-        design with plates.
+        with and without plates. An unknown coil, or points or a current that are not finite, raise
+        a GeometryError, plates with an outline, whose field is not computed, or a height beside the
+        copper of a design with plates a MetalError.
     """
     design = design_of(design)
     require_finite("current", current)
@@ -413,12 +403,8 @@ def scan_design(
         (`coilarray.electromagnetics.capacitance.coil_capacitance`), all capacitances of the
         windings are left out, and the attribute ``left_out`` gives the reason. For a design that
         names the part of its switches but gives other capacitances, ``part_frequency`` (state) is
-        the frequency with the capacitances of the part, which are typical and not verified.
-
-    Raises
-    ------
-    NetworkError
-        A state without a resonance, or one that cannot be solved.
+        the frequency with the capacitances of the part, which are typical and not verified. A state
+        without a resonance, or that cannot be solved, raises a NetworkError.
     """
     design = design_of(design)
     plan = design.plan
@@ -535,7 +521,7 @@ def sweep_design(
     design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     frequencies : array_like, shape (n,)
-        Frequencies in Hz, positive and rising.
+        Frequencies in Hz, which must be positive, finite and rising.
     progress : callable, optional
         Called with (done, total).
 
@@ -544,16 +530,8 @@ def sweep_design(
     xarray.Dataset
         Dimensions ``frequency`` and ``state``. ``impedance_real`` and ``impedance_imag`` in Ω are
         between the sides of the converter without the tank's capacitor. ``apparent_inductance`` is
-        Im Z/ω in H, ``quality_factor`` is Im Z/Re Z.
-
-    Raises
-    ------
-    ValueError
-        Frequencies that are not positive, finite and rising.
-    MemoryLimitError
-        More coils and frequencies than fit into memory.
-    NetworkError
-        A state that cannot be solved.
+        Im Z/ω in H, ``quality_factor`` is Im Z/Re Z. A state that cannot be solved raises a
+        NetworkError, more coils and frequencies than fit into memory a MemoryLimitError.
     """
     design = design_of(design)
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))

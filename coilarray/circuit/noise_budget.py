@@ -310,22 +310,13 @@ def budget_of(
     return NoiseBudget(tuple(state.name for state in design.plan), causes, readout)
 
 
+_OF_CURVES = "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature"
+_OF_CRYSTALS = "assumed for a crystal within ± 50 ppm from −20 to 70 °C"
+_OF_UNITS = "SNOSCY9A, section 6.5: mean of units"
 # By external clock: name, drift in 1/K and its source, change in 1/V and its source
 _CLOCKS = {
-    False: (
-        "converter's own clock",
-        INTERNAL_CLOCK_PER_KELVIN,
-        "SNOSCY9A, section 6.5: mean of units",
-        50e-6,
-        "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature",
-    ),
-    True: (
-        "crystal oscillator",
-        1e-6,
-        "assumed for a crystal within ± 50 ppm from −20 to 70 °C",
-        1e-6,
-        "assumed for a crystal oscillator",
-    ),
+    False: ("converter's own clock", INTERNAL_CLOCK_PER_KELVIN, _OF_UNITS, 50e-6, _OF_CURVES),
+    True: ("crystal oscillator", 1e-6, _OF_CRYSTALS, 1e-6, "assumed for a crystal oscillator"),
 }
 _GIVEN = "[readout] of the design"
 _NO_JITTER = "not published; none is counted"

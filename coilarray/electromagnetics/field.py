@@ -52,28 +52,28 @@ def as_conductors(source: Source) -> tuple[Conductor, ...]:
     >>> len(as_conductors(np.array(square))), len(as_conductors([square, square]))
     (1, 2)
     """
-    if isinstance(source, np.ndarray) and source.ndim == 2:
-        return (Conductor(source, name="path 1"),)
+    items: list[Any]
     if isinstance(source, Conductor) or hasattr(source, "conductors"):
-        return _paths_of(source, 1)
-    if not isinstance(source, Iterable) or isinstance(source, str):
+        items = [source]
+    elif not isinstance(source, Iterable) or isinstance(source, str):
         raise GeometryError(
             "current paths must be a Spiral, Coil, Array, Design or Conductor, points, or a list of them; "
             f"got {source!r:.60}."
         )
-    items = list(source)
+    else:
+        items = [source] if isinstance(source, np.ndarray) and source.ndim == 2 else list(source)
     if not items:
         raise GeometryError("at least one current path is needed; got none.")
     if not isinstance(items[0], Conductor) and not hasattr(items[0], "conductors") and np.ndim(items[0]) == 1:
-        return (Conductor(items, name="path 1"),)
-    return tuple(path for k, item in enumerate(items) for path in _paths_of(item, k + 1))
-
-
-def _paths_of(item: Any, number: int) -> tuple[Conductor, ...]:
-    if isinstance(item, Conductor):
-        return (item,)
-    found = getattr(item, "conductors", None)
-    return (Conductor(item, name=f"path {number}"),) if found is None else tuple(found())
+        items = [items]
+    found: list[Conductor] = []
+    for number, item in enumerate(items, start=1):
+        paths = getattr(item, "conductors", None)
+        if isinstance(item, Conductor):
+            found.append(item)
+        else:
+            found += [Conductor(item, name=f"path {number}")] if paths is None else paths()
+    return tuple(found)
 
 
 def magnetic_field(
@@ -103,14 +103,8 @@ def magnetic_field(
     Returns
     -------
     ndarray, shape (..., 3)
-        Flux density B in free space in T.
-
-    Raises
-    ------
-    GeometryError
-        Points or currents of a wrong shape or not finite, or an unknown backend.
-    MemoryLimitError
-        Too many points for `coilarray.compute.memory.allowed_memory`.
+        Flux density B in free space in T. Points or currents of a wrong shape or not finite raise a
+        GeometryError, more points than fit into memory a MemoryLimitError.
 
     Notes
     -----

@@ -109,16 +109,11 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
         Current paths below the magnetic sheet, also thin filaments.
     sheets : sequence of Sheet
         Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see
-        `magnetic_slab`.
+        `magnetic_slab`. A second region, or a path that reaches into it (a thin filament: or
+        touches it), raises an ElastomerError.
     accuracy : {"full", "screen"}
         Accuracy as in `coilarray.inductance_matrix`. ``screen`` errs by up to 1e-3 of the change
         itself.
-
-    Raises
-    ------
-    ElastomerError
-        More than one magnetic region, or a path that reaches into it (thin filaments: or touches
-        it).
 
     Notes
     -----

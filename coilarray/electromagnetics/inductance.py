@@ -189,15 +189,9 @@ def inductance_matrix(
     -------
     ndarray, shape (paths, paths)
         Symmetric matrix in H with the self-inductances on the diagonal. Positive M means that
-        currents in the direction of the paths link the same way.
-
-    Raises
-    ------
-    GeometryError
-        A thin filament, an unknown accuracy, or traces that overlap on a layer, of two paths or two
-        turns of one, as `coilarray.geometry.check_rules` measures it.
-    MemoryLimitError
-        More paths than `coilarray.compute.memory.allowed_memory` allows.
+        currents in the direction of the paths link the same way. A thin filament, or traces that
+        overlap on a layer, of two paths or two turns of one, as `coilarray.geometry.check_rules`
+        measures it, raise a GeometryError, more paths than fit into memory a MemoryLimitError.
 
     Notes
     -----

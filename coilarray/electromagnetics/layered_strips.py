@@ -50,11 +50,6 @@ class LayeredMedium:
     thicknesses: tuple[float, ...]
     epsilon_r: tuple[float, ...]
 
-    @property
-    def planes(self) -> int:
-        """Number of planes."""
-        return len(self.thicknesses) + 1
-
     def green(self, k: FloatArray) -> FloatArray:
         """Potential per charge density (n, planes, planes) in V m²/C.
 
@@ -62,7 +57,7 @@ class LayeredMedium:
         d: Y → y (y + Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the potential by y/sinh kd/(y
         coth kd + Y).
         """
-        n = self.planes
+        n = len(self.thicknesses) + 1
         y = EPSILON_0 * np.outer(self.epsilon_r, k)
         slabs = k * np.array(self.thicknesses)[:, None]
         coth, csch = 1 / np.tanh(slabs), 2 * np.exp(-slabs) / -np.expm1(-2 * slabs)
@@ -265,6 +260,7 @@ def _check_strips(plane: IntArray, x: FloatArray, w: FloatArray, period: float, 
 
 def _wavenumbers(step: float, count: int, medium: LayeredMedium) -> FloatArray:
     """Multiples of a step in 1/m, (count,), if `LayeredMedium.green` has memory for them."""
-    size = 8.0 * count * (medium.planes**2 + 8 * medium.planes)
+    planes = len(medium.thicknesses) + 1
+    size = 8.0 * count * (planes**2 + 8 * planes)
     require_memory(size, "the capacitance within [stackup] and [elastomer], of so different lengths,")
     return step * np.arange(1.0, count + 1)

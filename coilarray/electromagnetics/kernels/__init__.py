@@ -40,7 +40,7 @@ def compile_kernels() -> list[Any]:
     pair = (vector, float64, vector, vector, float64)
     constants = Array(float64, 1, "C", readonly=True)
     kernels: tuple[tuple[Any, tuple[Any, ...]], ...] = (
-        (paths._corner_rule, (row, row, boolean, int64, table)),
+        (paths._corner_rule, (row, row, float64, boolean, boolean, int64, table)),
         (paths._angled_rule, (row, row, float64, boolean, int64, table)),
         (bars.filament_pair, pair),
         (bars.parallel_bars, (float64,) * 9),

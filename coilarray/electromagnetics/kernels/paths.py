@@ -198,10 +198,10 @@ def _log_bernstein(x: float, y: float) -> float:
 
 @kernel
 def _set_offset(
-    rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
+    rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float
 ) -> None:
     """Write row k: filaments s and t beside two bars' middles, h apart."""
-    rule[k, 0] = weight
+    rule[k, 0], normal = weight, cross(_along(a), _lateral(a))
     for axis in range(3):
         rule[k, 1 + axis] = t * b[7 + axis] - s * a[7 + axis] + h * normal[axis]
 
@@ -234,7 +234,7 @@ def _parallel_rule(a: FloatArray, b: FloatArray, nearest: Vector, level: bool, e
             if level and 2 * m + 1 < n_t:
                 weight *= 2.0
             h = thickness * _TRIANGLE_NODES[n_t, m]
-            _set_offset(rule, count, weight, -0.5 * across, a, side * across, b, h, normal)
+            _set_offset(rule, count, weight, -0.5 * across, a, side * across, b, h)
             count += 1
     return count
 
@@ -257,7 +257,6 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
     n = min(math.ceil(-_LOG_TOLERANCE_ANGLED / (2.0 * log_rho)) + extra, MAX_NODES)
     half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
-    normal = cross(_along(a), _lateral(a))
     sides = 1 if level or half == 0.0 else 2
     count = 0
     for k in range(n):
@@ -265,69 +264,28 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
             s, t = 0.5 * a[10] * _NODES[n, k], 0.5 * b[10] * _NODES[n, m]
             for side in range(sides):
                 h = half * (1.0 - 2.0 * side)
-                _set_offset(rule, count, _WEIGHTS[n, k] * _WEIGHTS[n, m], s, a, t, b, h, normal)
+                _set_offset(rule, count, _WEIGHTS[n, k] * _WEIGHTS[n, m], s, a, t, b, h)
                 count += 1
     return count
 
 
 @kernel
-def _add_layers(
-    rule: FloatArray, count: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, thickness: float,
-    sides: int, n_z: int, normal: Vector,
-) -> int:  # fmt: skip
-    """Add the offsets s, t by their triangular density across the thickness."""
-    for c in range(n_z):
-        z = 0.5 * (1.0 + _NODES[n_z, c])
-        for side in range(sides):
-            h = thickness * z * (1.0 - 2.0 * side)
-            _set_offset(rule, count, weight * _WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h, normal)
-            count += 1
-    return count
-
-
-@kernel
-def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
+def _corner_rule(
+    a: FloatArray, b: FloatArray, cosine: float, wide: bool, level: bool, extra: int, rule: FloatArray
+) -> int:
     """Offsets of two bars that meet at an angle.
 
-    The integrand has a kink where the filaments meet end to end, at equal lateral offsets, so the
-    second width is cut there. The thickness enters by its triangular offset density.
-    """
-    n = min(5 + extra, MAX_NODES)
-    n_z = min(3 + extra, MAX_NODES)
-    thickness = 0.5 * (a[11] + b[11])
-    normal = cross(_along(a), _lateral(a))
-    sides = 1 if level else 2
-    same = 1.0 if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > 0.0 else -1.0
-    count = 0
-    for k in range(n):
-        s = 0.5 * a[10] * _NODES[n, k]
-        cut = min(max(same * s, -0.5 * b[10]), 0.5 * b[10])
-        for piece in range(2):
-            low = -0.5 * b[10] if piece == 0 else cut
-            half = 0.5 * ((cut if piece == 0 else 0.5 * b[10]) - low)
-            for m in range(n):
-                t = low + half * (1.0 + _NODES[n, m])
-                weight = _WEIGHTS[n, k] * half * _WEIGHTS[n, m]
-                count = _add_layers(rule, count, weight, s, a, t, b, thickness, sides, n_z, normal)
-    return count
-
-
-@kernel
-def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of short bars that meet at a wide angle.
-
     The integrand has kinks where the end of one filament lies on the other, at offsets in the ratio
-    of the cosine, either way. The second width is cut there, the first where such a cut meets an
-    edge of the second, and in its middle, where both cuts cross.
+    of the cosine, either way, which is nearly one unless the angle is `wide`. The second width is
+    cut there. At a wide angle the first is cut where such a cut meets an edge of the second, and in
+    its middle, where both cuts cross. The thickness enters by its triangular offset density.
     """
-    n = min(5 + extra, _WIDE_NODES)
-    n_z = min(3 + extra, _WIDE_LAYERS)
-    thickness = 0.5 * (a[11] + b[11])
-    normal = cross(_along(a), _lateral(a))
-    sides = 1 if level else 2
-    edge, other = 0.5 * a[10], 0.5 * b[10]
-    near, far = min(abs(cosine) * other, edge), min(other / abs(cosine), edge)
-    bounds = (-edge, -far, -near, 0.0, near, far, edge)
+    n = min(5 + extra, _WIDE_NODES if wide else MAX_NODES)
+    n_z = min(3 + extra, _WIDE_LAYERS if wide else MAX_NODES)
+    thickness, edge, other = 0.5 * (a[11] + b[11]), 0.5 * a[10], 0.5 * b[10]
+    ratio = cosine if wide else math.copysign(1.0, cosine)
+    near, far = min(abs(ratio) * other, edge), min(other / abs(ratio), edge)
+    bounds = (-edge, -far, -near, 0.0, near, far, edge) if wide else (-edge, edge, edge, edge, edge, edge, edge)
     count = 0
     for outer in range(6):
         half = 0.5 * (bounds[outer + 1] - bounds[outer])
@@ -335,8 +293,7 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
             continue
         for k in range(n):
             s = bounds[outer] + half * (1.0 + _NODES[n, k])
-            one = min(max(s * cosine, -other), other)
-            two = min(max(s / cosine, -other), other)
+            one, two = min(max(s * ratio, -other), other), min(max(s / ratio, -other), other)
             cuts = (-other, min(one, two), max(one, two), other)
             for piece in range(3):
                 width = 0.5 * (cuts[piece + 1] - cuts[piece])
@@ -345,7 +302,12 @@ def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, 
                 for m in range(n):
                     t = cuts[piece] + width * (1.0 + _NODES[n, m])
                     weight = half * _WEIGHTS[n, k] * width * _WEIGHTS[n, m]
-                    count = _add_layers(rule, count, weight, s, a, t, b, thickness, sides, n_z, normal)
+                    for c in range(n_z):
+                        z = 0.5 * (1.0 + _NODES[n_z, c])
+                        for side in range(1 if level else 2):
+                            h = thickness * z * (1.0 - 2.0 * side)
+                            _set_offset(rule, count, weight * _WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h)
+                            count += 1
     return count
 
 
@@ -389,16 +351,16 @@ def _offsets(
     if parallel and a[10] == b[10] and a[11] == b[11]:
         if distance > NODE_PAIR * size:
             offset = _two_node_offset(a, b)
-            for k in range(2):
-                _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
+            for axis in range(3):
+                rule[0, 1 + axis], rule[1, 1 + axis] = offset[axis], -offset[axis]
+            rule[1, 0] = 1.0
             return 2
         return _parallel_rule(a, b, nearest, level, extra, rule)
     if parallel and distance < size:
         return 0
     if distance < TOUCHING * size and _ends_meet(apart, a, b, TOUCHING * size):
-        if abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size:
-            return _wide_corner_rule(a, b, cosine, level, extra, rule)
-        return _corner_rule(a, b, level, extra, rule)
+        wide = abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size
+        return _corner_rule(a, b, cosine, wide, level, extra, rule)
     return _angled_rule(a, b, distance, level, extra, rule)
 
 
