@@ -1,7 +1,6 @@
 """How values show themselves where a terminal prints them and a notebook displays them."""
 
 import base64
-import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree as ET
@@ -12,7 +11,6 @@ import pytest
 from coilarray import Readout, load_design_file
 from coilarray.circuit.noise_budget import Cause, NoiseBudget
 from coilarray.compute.table import html_table
-from coilarray.geometry.rules import Margin
 from coilarray.localize.inverse import Location, Mode
 
 EVIL = '<script>alert("a & b")</script>'
@@ -66,18 +64,6 @@ def test_a_table_shows_text_as_it_is():
     assert "<thead>" not in html_table((), [("a", "b")])
 
 
-def test_an_array_shows_coils_and_board(file):
-    array = file.design.array
-    assert (
-        repr(array)
-        == "<Array: 6 hexagonal coils of 23 × 26.56 mm (copper 22.944 × 26.447 mm), neighbours 13.28 mm apart>"
-    )
-    shown = facts(array)
-    assert shown["names"] == "coil1, coil2, coil3, coil4, coil5, coil6"
-    x_min, y_min, x_max, y_max = array.bounds
-    assert shown["board"].startswith(f"{(x_max - x_min) * 1e3:.4g} × {(y_max - y_min) * 1e3:.4g} mm")
-
-
 def test_a_design_shows_itself_with_its_board(file):
     design = file.design
     assert repr(design).startswith("<Design gast2020: 6 hexagonal coils of ")
@@ -90,21 +76,6 @@ def test_a_design_shows_itself_with_its_board(file):
     shown = facts(bare)
     assert shown["source"] == EVIL
     assert not {"elastomer", "pressed by", "metal"} & set(shown)  # there is none
-
-
-def test_a_design_file_tells_given_from_assumed_values(file):
-    given, default, assumed = map(int, re.search(r"(\d+) given, (\d+) by default, (\d+) assumed", repr(file)).groups())
-    assert given + default + assumed == len(file.values)
-    assert assumed == len(facts(file)["assumed"].split(", ")) > 0
-    assert file.text not in repr(file)
-
-
-def test_a_margin_says_what_is_kept():
-    margin = Margin("trace width", "L1", "coil1", 0.05e-3, 0.1e-3, 0.15e-3, 1e-3, -2e-3)
-    words = "trace width, L1, coil1: 0.15 mm, limit 0.1 mm, margin 0.05 mm at x 1 mm, y −2 mm"
-    assert repr(margin) == f"<Margin kept: {words}>"
-    layers = Margin("layer count", "", "board", -2, 4, 6, None, None, unit="")
-    assert repr(layers) == "<Margin broken: layer count, board: 6, limit 4, margin −2>"
 
 
 def test_a_location_shows_every_position():

@@ -125,7 +125,6 @@ TABLE = "--x-mm -20:20:1000 --y-mm -6:6:1000"
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "limit", "what"), [
     (f"response gast2020 --reach all {TABLE}", "0.5", "a map of 1 depths at 1000000 positions with 6 coils"),
-    ("impedance gast2020 --points 10000", "2e-4", "the circuit of 6 coils at 17 frequencies"),
     ("view gast2020 --spacing-mm 0.05 --out f.nc", "0.02", "a grid of 1231012 points"),
 ])  # fmt: skip
 def test_commands_refuse_in_one_line_what_needs_too_much(command, limit, what, tmp_path, monkeypatch, capsys):

@@ -100,7 +100,7 @@ def test_centre_lines_carry_their_widths(dxf):
         for path, (line, widths, arcs) in zip(on_layer(drawing, f"path_{name}"), traces, strict=True):
             assert not path.closed
             points = np.array(path.get_points("xyse"))
-            # arcs are test_arcs.py's
+            # arcs are tests/geometry/test_spiral.py's
             ends = [k for k in range(len(line)) if not any(arc.first < k < arc.last for arc in arcs)]
             np.testing.assert_allclose(points[:, :2], line[ends] * 1e3, rtol=0, atol=DXF_ROUNDING)
             np.testing.assert_allclose(points[:-1, 2:].T, (widths[ends[:-1]] * 1e3,) * 2, rtol=1e-12)

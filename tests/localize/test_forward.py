@@ -93,16 +93,6 @@ def test_zero_plane_is_a_choice():
     assert len(forward_model(board(FIELD, 2e-3, depth=[0.0, 0.5e-3, 1e-3])).depth) == 3
 
 
-def test_some_states():
-    points = inside(MODEL, 4)
-    some = MODEL.select(["coil4", "coil1"])
-    assert some.states == ("coil4", "coil1")
-    assert (some.delta(points) == MODEL.delta(points)[:, [3, 0]]).all()
-    assert (some.jacobian(points) == MODEL.jacobian(points)[:, [3, 0]]).all()
-    for noise in (2e-5, [2e-5] * 5):
-        assert checked_noise(MODEL.states, noise).tolist() == [2e-5] * 5
-
-
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: MODEL.select(["coil9"]), r"no state 'coil9'; there are coil1, coil2"),
     (lambda: MODEL.select([]), r"named once each"),
