@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 from support.localize_boards import FIELD, ROW, board, response
 
+from coilarray.errors import LocalizeError
 from coilarray.localize.forward import forward_model, whitening, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information, identifiability
 from coilarray.localize.inverse import deviance, locate, locate_all

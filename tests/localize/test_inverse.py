@@ -195,10 +195,7 @@ def paper():
     """Model of the left half of the board, and δ by the response map between the positions of its table."""
     design, quick = (
         first_coils_design(4),
-        {
-            "imperfections": IDEAL,
-            "accuracy": MapAccuracy(mesh=LayerMesh(harmonics=8, width=0.3, rows=4)),
-        },
+        {"imperfections": IDEAL, "accuracy": MapAccuracy(mesh=LayerMesh(harmonics=8, width=0.3, rows=4))},
     )
     depths, x, y = table_grid(design, deepest=1.7e-3)
     table = response_map(design, depths=depths, x=x[x < 15e-3], y=y, **quick)
