@@ -42,12 +42,9 @@ class Placement:
     coil : Coil
         Shape of the coil.
     layers : tuple of str
-        Copper layer of each of the coil's lines, in order. Successive lines lie on different
-        layers. A layer may carry several lines.
-    x, y : float
-        Position of the coil's centre in m.
-    rotation : float
-        Counter-clockwise turn in rad about the centre.
+        Copper layer of each of the coil's lines, in order. A layer may carry several lines.
+    x, y, rotation : float
+        Position of the coil's centre in m, and counter-clockwise turn in rad about it.
     """
 
     name: str
@@ -190,10 +187,8 @@ class Connector:
     ----------
     side : {"right", "top", "left", "bottom"}
         Edge of the board.
-    pitch : float
-        Distance of the holes in m.
-    distance : float
-        Distance in m of the holes' centres from the outermost point of the coils and their leads.
+    pitch, distance : float
+        Distances in m of the holes, and of their centres from the outermost point of the coils.
     at : float or None
         Middle of the row along the edge in m. None for the middle of the array.
     trace_width, gap : float or None
@@ -244,12 +239,9 @@ class Array(SeveralCoils):
     through_holes : bool
         True: every hole is drilled through the whole board. False: it spans only the layers it
         joins.
-    lattice : Lattice or None
-        The lattice from which `lattice_array` made the placements. It is a hint for design files
-        and has no effect if the placements were changed since.
-    routing : Routing or None
-        The array and connector from which `coilarray.geometry.connector.route_leads` made the
-        placements. It is a hint as well.
+    lattice, routing : Lattice, Routing or None
+        How `lattice_array` or `coilarray.geometry.connector.route_leads` made the placements: hints for
+        design files, without effect if the placements were changed since.
     """
 
     stackup: Stackup

@@ -22,17 +22,9 @@ from coilarray.geometry.arcs import Point
 class Material:
     """Uniform, linear material that carries eddy currents.
 
-    Parameters
-    ----------
-    name : str
-        Name of the material, as in `MATERIALS` or your own.
-    conductivity : float
-        Conductivity in S/m, at least 0. inf is a perfect conductor.
-    relative_permeability : float
-        Relative permeability, at least 1. A material has this or a conductivity, else it is air.
+    `name` is as in `MATERIALS` or your own. `conductivity` is in S/m, inf for a perfect conductor.
+    `relative_permeability` is at least 1. A material has one of them, else it is air.
 
-    Examples
-    --------
     >>> round(MATERIALS["copper"].skin_depth(1e6) * 1e6, 1)
     66.1
     """
@@ -89,20 +81,10 @@ _CORNERS = 96  # of the polygon that stands for a circle of the same area
 
 @dataclass(frozen=True)
 class Plate:
-    """Infinite flat plate parallel to the board.
+    """Infinite flat plate of one `material`, parallel to the board.
 
-    It stands for a plate that is wide compared with the coils.
-
-    Parameters
-    ----------
-    name : str
-        Name of the plate.
-    z : float
-        Height of its lower face in m. The upper face of the board is at 0.
-    thickness : float
-        Thickness in m, positive.
-    material : Material
-        Material of the plate.
+    It stands for a plate that is wide compared with the coils. `z` is the height of its lower face in
+    m, with the upper face of the board at 0. The `thickness` is in m. Messages show its `name`.
     """
 
     name: str
@@ -191,13 +173,8 @@ class Ring:
 class Polygon:
     """Outline of any polygon, with holes.
 
-    Parameters
-    ----------
-    exterior : tuple of points
-        Corners (x, y) in m about the centre of the plate, in either sense. The first corner is not
-        repeated.
-    holes : tuple of such tuples
-        Corners of each hole. Holes are inside, and no line crosses or touches itself or another.
+    Corners (x, y) of `exterior` and `holes` are in m about the centre of the plate, in either sense,
+    the first not repeated. Holes are inside, and no line crosses or touches itself or another.
     """
 
     exterior: tuple[Point, ...]
@@ -229,20 +206,17 @@ Outline: TypeAlias = Disc | Rectangle | Ring | Polygon
 class FinitePlate:
     """Flat plate with an outline, possibly tilted.
 
-    `name`, `thickness` and `material` are as in `Plate`.
-
     Parameters
     ----------
+    name, thickness, material
+        As in `Plate`.
     outline : Outline
         Outline about the plate's centre.
     centre : tuple of float
-        x, y and z in m of the outline's origin, in the middle of the thickness. The board's upper
-        face is at z = 0.
-    tilt : float
-        Angle in rad by which the plate rises towards `tilt_direction`, less than a right angle. 0
-        is parallel to the board.
-    tilt_direction : float
-        Angle in rad from the x axis.
+        x, y and z in m of the outline's origin, in the middle of the thickness.
+    tilt, tilt_direction : float
+        Angle in rad, less than a right angle, by which the plate rises towards a direction, and the
+        angle of this direction from the x axis.
     """
 
     name: str
@@ -290,7 +264,7 @@ class FinitePlate:
 
 @dataclass(frozen=True)
 class Ball:
-    """Solid sphere of one material, with `radius` in m, without a position."""
+    """Solid sphere of one `material`, with `radius` in m, without a position."""
 
     radius: float
     material: Material

@@ -28,14 +28,8 @@ if TYPE_CHECKING:
 class PlatedHole:
     """Drilled and plated hole, with round pads on every layer it reaches.
 
-    Parameters
-    ----------
-    drill : float
-        Diameter of the drilled hole in m (outer diameter of the copper barrel).
-    pad : float
-        Diameter of the pad in m, larger than `drill`.
-    plating : float
-        Thickness of the copper barrel in m, below half of `drill`.
+    `drill` is the diameter of the hole and so the outer diameter of the copper barrel, `pad` the larger
+    diameter of the pads, and `plating` the thickness of the barrel, below half of `drill`, all in m.
     """
 
     drill: float
@@ -73,16 +67,9 @@ class PlatedHole:
 class Leads:
     """Two leads from a spiral's outer ends to its terminals.
 
-    Both leave the corner at 45°, to either side, and then run outwards.
-
-    Parameters
-    ----------
-    length : float
-        Radial distance in m from the winding's end to the terminals, at least half of `spacing`.
-    spacing : float
-        Distance in m between the two terminals.
-    terminal : PlatedHole
-        Hole of each terminal.
+    Both leave the corner at 45°, to either side, and then run outwards. `length` is the radial distance
+    in m from the winding's end to the terminals, at least half of their `spacing` in m. `terminal` is
+    the hole of each terminal.
     """
 
     length: float
@@ -122,10 +109,8 @@ class Coil(SingleCoil):
         Width of every segment of every line in m.
     gap : float
         Distance of neighbouring turns, edge to edge, in m.
-    via : PlatedHole
-        Hole that joins consecutive lines.
-    terminal : PlatedHole or None
-        Hole at both ends of the path. None for bare ends.
+    via, terminal : PlatedHole
+        Holes that join consecutive lines, and at both ends of the path. No terminal for bare ends.
     outline : ndarray, shape (m, 2)
         Closed outline of the winding without leads, x and y in m. The first point is not repeated.
     name : str
@@ -140,8 +125,7 @@ class Coil(SingleCoil):
     Attributes
     ----------
     wound : Spiral, RoundedSpiral or None
-        The spiral that made the lines. `dataclasses.replace` does not copy it, so it is present
-        only while the lines are the lines of the spiral.
+        The spiral that made the lines. `dataclasses.replace` does not copy it.
     """
 
     lines: tuple[FloatArray, ...]

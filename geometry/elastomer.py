@@ -33,10 +33,9 @@ class Sheet:
         Thickness in m.
     relative_permeability : float
         1 for a plain elastomer, above 1 for a filled elastomer.
-    youngs_modulus : float or None
-        Young's modulus in Pa. None if it is unknown, in which case the sheet cannot be indented.
-    poissons_ratio : float
-        Poisson's ratio from 0 to 0.5. 0.5 is incompressible.
+    youngs_modulus, poissons_ratio : float
+        Young's modulus in Pa, None if it is unknown and the sheet cannot be indented, and Poisson's
+        ratio from 0 to 0.5, which is incompressible.
     """
 
     name: str

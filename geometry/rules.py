@@ -58,18 +58,15 @@ _PAD_DETOUR = 1.5
 class FabRules:
     """Limits of a fabricator.
 
-    The defaults suit common four-layer prototype services. They do not limit the board itself.
-
-    Raises GeometryError if a limit is negative or not finite.
+    The defaults suit common four-layer prototype services. They do not limit the board itself. Raises
+    GeometryError if a limit is negative or not finite.
 
     Parameters
     ----------
-    min_trace : float
-        Narrowest trace in m.
+    min_trace, min_drill : float
+        Narrowest trace and smallest hole in m.
     min_gap : float
         Smallest distance in m of separate copper on one layer, also within one net.
-    min_drill : float
-        Smallest hole in m.
     min_annular_ring : float
         Narrowest copper ring around a hole in m.
     min_edge_clearance : float
@@ -118,8 +115,7 @@ class FabRules:
 class Margin:
     """Margin of one rule at its worst place.
 
-    It is positive if the rule is kept. It belongs to one layer and to one net or pair of nets, or
-    to the board.
+    It belongs to one layer and to one net or pair of nets, or to the board.
 
     Parameters
     ----------
@@ -131,11 +127,8 @@ class Margin:
         Copper layer. For holes it is the topmost layer they pierce. Empty for the board as a whole.
     feature : str
         The net, both nets joined by " – ", or "board".
-    margin : float
-        Distance from the limit, positive if the rule is kept and negative if it is broken. It is
-        `value` − `limit`, or `limit` − `value` if the limit is a largest value.
-    limit, value : float
-        Limit and measured value.
+    margin, limit, value : float
+        Limit, measured value, and the distance between them, positive if the rule is kept.
     x, y : float or None
         Place on the board in m. None for rules without a place.
     unit : str

@@ -32,12 +32,10 @@ class Stackup:
     names : tuple of str
         Names of the copper layers, top to bottom, all different.
     copper_thickness : tuple of float
-        Thickness of each copper layer in m, with the same length as `names`.
-    dielectric_thickness : tuple of float
-        Thickness in m of the dielectric below each copper layer but the last. One shorter than
-        `names`.
-    epsilon_r : tuple of float
-        Relative permittivity of each dielectric. One shorter than `names`.
+        Thickness of each copper layer in m.
+    dielectric_thickness, epsilon_r : tuple of float
+        Thickness in m and relative permittivity of the dielectric below each copper layer but the
+        last.
 
     Examples
     --------

@@ -119,20 +119,10 @@ class Mode:
 class Location:
     """Position of the indentation from one reading, with its uncertainty.
 
-    Parameters
-    ----------
-    verdict : Verdict
-        Kind of the result.
-    reason : str
-        Reason for any verdict but ``"found"``, for which it is empty.
-    modes : tuple of Mode
-        Modes, best first. Empty if nothing is pressed or the reading is refused.
-    chi_square : float or None
-        χ² of the best mode, or of no indentation if nothing is pressed. None for a refused reading.
-    degrees_of_freedom : int
-        Degrees of freedom of that χ². 0 for a refused reading.
-    probability : float or None
-        Probability that noise alone makes χ² as large or larger.
+    `reason` says why for any `verdict` but ``"found"``. `modes` are in order, best first, and empty if
+    nothing is pressed or the reading is refused. `chi_square` is χ² of the best mode, or of no
+    indentation if nothing is pressed, with its `degrees_of_freedom`, None and 0 for a refused reading.
+    Noise alone makes χ² as large or larger with `probability`.
     """
 
     verdict: Verdict
