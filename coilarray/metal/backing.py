@@ -52,7 +52,7 @@ def backings_of(
         outlined = solve_outlined(source, plates, frequencies, sheets, fineness=fineness)
         currents = outlined.eddy_currents()
     backings = [
-        Backing(stack.face, stack.layers, f, *_seen_from_above(LayeredAir(endless, (), np.array([f])), one))
+        Backing(stack.face, stack.layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
         for f, one in zip(frequencies, currents, strict=True)
     ]
     return backings, outlined

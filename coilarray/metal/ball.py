@@ -31,6 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -264,7 +265,7 @@ class Multipoles:
     fields: Sequence[NumberArray]
     answers: Sequence[ComplexArray]
 
-    def _field(self, incident: ComplexArray, m: int) -> NumberArray:
+    def _field(self, incident: ComplexArray, m: int) -> npt.NDArray[Any]:
         """Field of one harmonic at the ball, (orders, positions, coils, real and imaginary part)."""
         wavenumbers, positions, coils, _ = incident.shape
         waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
@@ -374,7 +375,7 @@ def _highest(ball: Ball, orders: int) -> float:
 
 def sphere_in_dent(
     dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
-) -> list[tuple[FloatArray, FloatArray]]:
+) -> Sequence[tuple[FloatArray, FloatArray]]:
     """Harmonics on a sphere in dented sheets, in m, for m from 0, k in 1/m.
 
     l runs from max(m, 1) to the orders. The first array (orders, k) of each m is of the dented

@@ -74,16 +74,20 @@ class Image:
 ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))  # the source itself, in air
 
 
+@dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Infinite `layers`, their `faces` (n, 2) in m, and the air between, at frequencies in Hz.
+    """Infinite layers, faces (n, 2) in m, air between, frequencies in Hz."""
 
-    Plates and sheets from z = 0 may not overlap.
-    """
+    layers: tuple[Layer, ...]
+    faces: FloatArray
+    frequencies: FloatArray
 
-    def __init__(self, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> None:
+    @classmethod
+    def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
+        """Combine plates and sheets from z = 0, which may not overlap."""
         bodies = layers_apart(plates, sheets)
-        self.layers, self.frequencies = tuple(body[2] for body in bodies), frequencies
-        self.faces: FloatArray = np.array([body[:2] for body in bodies]).reshape(-1, 2)
+        faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
+        return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
     def gap(self, low: float, high: float, what: str) -> int:
         """Find the gap that contains all heights in m, or raise MetalError."""

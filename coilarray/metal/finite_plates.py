@@ -152,7 +152,7 @@ def moving_plate(
         )
     f = checked_frequencies(frequencies, positive=True)
     _require_free(plate, where, beside)
-    around = PlatesInAir(paths, LayeredAir([one for one in beside if isinstance(one, Plate)], sheets, f))
+    around = PlatesInAir(paths, LayeredAir.between([one for one in beside if isinstance(one, Plate)], sheets, f))
     magnetic = _magnetic_plate([plate, *beside], f) is not None
     (_, of_inductance, of_resistance), depths = _whole_model_error(paths, plate, where, f, sheets)
     posed = _posed(around, plate, where, sheets, fineness)
@@ -291,7 +291,7 @@ def eddy_currents(
     endless = [one for one in plates if isinstance(one, Plate)]
     where = np.array([magnetic.centre])
     _require_free(magnetic, where, endless)
-    around = PlatesInAir(paths, LayeredAir(endless, sheets, f))
+    around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
     posed = _posed(around, magnetic, where, sheets, _ALONE * fineness)[1]
     return [[EddyCurrents(posed.corners, density)] for density in magnetic_currents(around, posed, alone=alone)]
 
@@ -446,7 +446,7 @@ def _all_posed(
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])
-    air = LayeredAir([one for one in plates if isinstance(one, Plate)], sheets, frequencies)
+    air = LayeredAir.between([one for one in plates if isinstance(one, Plate)], sheets, frequencies)
     around = PlatesInAir(paths, air)
     both = [_posed(around, one, np.array([one.centre]), sheets, fineness) for one in outlined]
     return [(around, [one[number] for one in both]) for number in (0, 1)]

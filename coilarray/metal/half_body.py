@@ -164,7 +164,7 @@ class Parity:
 class EddyBody:
     """Matrices of a body for all fields, places, frequencies.
 
-    Fields are integrated over the triangles of a `finer` body with nodes between these.
+    A `finer` body has nodes between these.
     """
 
     mesh: HalfBody
@@ -173,18 +173,16 @@ class EddyBody:
     @property
     def finest(self) -> EddyBody:
         """Body over whose triangles fields are integrated."""
-        return self if self.finer is None else self.finer.finest
+        return self.finer or self
 
     @cached_property
     def onto_finest(self) -> sp.csr_array:
         """Linear functions of this body at the finest nodes, (finest nodes, nodes)."""
-        n = len(self.mesh.nodes)
-        if self.finer is None or self.finer.mesh.parents is None:
+        n, parents = len(self.mesh.nodes), None if self.finer is None else self.finer.mesh.parents
+        if parents is None:
             return sp.eye_array(n, format="csr")
-        parents = self.finer.mesh.parents
         rows = np.repeat(np.arange(len(parents)), 2)
-        halves = sp.csr_array((np.full(parents.size, 0.5), (rows, parents.ravel())), shape=(len(parents), n))
-        return sp.csr_array(self.finer.onto_finest @ halves)
+        return sp.csr_array((np.full(parents.size, 0.5), (rows, parents.ravel())), shape=(len(parents), n))
 
     @cached_property
     def currents(self) -> tuple[sp.csr_array, ...]:

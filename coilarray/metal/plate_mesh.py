@@ -87,10 +87,6 @@ class Footprint:
     height: float
     spread: float
 
-    def distances(self, points: FloatArray) -> FloatArray:
-        """Distances in m of points (n, 2) to the copper."""
-        return np.asarray(np.hypot(shapely.distance(self.area, shapely.points(points)), self.height))
-
 
 def inscribed_radius(outline: Outline) -> float:
     """Radius in m of the largest circle in an outline."""
@@ -284,7 +280,8 @@ def _laid_out(plane: shapely.Polygon, thickness: float, fineness: float, above: 
         """Sides in m at points (n, 2) in m, from `finest` to `largest`."""
         if above is None or finest == step:
             return np.full(len(points), largest)
-        return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, largest)
+        distances = np.hypot(shapely.distance(above.area, shapely.points(points)), above.height)
+        return np.clip(_OF_DISTANCE / fineness * distances, finest, largest)
 
     finest = least(plane.area)
     rims = [_Rim(ring) for ring in (plane.exterior, *plane.interiors)]

@@ -10,6 +10,7 @@ from support.axial_field import dent_over_metal, disc_region, pit
 from support.references import polygon
 from support.refusals import refused
 
+from coilarray.compute.store import content_key
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import MetalError
@@ -32,6 +33,7 @@ def metal(outline, material=ALUMINIUM, face=FACE, thickness=METAL, **more):
 
 def over(coils, plates, frequency, fineness=0.3):  # which errs by 0.5 %
     (backing,), _ = backings_of(coils, plates, [frequency], SHEETS, fineness=fineness)
+    assert content_key(backing)  # under which maps keep their parts
     return dent_inductance(coils, [pit()], PLACES, MESH, backing=backing)[0]
 
 

@@ -43,7 +43,7 @@ def test_images_are_the_waves_of_the_layers():
     f, s, z = np.array(FREQUENCIES), -0.5e-3, 2.5e-3
     back, front = Plate("back", -4e-3, 1e-3, ALUMINIUM), Plate("front", 5e-3, 0.1e-3, MATERIALS["steel"])
     k = np.geomspace(100, 3000, 40)
-    air = LayeredAir([back, front], (), f)
+    air = LayeredAir.between([back, front], (), f)
     images = air.images((1, s, s), (1, z, z), 20e-3)
     up, down = (
         layer_waves([Layer(p.thickness, p.material.relative_permeability, p.material.conductivity)], k,
@@ -56,7 +56,7 @@ def test_images_are_the_waves_of_the_layers():
         + up * down * (np.exp(-k * (2 * D + z - s)) + np.exp(-k * (2 * D + s - z)))
     )  # fmt: skip
     np.testing.assert_allclose(waves_of(images, k, s, z), exact, atol=4e-4 * np.abs(exact).max())
-    through = LayeredAir((), SHEETS, f)
+    through = LayeredAir.between((), SHEETS, f)
     for one, other in (((0, s, s), (1, z, z)), ((1, z, z), (0, s, s))):
         images = through.images(one, other, 20e-3)
         mu, t = 2.7, 1e-3  # of the slab
@@ -91,7 +91,7 @@ def test_what_a_thick_plate_lets_pass_is_nothing():
     """1 mm of aluminium has 12 skin depths at 1 MHz; of the rounding of what passes no images could be made."""
     back = Plate("back", -4e-3, 1e-3, ALUMINIUM)
     hidden = disc(centre=(0.0, 0.0, -6e-3))
-    assert not LayeredAir([back], (), np.array([1e6])).images((0, -6.3e-3, -5.8e-3), (1, -1e-3, 0.0), 20e-3)
+    assert not LayeredAir.between([back], (), np.array([1e6])).images((0, -6.3e-3, -5.8e-3), (1, -1e-3, 0.0), 20e-3)
     assert not outlined_inductance([loop(5e-3)], [hidden, back], [1e6], fineness=0.2).any()
 
 
