@@ -66,8 +66,7 @@ class StackupTable(Table):
     copper_thickness_um: list[Micrometres]
     """Thickness of each copper layer."""
     dielectric_thickness_mm: list[Millimetres] = Field(default_factory=list)
-    """Thickness of each dielectric, between one copper layer and the next: one value less than the
-    layers."""
+    """Thickness of each dielectric between two copper layers: one value less than the layers."""
     dielectric_epsilon_r: list[Relative] = Field(default_factory=list)
     """Relative permittivity of each dielectric."""
 
@@ -127,11 +126,9 @@ class WoundTable(Table):
     gap_mm: Millimetres
     """Distance between neighbouring turns, from copper to copper."""
     winding: Literal["ccw", "cw"] = "ccw"
-    """Sense of the winding on the first layer seen from above, inwards: counter-clockwise or
-    clockwise."""
+    """Winding inwards on the first layer, seen from above: counter-clockwise or clockwise."""
     return_lead: bool = False
-    """For an odd number of layers: one more layer, with a trace from the inner end out to the
-    second terminal."""
+    """For an odd number of layers: one more, with a trace from the inner end to the terminal."""
     via: ViaTable = ViaTable()
     """Holes that join the layers."""
     leads: LeadsTable | None = None
@@ -281,8 +278,7 @@ class PathCoil(Table):
     shape: Literal["path"]
     """Centre lines of your own."""
     lines_mm: list[list[Point]] = Field(min_length=1)
-    """Centre lines as corners [x, y], one line for each copper layer; each starts where the one
-    before ends."""
+    """Centre lines as corners [x, y], one a copper layer; each starts where the last ends."""
     trace_width_mm: TraceWidths
     """Width of the trace: one number, or for each line a list with one of each of its segments."""
     gap_mm: Millimetres
@@ -437,8 +433,7 @@ class LatticeArray(Table):
     coil: str
     """Name of their shape, a table of `[coils]`."""
     columns: Annotated[int, Field(ge=1, le=1000)] | None = None
-    """Number of coils in a row, of a triangle in its longest; of linear, square, hexagonal and
-    triangle lattices."""
+    """Number of coils in a row, the longest of a triangle; not of single and rings lattices."""
     rows: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of rows."""
     rings: Annotated[int, Field(ge=1, le=100)] | None = None
@@ -450,8 +445,7 @@ class LatticeArray(Table):
     rotation_deg: Degrees = 0.0
     """Rotation of every coil about its own centre, counter-clockwise."""
     layers: list[list[str]] = Field(min_length=1)
-    """Copper layers of the coils, in turn along a row: neighbours that overlap must not share
-    copper."""
+    """Copper layers of the coils, in turn along a row: overlapping neighbours must not share any."""
     layer_shift_per_row: int | None = None
     """Shift of the order of layers from row to row, in coils; chosen for the lattice by default."""
     names: list[Name] | None = None
@@ -543,8 +537,7 @@ class BoardTable(Table):
     margin_mm: LimitMillimetres = 2.0
     """Distance from the outermost copper to the edge of the board."""
     through_holes: bool = True
-    """Whether vias go through the whole board; blind and buried ones join only the layers of their
-    coil."""
+    """Whether vias go through the whole board; blind and buried ones join their coil's layers."""
 
 
 def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:

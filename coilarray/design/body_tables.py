@@ -231,8 +231,7 @@ class PlateTable(FlatTable):
     name: Name
     """Name of the plate."""
     z_mm: Position | None = None
-    """Height of its lower face (of a tilted one: below its centre); z = 0 is the top face of the
-    first layer."""
+    """Height of its lower face, below its centre if tilted; z = 0 is the top of the first layer."""
     distance_mm: LimitMillimetres | None = None
     """Instead of z_mm: the gap to the sheets above the board or to the board's underside."""
     side: Literal["above", "below"] | None = None
@@ -340,8 +339,7 @@ class ConeTable(MaterialTable):
     """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
 
     shape: Literal["cone"]
-    """A cone that presses with its tip; large deformations do not reach far under a sharp one, of
-    some 45°."""
+    """A cone that presses with its tip; large deformations do not reach far under some 45°."""
     half_angle_deg: Annotated[float, Field(gt=0, lt=90)]
     """Angle between its axis and its side."""
     radius_mm: Millimetres | None = None
@@ -480,8 +478,7 @@ class IndentationTable(PlacesTable):
     """``[indentation]``: how deep and where the indenter presses."""
 
     strain: Strain = "finite"
-    """Large deformations of neo-Hookean sheets, or linear elasticity, faster and some percent less
-    accurate."""
+    """Large deformations (neo-Hookean), or linear elasticity, faster and some percent less exact."""
     base: Literal["bonded", "frictionless", "seat"] = "bonded"
     """Support of the lowest sheet: glued to the board, sliding freely on it, or on a soft seat."""
     seat_stiffness_kPa_per_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None  # noqa: N815 - the unit
@@ -499,21 +496,17 @@ class IndentationTable(PlacesTable):
     seat_lifts: bool = False
     """Whether the sheet may lift off the seat."""
     seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
-    """Pressure of the sheets' own weight, which holds them down on a seat that they may lift
-    off."""
+    """Pressure of the sheets' own weight, which holds them down on a seat if they may lift off."""
     depths_mm: list[Millimetres] = Field(min_length=1)
     """Depths of the indentation, rising."""
     sample_radius_mm: Millimetres | None = None
-    """Radius of a round sample with a free edge; without it and the next two the sheets are
-    infinite."""
+    """Radius of a round sample with a free edge; infinite without it and the next two."""
     sample_x_mm: Range | None = None
-    """Range of a rectangular sample with free sides along x, from the same origin as the
-    positions."""
+    """Range of a rectangular sample with free sides along x, from the origin of the positions."""
     sample_y_mm: Range | None = None
     """The same along y."""
     ellipse_x_mm: Range | None = None
-    """Range of the positions along x to which ellipses are fitted, from the same origin; all of the
-    map by default."""
+    """Range of the positions along x to which ellipses are fitted; all of the map by default."""
     ellipse_y_mm: Range | None = None
     """The same along y."""
 
@@ -672,11 +665,10 @@ def array_window(
 ) -> Positions:
     """Return an even grid over all coils from an origin.
 
-    Positions are multiples of the step in m. By default it is a twelfth of the narrowest coil, up
-    to a sixth to avoid more than 2000 positions, or up to a quarter to avoid more than 500 of a
-    target. For a single coil it is a thirty-second up to a twelfth. On a board of thousands of
-    coils it is wider, until 100000 positions suffice. If no position lies in `within`, its middle
-    is the only one.
+    Positions are multiples of the step in m: a twelfth of the narrowest coil, up to a sixth to
+    avoid more than 2000 positions, up to a quarter for 500 of a target, a thirty-second up to a
+    twelfth of a single coil, and wider above 100000. Without a position in `within` its middle is
+    the only one.
     """
     bounds = np.reshape(array.outline_bounds, (2, 2)) - origin
     if step is None:

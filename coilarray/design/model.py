@@ -709,12 +709,7 @@ _HASH_DIGITS = 12
 
 
 def metal_words(design: Design) -> str:
-    """Return the plates and the target in words, if any.
-
-    >>> from coilarray import load_design
-    >>> metal_words(load_design("proximity")), metal_words(load_design("gast2020"))
-    ('an aluminium plate as target', '')
-    """
+    """Return the plates and the target in words, if any."""
     found = [f"the plate {plate.name} of {plate.material.words}" for plate in design.plates]
     if design.target is not None:
         material = design.target.body.material.words

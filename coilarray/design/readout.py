@@ -1,7 +1,5 @@
 """Read-out of a design, the table ``[readout]``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields

@@ -1,7 +1,5 @@
 """Switches and their parts, bus, tank and the states of a scan."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -187,9 +185,8 @@ class SwitchPart:
     """Package of eight switches, each closed by one bit, with typical values.
 
     `bits` are the switches from bit 0 to bit 7, and `drains` the common pins with theirs. The
-    attenuation by an open switch is in dB, at 10 MHz into 50 Ω. Capacitances to ground are in F, of
-    both pins together for a closed switch. `unverified` has the fields that no public source
-    confirmed, with the reason.
+    isolation is in dB, at 10 MHz into 50 Ω. Capacitances to ground are in F, of both pins if
+    closed. `unverified` has the fields that no public source confirmed, with the reason.
     """
 
     name: PartName

@@ -64,8 +64,7 @@ class CircuitTable(Table):
     """Resistance of two closed switches: they ground a passive coil, or join the measured one to
     the converter."""
     switches: PartName | None = None
-    """Part of the switches, whose values are taken for keys that are not given: ADG714, ADG738 or
-    ADG739."""
+    """Part of the switches, ADG714, ADG738 or ADG739, with values for keys that are not given."""
     resistivity_ohm_m: Annotated[float, Field(ge=1e-10, le=1.0)] = RESISTIVITY_COPPER
     """Resistivity of the copper."""
     switch_off_capacitance_pF: _StrayPicofarads = 0.0  # noqa: N815 - the unit

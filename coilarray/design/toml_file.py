@@ -1,7 +1,5 @@
 """Search, reading and one-line errors of TOML files."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import tomllib

@@ -5,8 +5,6 @@ An entry is a dotted key as in `DesignFile.values`, in the unit of its name, suc
 Its value is any that the file can have, tables excepted. The document is checked like a file.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -67,14 +65,11 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
 
 
 def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a design file with changed entries, as plain tables that share unchanged parts.
+    """Return a design file with changed entries, as plain tables that share the rest.
 
     A whole number like 3.0 becomes the integer 3, which every numeric entry takes. Raises
     DesignError for a key that cannot be an entry; `coilarray.design.model.build_design` finds other
-    wrong keys and values.
-
-    >>> vary_document({"array": {"pitch_mm": 13, "columns": 6}}, {"array.pitch_mm": 12.5})
-    {'array': {'pitch_mm': 12.5, 'columns': 6}}
+    faults.
     """
     varied: Any = dict(document)
     for key, value in changes.items():

@@ -1,7 +1,5 @@
 """Designs as documents and texts, whole or in their file."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import textwrap
@@ -124,8 +122,8 @@ def as_file(given: Design | DesignFile | CurrentPaths) -> DesignFile:
 def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
     """Return the TOML text of a design, to 1 nm and 12 digits.
 
-    `assumed` has dotted keys with reasons. ``coils.*.KEY`` stands for every shape, and
-    ``coils.NAME.KEY`` for the shape of one coil.
+    `assumed` has dotted keys with reasons, ``coils.*.KEY`` of every shape, ``coils.NAME.KEY`` of
+    one.
     """
     document = _rounded(design_document(design))
     of_coil = dict(zip(design.array.names, shape_names(design.array), strict=True))
@@ -170,13 +168,7 @@ def shape_names(array: Array) -> list[str]:
 
 
 def design_names(names: Iterable[str]) -> dict[str, str]:
-    """Return names that a file can have, for given names.
-
-    The characters are letters, digits, _ . + and, not first, -.
-
-    >>> design_names(["/coil 1", "coil_1", "Top"])
-    {'/coil 1': 'coil_1', 'coil_1': 'coil_1_2', 'Top': 'Top'}
-    """
+    """Return names that a file can have, of letters, digits, _ . + and, not first, -."""
     found: dict[str, str] = {}
     for name in names:
         found[name] = _different(name, found.values())
@@ -218,12 +210,7 @@ def file_text(file: DesignFile) -> str:
 
 
 def with_comments(text: str) -> str:
-    r"""Return a design file's text with meanings behind entries.
-
-    >>> print(with_comments("[board]\nmargin_mm = 2.0\n"), end="")
-    [board]                           # the edge of the board, and the reach of its holes
-    margin_mm = 2.0                   # Distance from the outermost copper to the edge of the board
-    """
+    """Return a design file's text with meanings behind entries."""
     titles, meanings = _meanings()
     lines, path, kind = [], "", ""
     for line in text.splitlines():
@@ -284,15 +271,9 @@ def _on_one_line(match: re.Match[str]) -> str:
 
 
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
-    r"""Return the text of a TOML file changed to `document`, None if it needs a new text.
+    """Return the text of a TOML file changed to `document`, None if it needs a new text.
 
     Items of a list are known by their name, or content. New entries end their table.
-
-    >>> text = "# mine\n[board]\nmargin_mm = 2.0  # as wide as the seal\n"
-    >>> print(edited_text(text, {"board": {"margin_mm": 3.5}}), end="")
-    # mine
-    [board]
-    margin_mm = 3.5  # as wide as the seal
     """
     if not text:
         return None

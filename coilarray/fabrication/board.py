@@ -1,7 +1,5 @@
 """Copper of a board's files, with assumptions for missing values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
@@ -70,10 +68,9 @@ class Hole:
 
 @dataclass(frozen=True)
 class SurfacePad:
-    """Pad without a hole, in m.
+    """Pad without a hole, in m, a disc by default.
 
-    `size` is the smaller side or diameter: a track that ends within half of it is joined. `shape`
-    is a disc by default.
+    A track that ends within half of its smaller side `size` is joined.
     """
 
     what: ClassVar[str] = "a pad"
@@ -118,9 +115,9 @@ Copper = Track | Hole | SurfacePad | CopperArea
 class BoardCopper:
     """Conductors of a board as its file has them.
 
-    `assumed` has dotted keys of [stackup] that the file lacks, with the reason. `areas` cannot be
-    followed as a path. `edge` is x_min, y_min, x_max, y_max in m of the outline, if known. `notes`
-    are sentences for the user.
+    `assumed` has dotted keys of [stackup] with the reason. `areas` cannot be followed as a path.
+    `edge` is x_min, y_min, x_max, y_max in m of the outline, if known. `notes` are sentences for
+    the user.
     """
 
     source: str
@@ -142,10 +139,6 @@ def united(parts: Sequence[Slab]) -> Slab:
     """Return one dielectric with the thickness and capacitance of several.
 
     If a part has no thickness, the result has none, and its permittivity is that of equal parts.
-
-    >>> thickness, epsilon_r = united([(0.1e-3, 4.0), (0.3e-3, 3.0)])
-    >>> round(thickness, 9), round(epsilon_r, 9)
-    (0.0004, 3.2)
     """
     thicknesses = [thickness for thickness, _ in parts if thickness is not None]
     epsilons = [epsilon for _, epsilon in parts if epsilon is not None]
@@ -164,10 +157,10 @@ def completed_stackup(
     files: str,
     assumed: dict[str, str],
 ) -> Stackup:
-    """Make a stack-up, with usual values where some are missing.
+    """Make a stack-up in m, with usual values where some are missing.
 
-    Thicknesses are in m, `board` is that of the whole board. `slabs` are dielectrics in series.
-    Assumed values are recorded in `assumed`, as in `BoardCopper`. `files` is "the files do".
+    `board` is the thickness of the whole board, `slabs` are dielectrics in series. What is assumed
+    is recorded in `assumed`. `files` is "the files do".
     """
     between = [united(parts) for parts in slabs]
     if None in copper:

@@ -6,7 +6,7 @@ import base64
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -20,11 +20,7 @@ from coilarray.compute.table import html_card, html_table
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import Array, array_facts
-from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, disc, drills
-
-if TYPE_CHECKING:
-    from ezdxf.document import Drawing
-    from ezdxf.layouts.layout import Modelspace
+from coilarray.geometry.copper import board_outline, copper_by_layer, disc, drills
 
 _MM = 1e3
 _MOST_POINTS = 10_000  # of traces, which are drawn in about a second
@@ -43,10 +39,9 @@ _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 def write_svg(array: Array, path: Path, *, title: str = "") -> None:
     """Write the board as an SVG drawing in its size.
 
-    Inside the group ``board`` coordinates are in mm, with y upwards and the origin of the design.
-    Its groups, from the back to the front, are layers in Inkscape: ``outline``, ``copper-<n>``,
-    ``drills`` and ``names``. ``copper-<n>`` is the n-th copper layer, with the lowest first. It has
-    a path for each coil, with the name as its title, filled by the even-odd rule.
+    The group ``board`` is in mm, with y upwards and the origin of the design. Its groups are layers
+    in Inkscape, from the back ``outline``, ``copper-<n>`` with a path for each coil, ``drills`` and
+    ``names``.
     """
     require_suffix(path, ".svg")
     write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
@@ -138,19 +133,13 @@ _NOT_IN_NAMES = '<>/\\":;?*|=`'
 
 
 def write_dxf(array: Array, path: Path) -> None:
-    """Write the board as a DXF drawing in mm.
+    """Write the board as a DXF drawing in mm, y upwards, with the design's origin.
 
-    x points to the right, y upwards, from the origin of the design. The layers:
-
-    - ``copper_<layer>``: copper of each coil, traces and pads united, as closed polylines without
-      width, for cutters, field solvers and CAM programs. A polyline inside another is a hole.
-      Drilled holes are not cut out.
-    - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, for
-      programs that route. Switched off and not plotted, because it shows the same copper again.
-    - ``drill``: a circle for each hole, with its diameter. Blind holes lie on layers named by the
-      copper they pierce, such as ``drill_L1_L2``.
-    - ``outline``: edge of the board.
-    - ``silk``: names of the coils at their centres.
+    Layers ``copper_<layer>`` have traces and pads united as closed polylines without width, for
+    cutters, field solvers and CAM programs, in which holes are not cut out. ``path_<layer>`` have
+    centre lines with widths, for programs that route, switched off as they show the same copper.
+    ``drill`` has a circle for each hole, or ``drill_L1_L2`` of blind ones. ``outline`` is the edge,
+    and ``silk`` has the names of the coils.
     """
     require_suffix(path, ".dxf")
     names = array.stackup.names
@@ -159,43 +148,45 @@ def write_dxf(array: Array, path: Path) -> None:
         raise OutputError(f"cannot write {path}: names of layers must be free of {_NOT_IN_NAMES}; got {listed}.")
     if len({name.casefold() for name in names}) < len(names):
         raise OutputError(f"cannot write {path}: names of layers must differ in more than capitals; got {listed}.")
-    drawing = _drawing(array)
-    write_atomically(path, drawing.saveas)
-
-
-def _drawing(array: Array) -> Drawing:
-    """Make the drawing of a board."""
     ezdxf = import_extra("ezdxf", "DXF files", package="ezdxf", extra="fab")
-    drawing: Drawing = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
-    holes = [hole for hole in drills(array) if hole.drilled]
-    for k, name in enumerate(array.stackup.names):
+    drawing: Any = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
+    holes = [
+        (hole, "drill" if hole.layers == names else "_".join(("drill", *hole.layers)))
+        for hole in drills(array)
+        if hole.drilled
+    ]
+    for k, name in enumerate(names):
         colour = _DXF_COLOURS[k % len(_DXF_COLOURS)]
         drawing.layers.add(f"copper_{name}", color=colour)
         drawing.layers.add(f"path_{name}", color=colour, plot=False).off()
-    for name in sorted({_drill_layer(array, hole) for hole in holes}):
+    for name in sorted({layer for _, layer in holes}):
         drawing.layers.add(name, color=_DRILL_COLOUR)
     drawing.layers.add("outline", color=_OUTLINE_COLOUR)
     drawing.layers.add("silk", color=_SILK_COLOUR)
     space = drawing.modelspace()
+
+    def add_ring(ring: shapely.LinearRing, layer: str) -> None:
+        corners = _in_mm(shapely.get_coordinates(ring))[:-1]  # the closing edge is implied
+        space.add_lwpolyline(corners.tolist(), close=True, dxfattribs={"layer": layer})
+
     for name, nets in reversed(copper_by_layer(array).items()):  # the top in front
         for copper in nets.values():
             for ring in shapely.get_rings(shapely.get_parts(copper)):
-                _add_ring(space, ring, f"copper_{name}")
+                add_ring(ring, f"copper_{name}")
     for placement in array.placements:  # centre lines with widths and arcs
         for k, (line, widths, layer) in enumerate(placement.traces()):
             pieces = list(pieces_of(line, placement.coil.arcs_of(k)))
-            # a vertex carries width and bulge of the piece that begins there, but no piece begins
-            # at the last vertex
+            # a vertex carries width and bulge of the piece that begins there, the last those of none
             begun = np.array([(widths[piece.first] * _MM, piece.bulge) for piece in pieces])
             begun = np.vstack((begun, (begun[-1, 0], 0.0)))
             places = _in_mm(line[[piece.first for piece in pieces] + [len(line) - 1]])
             vertices = np.column_stack((places, begun[:, [0, 0, 1]])).tolist()
             space.add_lwpolyline(vertices, format="xyseb", dxfattribs={"layer": f"path_{layer}"})
-    for hole in holes:
+    for hole, layer in holes:
         x, y = _in_mm(np.array([hole.x, hole.y])).tolist()
-        space.add_circle((x, y), hole.diameter / 2 * _MM, dxfattribs={"layer": _drill_layer(array, hole)})
+        space.add_circle((x, y), hole.diameter / 2 * _MM, dxfattribs={"layer": layer})
     outline = board_outline(array)
-    _add_ring(space, outline.exterior, "outline")
+    add_ring(outline.exterior, "outline")
     for placement in array.placements:
         x, y = _in_mm(np.array([placement.x, placement.y])).tolist()
         text = space.add_text(placement.name, height=_TEXT_HEIGHT, dxfattribs={"layer": "silk"})
@@ -204,16 +195,7 @@ def _drawing(array: Array) -> Drawing:
     space.reset_extents((x_min, y_min, 0), (x_max, y_max, 0))
     # programs open the drawing on the whole board
     drawing.set_modelspace_vport(1.1 * max(x_max - x_min, y_max - y_min), ((x_min + x_max) / 2, (y_min + y_max) / 2))
-    return drawing
-
-
-def _drill_layer(array: Array, hole: Drill) -> str:
-    return "drill" if hole.layers == array.stackup.names else "_".join(("drill", *hole.layers))
-
-
-def _add_ring(space: Modelspace, ring: shapely.LinearRing, layer: str) -> None:
-    corners = _in_mm(shapely.get_coordinates(ring))[:-1]  # the closing edge is implied
-    space.add_lwpolyline(corners.tolist(), close=True, dxfattribs={"layer": layer})
+    write_atomically(path, drawing.saveas)
 
 
 def _in_mm(lengths: FloatArray) -> FloatArray:

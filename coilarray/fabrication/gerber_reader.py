@@ -1,7 +1,5 @@
 """Boards in zips or folders of Gerber and Excellon files, read through gerbonara."""
 
-from __future__ import annotations
-
 import json
 import lzma
 import math
@@ -62,8 +60,7 @@ class DataFile:
 def find_files(path: Path) -> list[DataFile]:
     """Find the Gerber, Excellon and job files of a board.
 
-    The functions of the layers come from the X2 attributes if a copper file has one, otherwise from
-    gerbonara's rules for the names given by the usual programs.
+    Functions come from X2 attributes if a copper file has one, otherwise from its name.
     """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
@@ -265,10 +262,9 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Flash:
-    """Aperture put down once, in m.
+    """Aperture put down once, in m, with diameter or smaller side `size`.
 
-    `size` is its diameter, or the smaller side of its rectangle. `function` is the first field of
-    .AperFunction, and `pin` the number of the pad from .P, or "".
+    `function` is the first field of .AperFunction, and `pin` the number of the pad from .P, or "".
     """
 
     x: float
@@ -298,8 +294,7 @@ Drawn = Stroke | Flash | Region
 class DrilledHole:
     """Hole, or middle of a slot, of a drill file in m.
 
-    `function` is the last field of the tool's .AperFunction, such as "ViaDrill", or "". `plated` is
-    None if the file does not specify it.
+    `function` is the last field of the tool's .AperFunction, or "". `plated` is None if not said.
     """
 
     x: float
@@ -512,17 +507,14 @@ _LAYER = re.compile(r"L0*([1-9]\d*)")
 
 
 def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
-    """Read the conductors of a board from fabrication data.
+    """Read the conductors of a board from a zip or folder of fabrication data.
 
-    `path` is a zip or folder with a Gerber file for every copper layer and, from two layers on,
-    Excellon files. A given `stackup` replaces that of the job file. Nets come from the attribute
-    .N. Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled
-    through them, otherwise surface pads. Regions are areas.
-
-    A plated hole is a terminal's pad if an attribute says so or the solder mask is open over it,
-    otherwise a via. It reaches the layers given by the file's function, by default all. Its pad
-    size is the smallest of its layers. Without a pad it is left out with a note, or refused if a
-    track leads into it. Clear shapes may cut regions, but not tracks and pads.
+    Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled
+    through them, otherwise surface pads. Regions are areas. A hole is a terminal's pad if an
+    attribute says so or the solder mask is open over it, otherwise a via. It reaches the layers
+    given by the file's function, by default all, and has the smallest pad of its layers. Without a
+    pad it is left out with a note, or refused if a track leads into it. Clear shapes may cut
+    regions only.
     """
     files = find_files(path)
     copper = _copper_files(files, path)

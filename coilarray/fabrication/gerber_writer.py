@@ -1,7 +1,5 @@
 """Fabrication data in one zip: Gerber, Excellon, job file."""
 
-from __future__ import annotations
-
 import json
 import re
 import uuid
@@ -35,21 +33,13 @@ _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # equal bytes from equal designs
 def write_gerbers(
     array: Array, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
 ) -> None:
-    """Write the fabrication data as one zip.
+    """Write the fabrication data of the project `name` as one zip.
 
-    `name` is the project, with which the names of the files begin. `check` is called with the path
-    of the finished zip before it is moved to its place. If it raises, nothing is changed. The files
-    are in mm, with the origin of the design, named as in KiCad, and without a date, so equal
-    designs give equal bytes:
-
-    - a Gerber X2 file for each copper layer, with traces as strokes and pads as flashes, the coil's
-      name as their net, and the number of a terminal, 1 where the path begins.
-    - solder masks open over the pads of terminals on the outer layers, as large as they. Board
-      houses widen them to their registration. Vias are covered.
-    - the names of the coils on top, where they fit, and the edge of the board.
-    - Excellon files of the plated holes, one for each span of layers. A terminal that reaches only
-      one layer of several is a pad without a hole.
-    - a Gerber job file with the stack-up.
+    `check` is called with the path of the finished zip before it is moved to its place: if it
+    raises, nothing is changed. The files are in mm, with the origin of the design, named as in
+    KiCad, and without a date, so equal designs give equal bytes: Gerber X2 with nets and numbers of
+    terminals, solder masks open over terminals only, the names of the coils, the edge, an Excellon
+    file for each span of layers, and a job file with the stack-up.
 
     Ends and corners of strokes are round, whereas the outlines of `coilarray.geometry.copper` are
     mitred. At a corner of the angle θ the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with

@@ -43,15 +43,12 @@ ToBoard = Callable[[float, float], Point]  # from mm of the file to m on the boa
 
 
 def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
-    """Read the conductors of a KiCad board.
+    """Read the conductors of a KiCad board from its drill origin, y up.
 
-    The origin is the auxiliary origin of the file ("drill and place file origin"), and y points up.
-    Arcs are divided into pieces within 0.9 µm of them. A given `stackup` replaces the board's own.
-    `assumed` lists the values that the file lacks.
-
-    A newer format than KiCad 9's is read as far as it is understood, with a note. Unknown objects
-    with a net or on copper, texts and dimensions are among the areas, so that no coil can contain
-    them unnoticed. Teardrops are left out with a note.
+    Arcs are divided into pieces within 0.9 µm of them. Newer formats than KiCad 9's are read as far
+    as they are understood, with a note. Unknown objects with a net or on copper, texts and
+    dimensions are areas, so that no coil can contain them unnoticed. Teardrops are left out with a
+    note.
     """
     root = read_sexpr(path)
     if root.name != "kicad_pcb":
@@ -114,8 +111,8 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 class _Board:
     """Context of a file: layers, nets, and origin in mm.
 
-    The stack-up has the names that the user gave the copper layers, otherwise KiCad's own. `names`
-    maps KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to them.
+    `names` maps KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up, which the user
+    gave.
     """
 
     stackup: Stackup
@@ -588,12 +585,7 @@ def read_sexpr(path: Path) -> Node:
 
 
 def parse_sexpr(text: str, name: str = "text") -> Node:
-    r"""Read one s-expression from a text that messages call `name`, or raise BoardError.
-
-    >>> node = parse_sexpr('(via (at 1 2.5)\n (net "a b"))')
-    >>> node.name, node.need("at").number(1), node.need("net").text(), node.need("net").where
-    ('via', 2.5, 'a b', 'text:2')
-    """
+    """Read one s-expression from a text that messages call `name`, or raise BoardError."""
     open_lists: list[tuple[str, list[Node | str]]] = []
     root: Node | None = None
     line, done = 1, 0

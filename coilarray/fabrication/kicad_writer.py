@@ -1,7 +1,5 @@
 """KiCad project folders: board, rules and footprints."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -100,10 +98,10 @@ def at(name: str, point: npt.ArrayLike) -> str:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Mapping of a design into one file.
+    """Mapping of a design into one file, whose identifiers begin with `root`.
 
-    `root` begins the identifiers of its pieces. `layers` are KiCad's names of the copper layers.
-    `x0` and `y0` are the design's origin on the sheet in nm, whose y axis points down.
+    `layers` are KiCad's names. `x0` and `y0` are the origin in nm on the sheet, whose y points
+    down.
     """
 
     root: str
@@ -150,9 +148,8 @@ _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM)
 def _winding(array: Array, alike: Sequence[Placement]) -> str:
     """Library footprint of equal coils, named after the first of them.
 
-    Pads 1 and 2 are the terminals. Vias are pads V1, V2, … without a net, under the solder mask,
-    through the whole board. The winding is drawn as lines. The footprint is a net tie: KiCad's
-    check then allows different nets at the terminals, as a coil has in a circuit.
+    Vias are pads V1, V2, … without a net, under the solder mask, through the whole board. As a net
+    tie, it may have different nets at its terminals, pads 1 and 2, in KiCad's check.
     """
     name = alike[0].name
     placement = replace(alike[0].at_origin(), name="REF**")
@@ -225,10 +222,9 @@ def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: 
 
 
 def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
-    """Yield pads 1 and 2 at the path's ends.
+    """Yield pads 1 and 2 at the path's ends, on their own layer without a hole.
 
-    A pad without a hole lies on its own layer. That of a bare end is as wide as its trace, under
-    the solder mask, and marks the end of the track for KiCad's check.
+    That of a bare end is as wide as its trace, and marks the end of the track for KiCad's check.
     """
     coil = placement.coil
     origin = drawing.points((placement.x, placement.y))
@@ -279,31 +275,20 @@ def write_kicad(
     title: str = "",
     check: Callable[[Path], None] | None = None,
 ) -> tuple[Path, ...]:
-    """Write a KiCad project folder for KiCad 6 and later.
+    """Write a KiCad project folder for KiCad 6 and later, and return its files.
 
-    It was tried with 6.0.11 and 9.0.2. In an existing folder the files of the project are replaced,
-    and all other files stay. `rules` are the limits of KiCad's own check. `title` stands on the
-    sheet, by default the name. `check` is called with the path of the finished board before any
-    file is moved to its place. If it raises, nothing is changed.
+    It was tried with 6.0.11 and 9.0.2. Other files of the folder stay. `rules` are the limits of
+    KiCad's own check. `title` stands on the sheet, by default the name. `check` is called with the
+    path of the finished board before any file is moved to its place: if it raises, nothing is
+    changed.
 
-    Returns ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint
-    ``<name>.pretty/<coil>.kicad_mod`` for every coil shape and set of layers.
+    The origin of the design is the drill origin of the board and of its grid. Lengths are rounded
+    to 1 nm. Each coil is a net with its name, of tracks and vias, and its ends are the pads 1 and 2
+    of a footprint. The same design gives the same bytes.
 
-    The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid.
-    Lengths are rounded to 1 nm. Each coil is a net with its name, of tracks and vias, and its ends
-    are the pads 1 and 2 of a footprint with its name. The same design gives the same bytes.
-
-    A board of one copper layer gets an empty second layer, B.Cu, because KiCad requires two. With
-    blind holes, a terminal on an inner layer is a pad on that layer. KiCad 9 warns of it ("SMD pad
-    has no outer layers"), because nothing can be soldered there.
-
-    >>> from coilarray.geometry import PlatedHole, Placement, path_coil
-    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = Array(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     files = write_kicad(board, Path(folder) / "out", name="board", rules=FabRules())
-    >>> [file.name for file in files]
-    ['board.kicad_pcb', 'board.kicad_pro', 'fp-lib-table', 'A.kicad_mod']
+    A board of one copper layer gets an empty B.Cu, because KiCad requires two. With blind holes, a
+    terminal on an inner layer is a pad there, of which KiCad 9 warns ("SMD pad has no outer
+    layers").
     """
     if path.exists() and not path.is_dir():
         raise OutputError(f"cannot make the folder {path}: a file has that name.")
@@ -463,10 +448,10 @@ def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
 
 
 def _project_text(array: Array, name: str, rules: FabRules) -> str:
-    """Text of a ``.kicad_pro`` file, JSON with KiCad's own severities.
+    """Text of a ``.kicad_pro`` file, with the sizes of the first coil for new tracks.
 
-    The first coil gives the sizes that KiCad offers for new tracks and vias. `FabRules.min_gap`
-    holds between nets only, as KiCad has no limit for turns, and from a hole's wall.
+    `FabRules.min_gap` holds between nets only, as KiCad has no limit for turns, and from a hole's
+    wall.
     """
 
     def in_mm(metres: float) -> float:

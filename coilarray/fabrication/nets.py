@@ -48,8 +48,7 @@ Place = Sequence[float] | FloatArray
 class NetFault:
     """Difference at x and y in m between the copper of a file and its coils.
 
-    A "bridge" joins several coils, a "cut" separates a terminal, copper or a hole is "missing"
-    beside an unbroken path, or "foreign" to the design. A hole has its uppermost layer.
+    A "bridge" joins coils, a "cut" separates a terminal, other copper is "missing" or "foreign".
     """
 
     kind: FaultKind
@@ -63,16 +62,7 @@ class NetFault:
 def connected_pieces(
     layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel]
 ) -> tuple[dict[str, BaseGeometry], ...]:
-    """Sort copper in m into connected pieces.
-
-    It is connected on a layer by touching, and between layers if it meets the wall of a hole.
-
-    >>> import shapely
-    >>> layers = {"top": [shapely.box(0, 0, 1e-3, 1e-4), shapely.box(1e-3, 0, 2e-3, 1e-4)],
-    ...           "bottom": [shapely.box(0, 0, 1e-3, 1e-4)]}
-    >>> len(connected_pieces(layers, [])), len(connected_pieces(layers, [Barrel(5e-4, 0, 2e-4, ("top", "bottom"))]))
-    (2, 1)
-    """
+    """Sort copper in m into pieces connected by touching and by walls of holes."""
     parts = {layer: _parts(copper) for layer, copper in layers.items()}
     first = dict(zip(parts, np.cumsum([0, *map(len, parts.values())]).tolist(), strict=False))
     count = sum(map(len, parts.values()))
@@ -109,12 +99,11 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 def check_nets(
     array: Array, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
 ) -> tuple[NetFault, ...]:
-    """Compare the copper of a file with its coils.
+    """Compare the copper of a file with its coils: bridges, cuts, missing and foreign copper.
 
-    Returns bridges first, then cuts, missing and foreign copper. Shapes may differ by `tolerance`
-    in m, because of rounding and polygons of arcs in files. Copper of a coil must be present also
-    if it carries no current. Copper that joins neighbouring turns of one coil is foreign: the
-    pieces alone would not show it.
+    Shapes may differ by `tolerance` in m, because of rounding and polygons of arcs. Copper of a
+    coil must be present also if it carries no current. Copper that joins turns of one coil is
+    foreign.
     """
     for layer in layers:
         array.stackup.index(layer)
@@ -164,8 +153,8 @@ def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, te
 class _Coil:
     """Least and most copper of one coil on each layer.
 
-    `least` is the rectangles of the segments and the rings of the pads, narrower by the tolerance,
-    and `most` the mitred outline with round ends and the full pads, wider by it.
+    `least` is rectangles of segments and rings of pads, narrower by the tolerance, and `most` the
+    mitred outline with round ends and full pads, wider by it.
     """
 
     name: str

@@ -41,8 +41,7 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  #
 def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
     """Write `solids` in m to one file.
 
-    STL has one mesh in mm, as slicers expect. GLB has named and coloured nodes, in m and with y up,
-    as glTF demands.
+    STL has one mesh in mm for slicers. GLB has named and coloured nodes in m, with y up.
     """
     import trimesh  # slow to import
 
@@ -70,12 +69,10 @@ _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
 
 def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
-    """Write a board and its sheets as STEP in mm.
+    """Write a board and its sheets as STEP in mm, of named and coloured parts.
 
-    The file is an assembly of named and coloured parts, with the keys of
-    `coilarray.geometry.copper` and z = 0 at the top of the top copper. Barrels, drilled holes and
-    the free edges of pads are true cylinders. Everything else has flat faces, also the arcs of
-    traces, as made by `faceted_prisms`.
+    Barrels, drilled holes and free edges of pads are true cylinders. Everything else has flat
+    faces, also the arcs of traces, by `faceted_prisms`. z = 0 is the top of the top copper.
     """
     require_suffix(path, ".step", ".stp")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")

@@ -41,8 +41,7 @@ _LONGEST_WHY = 200  # characters of a reason
 class Tracing:
     """Coils of a board, and `left_out` nets with tracks that are none, with the reason.
 
-    Coils come in the order of the wanted nets. Without wanted nets, coils with a net come first, by
-    their names with numbers counted, then others in the order of the file.
+    Coils come in the order of wanted nets, or by their names, then others in the order of the file.
     """
 
     coils: tuple[TracedCoil, ...]
@@ -50,16 +49,13 @@ class Tracing:
 
 
 def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracing:
-    """Find the coils of a board.
+    """Find the coils of a board, which are the wanted `nets` if given.
 
-    `nets` are the names of the nets that are coils. By default every net, and every piece of copper
-    without a net, is a coil if it is a single path from end to end of at least `LEAST_TURNS`, whose
-    turns no pad or hole joins. Raises BoardError with file, line and position for a wanted net that
-    is not a coil, or if there is no coil at all.
-
-    The current enters at the pad with the lower number: 1 before 2, A2 before A10. If only one end
-    has a numbered pad, the current enters there, but a lone pad 2 is the end. Otherwise it enters
-    at the end whose track comes first in the file.
+    By default every net and piece of copper without a net is a coil if it is a single path of at
+    least `LEAST_TURNS`, whose turns no pad or hole joins. Raises BoardError for a wanted net that
+    is no coil, or without any coil. The current enters at the lower number of a pad: 1 before 2, A2
+    before A10. If only one end is numbered, it enters there, but a lone pad 2 is the end. Otherwise
+    it enters at the end whose track comes first in the file.
     """
     found: dict[str | None, _NetCopper] = {}
     for kind in ("tracks", "holes", "pads", "areas"):
@@ -247,8 +243,8 @@ class Obstacles:
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
     """Raise BoardError if pads or holes of the coil's net join stretches.
 
-    They count with all that overlap them. Along the path the stretches within their copper must
-    follow each other. Outside it the path may run no longer than its width, a bend beside the pad.
+    Along the path the stretches within them must follow each other. Outside the path may run no
+    longer than its width, a bend beside the pad.
     """
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
@@ -314,10 +310,9 @@ _MARGIN = 2e-3
 
 @dataclass(frozen=True)
 class TracedArray:
-    """Array made from a board.
+    """Array made from a board, of shared coils where they are equal but for a shift.
 
-    Coils that are equal but for a shift share one `Coil`. `assumed` has dotted keys of the design
-    with the reason, ``coils.*.…`` for all shapes. `notes` are sentences about what was simplified.
+    `assumed` has dotted keys with the reason, ``coils.*.…`` for all shapes, and `notes` sentences.
     """
 
     array: Array
@@ -326,11 +321,10 @@ class TracedArray:
 
 
 def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
-    """Place traced coils on the board's stack-up.
+    """Place traced coils, about the centre of their area, on the board's stack-up.
 
-    A coil's origin is the centre of the area that its path runs around. The gap is that of its
-    turns by `turn_gap`, or else the trace width. Of several sizes of vias or terminals a coil has
-    the commonest, with a note.
+    The gap is that of the turns by `turn_gap`, or else the trace width. Of several sizes of vias or
+    terminals a coil has the commonest, with a note.
     """
     assumed = {**board.assumed, "coils.*.via.plating_um": f"board files do not say; usual, {_PLATING * 1e6:g} µm"}
     notes = [*board.notes]
@@ -454,15 +448,11 @@ def _with_margin(array: Array, board: BoardCopper, assumed: dict[str, str], note
 
 
 def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
-    """Median gap in m of parallel traces, weighted by length.
+    """Median gap in m of parallel traces, edge to edge, weighted by length.
 
-    It is measured edge to edge, from the middle of each segment to the nearest trace of the layer
-    with the same direction of the current. None if no two traces run so. Leads, opposite sides of a
-    loop and the legs of a hairpin do not count. `lines` (n, 2) and `widths` (n − 1,) are in m.
-
-    >>> there_and_back = np.array([[0, 0], [9, 0], [9, 5], [-1, 5], [-1, 1], [8, 1.0]]) * 1e-3
-    >>> round(turn_gap([there_and_back], ["L1"], [np.full(5, 0.2e-3)]) * 1e3, 6)
-    0.8
+    From the middle of each segment it is that to the nearest trace of the layer with the same
+    direction, so leads, opposite sides of a loop and the legs of a hairpin do not count. `lines`
+    (n, 2) and `widths` (n − 1,) are in m. None if no two traces run so.
     """
     gaps: list[float] = []
     weights: list[float] = []

@@ -1,7 +1,5 @@
 """Graph of tracks, and the path of a connected piece."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence
@@ -107,18 +105,9 @@ class _Stand:
 def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[SurfacePad]) -> TrackGraph:
     """Join tracks at their ends, at holes and at pads.
 
-    A track is divided wherever another track's end, a hole or a pad lies on its centre line to
-    within `JOINED`. Parts that then lie on each other count once, with the larger width. A loose
-    end is continued to the centre of the hole or pad in which it lies, or to another loose end that
-    its round cap reaches.
-
-    >>> tracks = [
-    ...     Track("F.Cu", (0, 0), (6e-3, 0), 2e-4, "A", "file:1"),
-    ...     Track("F.Cu", (4e-3, 0), (9e-3, 0), 2e-4, "A", "file:2"),
-    ... ]
-    >>> graph = track_graph(tracks, [], [])
-    >>> len(graph.edges), [len(node.edges) for node in graph.nodes.values()]
-    (3, [1, 2, 2, 1])
+    A track is divided wherever an end, a hole or a pad lies on its centre line to within `JOINED`.
+    Parts on each other count once, with the larger width. A loose end is continued to the centre of
+    the hole or pad in which it lies, or to another loose end that its round cap reaches.
     """
     require_followable(tracks)
     stands = [
@@ -245,9 +234,9 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand], tracks: Sequence[
 class TracedCoil:
     """Net that is one path from end to end.
 
-    `name` is "coil1", "coil2", … without a `net`. `lines` (n, 2) run in the direction of the
-    current, each on one of `layers`, with `widths` (n − 1,). `passed` are holes along the path that
-    lead to no other layer. `where` is the "file:line" of its first track.
+    `name` is "coil1", "coil2", … without a `net`. `lines` (n, 2) run with the current, each on one
+    of `layers`, with `widths` (n − 1,). `passed` are holes along the path that lead to no other
+    layer.
     """
 
     name: str
@@ -301,8 +290,8 @@ class TracedCoil:
     def poles(self) -> tuple[Pole, ...]:
         """Places about which the path winds, most turns first.
 
-        The way from one place to the next is no turn of either. A single loop and a meander, whose
-        bends are no turns, have their centre as a pole, of 0 turns around nothing.
+        A single loop and a meander, whose bends are no turns, have their centre: 0 turns around
+        nothing.
         """
         found = find_turns(FlatPath.of_lines(self.lines, self.widths))
         if found is not None:
@@ -332,8 +321,8 @@ def natural_order(name: str) -> list[tuple[bool, int, str]]:
 def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int]) -> TracedCoil:
     """Follow a connected piece of copper, by its edges, from end to end.
 
-    The first end is as in `trace_coils`. `what` is the piece in messages: "net A". Raises
-    BoardError if it branches, is closed or crosses itself.
+    `what` is the piece in messages: "net A". Raises BoardError if it branches, is closed or crosses
+    itself.
     """
     numbers = list(dict.fromkeys(node for index in piece for node in graph.edges[index].ends))
     for number in numbers:

@@ -1,7 +1,5 @@
 """The bundled design files, each a board that was published."""
 
-from __future__ import annotations
-
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DesignError
 

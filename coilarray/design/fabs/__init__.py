@@ -1,7 +1,5 @@
 """The table ``[fab]`` of a design file, and bundled profiles of board houses with sources and dates."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
