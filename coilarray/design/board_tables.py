@@ -134,12 +134,20 @@ class WoundTable(Table):
     leads: LeadsTable | None = None
     """Leads and terminals; bare ends without this table."""
 
-    def shared(self, name: str) -> dict[str, Any]:
-        """Return the arguments in SI that all spirals share."""
+    def build(self, name: str) -> Coil:
+        """Return the coil in SI."""
         via = PlatedHole(**self.via.in_si())
         leads = None if self.leads is None else self.leads.build(via)
         sided = ("winding_rule",) if isinstance(self, SidedTable) else ()
-        return self.in_si(*_WOUND, *sided) | {"via": via, "leads": leads, "name": name}
+        spiral = self.spiral(self.in_si(*_WOUND, *sided) | {"via": via, "leads": leads, "name": name})
+        segments = spiral.steps * spiral.layers
+        if segments > _MOST_SEGMENTS:
+            raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
+        return spiral.coil()
+
+    def spiral(self, shared: dict[str, Any]) -> Winding:
+        """Return the winding of a shape from what all share, in SI."""
+        raise NotImplementedError
 
 
 _WOUND = [key for key in WoundTable.model_fields if key not in ("via", "leads")]
@@ -176,18 +184,18 @@ class PolygonCoil(SidedTable):
             raise ValueError("needs exactly one of outer_across_flats_mm and outer_across_corners_mm")
         return self
 
-    def build(self, name: str) -> Coil:
-        """Return the coil in SI."""
+    def spiral(self, shared: dict[str, Any]) -> Winding:
+        """Return the winding in SI."""
         if self.outer_across_flats_mm is not None:
             size = self.outer_across_flats_mm * MM
         else:
             assert self.outer_across_corners_mm is not None  # the validator has checked it
             size = across_flats(self.outer_across_corners_mm * MM, self.sides)
-        corner, shared = self.first_corner_deg * DEG, self.shared(name)
+        corner = self.first_corner_deg * DEG
         if not self.corner_radius_mm:
-            return _wound(Spiral(self.sides, size, first_corner=corner, **shared))
+            return Spiral(self.sides, size, first_corner=corner, **shared)
         side, radius = corner + _half_side(self.sides, self.winding), self.corner_radius_mm * MM
-        return _wound(RoundedSpiral(size, size, corner_radius=radius, sides=self.sides, direction=side, **shared))
+        return RoundedSpiral(size, size, corner_radius=radius, sides=self.sides, direction=side, **shared)
 
 
 class CircleCoil(WoundTable):
@@ -202,10 +210,10 @@ class CircleCoil(WoundTable):
     first_corner_deg: Degrees = 0.0
     """Direction in which the winding starts; 0 is +x."""
 
-    def build(self, name: str) -> Coil:
-        """Return the coil in SI."""
+    def spiral(self, shared: dict[str, Any]) -> Winding:
+        """Return the winding in SI."""
         size, start = self.outer_diameter_mm * MM, self.first_corner_deg * DEG
-        return _wound(RoundedSpiral(size, size, corner_radius=size / 2, direction=start, **self.shared(name)))
+        return RoundedSpiral(size, size, corner_radius=size / 2, direction=start, **shared)
 
 
 class OblongTable(SidedTable):
@@ -219,13 +227,14 @@ class OblongTable(SidedTable):
     """Side where the winding starts and its leads leave: at its middle, or over the corner at its
     beginning where corners are sharp and sides parallel."""
 
-    def oblong(self, name: str, radius_mm: float) -> Coil:
-        """Return the coil in SI from its corners' radius."""
+    def spiral(self, shared: dict[str, Any]) -> Winding:
+        """Return the winding in SI."""
         quarter = SIDES.index(self.first_side)
         sizes = (self.outer_width_mm * MM, self.outer_height_mm * MM)
         extent, breadth = sizes if quarter % 2 == 0 else sizes[::-1]
-        radius, start = radius_mm * MM, quarter * math.pi / 2
-        return _wound(RoundedSpiral(extent, breadth, corner_radius=radius, direction=start, **self.shared(name)))
+        shorter = min(self.outer_width_mm, self.outer_height_mm)
+        radius = self.corner_radius_mm if isinstance(self, RectangleCoil) else shorter / 2
+        return RoundedSpiral(extent, breadth, corner_radius=radius * MM, direction=quarter * math.pi / 2, **shared)
 
 
 class RectangleCoil(OblongTable):
@@ -236,28 +245,12 @@ class RectangleCoil(OblongTable):
     corner_radius_mm: LimitMillimetres = 0.0
     """Radius of the outer copper edge at the corners; sharp corners by default."""
 
-    def build(self, name: str) -> Coil:
-        """Return the coil in SI."""
-        return self.oblong(name, self.corner_radius_mm)
-
 
 class RacetrackCoil(OblongTable):
     """``[coils.NAME]`` with ``shape = "racetrack"``: the shorter sides are half circles."""
 
     shape: Literal["racetrack"]
     """Two straight sides, and a half circle at each end."""
-
-    def build(self, name: str) -> Coil:
-        """Return the coil in SI."""
-        return self.oblong(name, min(self.outer_width_mm, self.outer_height_mm) / 2)
-
-
-def _wound(spiral: Winding) -> Coil:
-    """Return the coil of a spiral without too many segments."""
-    segments = spiral.steps * spiral.layers
-    if segments > _MOST_SEGMENTS:
-        raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
-    return spiral.coil()
 
 
 def _half_side(sides: int, winding: Sense) -> float:

@@ -121,10 +121,10 @@ class _Layer:
         self._operation(end, "I{}J{}D01".format(*_coordinates(centre - start)))
         self._body.append("G01*")
 
-    def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
-        """Flash a disc (place in m, diameter in mm)."""
-        self._select(diameter, function)
-        self._operation(_mm((x, y)), "D03")
+    def flash(self, hole: Drill, function: str = "") -> None:
+        """Flash the pad of a hole."""
+        self._select(float(_mm(hole.pad)), function)
+        self._operation(_mm((hole.x, hole.y)), "D03")
 
     def text(self, attributes: Mapping[str, Sequence[str]]) -> str:
         """Return the file with its attributes."""
@@ -177,7 +177,7 @@ def _gerbers(array: Array, project: _Project) -> Iterator[_File]:
         openings = _Layer()
         for hole in drills(array):
             if hole.kind == "terminal" and name in hole.layers:
-                openings.flash(hole.x, hole.y, float(_mm(hole.pad)))
+                openings.flash(hole)
         yield file(kicad, openings, ("Soldermask", side), "Negative")
     yield file("F_Silkscreen", _silk(array), ("Legend", "Top"), "Positive")
     x_min, y_min, x_max, y_max = _mm(array.bounds).tolist()
@@ -202,11 +202,11 @@ def _copper(array: Array, name: str) -> _Layer:
                 layer.stroke(start, end, widths[piece.first], "Conductor", middle if piece.bulge else None)
         for hole in own:
             if hole.kind == "via" and name in hole.layers:
-                layer.flash(hole.x, hole.y, float(_mm(hole.pad)), "ViaPad")
+                layer.flash(hole, "ViaPad")
         for number, hole in enumerate((hole for hole in own if hole.kind == "terminal"), start=1):
             if name in hole.layers:
                 layer.attribute(f"TO.P,{_field(placement.name)},{number}")
-                layer.flash(hole.x, hole.y, float(_mm(hole.pad)), "ComponentPad" if hole.drilled else "SMDPad,CuDef")
+                layer.flash(hole, "ComponentPad" if hole.drilled else "SMDPad,CuDef")
         layer.attribute("TD")
     return layer
 

@@ -165,9 +165,7 @@ def _winding(array: Array, alike: Sequence[Placement]) -> str:
         node("descr", quoted(f"winding of {users} on {', '.join(placement.layers)}")),
         # how the format of KiCad 6 marks a net tie. Later versions read it as a group of all pads
         node("tags", quoted("net tie planar coil")),
-        _attributes(placement),
-        _reference(placement, silk_labels(single)[0], drawing),
-        _value(name, drawing),
+        *_words(placement, silk_labels(single)[0], name, drawing),
         node("fp_poly", corners, *style),
         *(
             node(f"fp_{'line' if len(ends) == 2 else 'arc'}", *ends, layer, width, drawing.identifier("line", k))
@@ -198,27 +196,18 @@ def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, 
                 yield ends, node("width", length(widths[piece.first])), on_layer(drawing.layers[layer])
 
 
-def _attributes(placement: Placement, *more: str) -> str:
-    return node("attr", "smd" if placement.coil.terminal is None else "through_hole", *more, *_NO_PART)
-
-
-def _reference(placement: Placement, label: Label | None, drawing: Drawing) -> str:
-    """Write the coil's name, on silk if it fits."""
-    if label is None:
-        return _text("reference", placement.name, at("at", (0, 0)), "F.Fab", _FAB_LETTERS, drawing)
-    place = drawing.points((label.x, label.y)) - drawing.points((placement.x, placement.y))
-    return _text("reference", placement.name, at("at", place), "F.SilkS", label.size, drawing)
-
-
-def _value(value: str, drawing: Drawing) -> str:
-    return _text("value", value, at("at", (0, 2_000_000)), "F.Fab", _FAB_LETTERS, drawing)
-
-
-def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: Drawing) -> str:
-    size = node("size", length(height), length(height))
-    font = node("font", size, node("thickness", length(_STROKE * height)))
-    rest = (on_layer(layer), node("effects", font), drawing.identifier(kind))
-    return node("fp_text", kind, quoted(text), place, *rest)
+def _words(placement: Placement, label: Label | None, value: str, drawing: Drawing, *attributes: str) -> Iterator[str]:
+    """Yield the attributes of a footprint, its name, on silk if it fits, and its value."""
+    kind = "smd" if placement.coil.terminal is None else "through_hole"
+    yield node("attr", kind, *attributes, *_NO_PART)
+    name = ("reference", placement.name, (0, 0), "F.Fab", _FAB_LETTERS)
+    if label is not None:
+        place = drawing.points((label.x, label.y)) - drawing.points((placement.x, placement.y))
+        name = ("reference", placement.name, tuple(place.tolist()), "F.SilkS", label.size)
+    for kind, text, place, layer, height in (name, ("value", value, (0, 2_000_000), "F.Fab", _FAB_LETTERS)):
+        font = node("font", node("size", *[length(height)] * 2), node("thickness", length(_STROKE * height)))
+        rest = (on_layer(layer), node("effects", font), drawing.identifier(kind))
+        yield node("fp_text", kind, quoted(text), at("at", place), *rest)
 
 
 def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
@@ -430,9 +419,7 @@ def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
         children = [
             own.identifier("footprint"),
             at("at", own.points((placement.x, placement.y))),
-            _attributes(placement, "board_only"),
-            _reference(placement, label, own),
-            _value("coil", own),
+            *_words(placement, label, "coil", own, "board_only"),
             *_terminal_pads(array, placement, (node("net", str(number), quoted(placement.name)),), own),
         ]
         yield block("footprint", (quoted("coil_terminals"), on_layer("F.Cu")), children)

@@ -61,12 +61,6 @@ def gerber(text: str) -> gerbonara.GerberFile:
     return gerbonara.GerberFile.from_string(text)
 
 
-def copper_files(files: dict[str, str]) -> list[gerbonara.GerberFile]:
-    """The copper layers top to bottom."""
-    layers = {file_function(text)[1]: text for text in files.values() if "TF.FileFunction,Copper" in text}
-    return [gerber(layers[f"L{k}"]) for k in range(1, len(layers) + 1)]
-
-
 @pytest.mark.slow
 def test_files_and_their_functions(tmp_path: Path) -> None:
     files = written(small_board(), tmp_path, "two coils")

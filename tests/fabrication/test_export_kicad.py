@@ -142,11 +142,11 @@ def test_stack_up_and_layers(tmp_path: Path) -> None:
         ("31", "B.Cu", "signal", "low"),
     ]  # fmt: skip
     slabs = list(board.need("setup").need("stackup").children("layer"))
-    expected = ["F.Cu", "dielectric 1", "In1.Cu", "dielectric 2", "In2.Cu", "dielectric 3", "B.Cu"]
-    expected = ["F.SilkS", "F.Paste", "F.Mask", *expected, "B.Mask", "B.Paste", "B.SilkS"]
-    assert [node.text() for node in slabs] == expected
-    slabs = slabs[3:-3]
-    assert [node.need("type").text() for node in slabs[1::2]] == ["prepreg", "core", "prepreg"]
+    assert [node.text() for node in slabs[:3] + slabs[-3:]] == [
+        *("F.SilkS", "F.Paste", "F.Mask"),
+        *("B.Mask", "B.Paste", "B.SilkS"),
+    ]
+    assert [node.need("type").text() for node in slabs[4:-3:2]] == ["prepreg", "core", "prepreg"]
     assert board.need("general").need("thickness").number() * 1e-3 == pytest.approx(stackup.thickness, rel=1e-12)
     # a board of one layer has an empty back; its title is the name where there is none
     titled = read_sexpr(export(single_layer(), tmp_path, title='Six "coils"')[0])

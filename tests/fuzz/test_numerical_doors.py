@@ -128,7 +128,7 @@ def bars_exactly(first, second, offset):
 def test_bars_of_any_proportions_are_exact_or_refused(decades, accuracy):
     """Plates, wires and grains, crossed, inside each other, and up to 10⁴ sizes apart."""
     random, refusals = np.random.default_rng(23), 0
-    for _ in range(40):
+    for _ in range(20):
         first, second = 10.0 ** random.uniform(-decades, 0, (2, 3))
         offset = random.choice([-1, 1], 3) * 10.0 ** random.uniform(-decades, random.uniform(-1, 4), 3)
         try:
@@ -139,7 +139,7 @@ def test_bars_of_any_proportions_are_exact_or_refused(decades, accuracy):
             assert found == pytest.approx(MU_0 / (4 * np.pi) * bars_exactly(first, second, offset), rel=accuracy)
         alone = bars_exactly(first, first, (0.0, 0.0, 0.0))
         assert rectangular_bars(tuple(first)) == pytest.approx(MU_0 / (4 * np.pi) * alone, rel=accuracy)
-    assert refusals <= (4 if decades == 8 else 0)
+    assert refusals <= (2 if decades == 8 else 0)
 
 
 @pytest.mark.parametrize("length", [1e-4, 1e-8, 1e-12])

@@ -31,21 +31,6 @@ def find_kicad() -> Kicad | str:
         return f"there is no kicad-cli 8 or later, and {python} has no pcbnew"
 
 
-def gerbers(kicad: Kicad, board: Path) -> dict[str, Path]:
-    """Plot a board; the files by the function that they say they have, such as "Copper,L1,Top"; the job as "Job"."""
-    board = board.resolve()  # KiCad takes a folder that is not absolute as one beside the board
-    folder = board.parent / "plots"
-    folder.mkdir()
-    kicad.plot(board, folder)
-    files = {
-        re.findall(r"%TF\.FileFunction,(.*?)\*%", file.read_text(encoding="utf-8"))[0]: file
-        for file in folder.glob("*.gbr")
-    }
-    (job,) = folder.glob("*.gbrjob")
-    assert files, f"KiCad plotted nothing of {board}"
-    return {**files, "Job": job}
-
-
 @dataclass(frozen=True)
 class _Cli:
     """A kicad-cli: the design rule check finds "kind: text", errors and warnings at the project's severities."""
