@@ -166,7 +166,7 @@ def compare_responses(
     if "base_inductance" in kept and "base_inductance" in simulated:
         pair = [side.base_inductance.sel(state=kept.state.values).values for side in (kept, simulated)]
         data |= variables(("base_inductance", ("source", "state"), np.array(pair), "H", "L_0"))
-    coords = {name: kept[name] for name in _DIMS}
+    coords: dict[str, Any] = {name: kept[name] for name in _DIMS}
     for name in ("depth", "y", "x"):  # a response of other programs may not have them
         coords[name] = coords[name].assign_attrs({"long_name": name, **kept[name].attrs, "units": "m"})
     places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
@@ -194,7 +194,7 @@ def compare_responses(
 
 def _combined(rows: Sequence[Any], *dims: str) -> xr.Dataset:
     """Datasets in nested lists along new dimensions."""
-    return xr.combine_nested(
+    combined: xr.Dataset = xr.combine_nested(
         rows,
         dims,
         join="outer",
@@ -203,6 +203,7 @@ def _combined(rows: Sequence[Any], *dims: str) -> xr.Dataset:
         compat="override",
         combine_attrs="override",
     )
+    return combined
 
 
 def _compared(

@@ -206,7 +206,7 @@ class Axis:
         if last < first:
             raise GoalError(f"{self.key} takes whole numbers; there is none from {low} to {high}.")
         if parts is None:
-            return np.unique(np.linspace(first, last, _STEPS).round()).astype(int).tolist()
+            return [int(value) for value in np.unique(np.linspace(first, last, _STEPS).round())]
         return [first + int(part * (last - first + 1)) for part in parts]
 
 

@@ -241,9 +241,9 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
     response = evaluation.response(np.array(setup.depths[:1]), np.array(setup.x), np.array(setup.y))
-    coils, near = [given], np.diff(response.y.values).min(initial=np.inf) / 2
+    coils: list[str] = [] if given is None else [given]
+    near = np.diff(response.y.values).min(initial=np.inf) / 2
     if given is None:  # those on the x axis that peak inside the map
-        coils = []
         for name, state in evaluation.own_states.items():
             hill = response.delta.values[0, :, :, state]
             row, column = np.unravel_index(int(np.argmax(hill)), hill.shape)
