@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -205,13 +204,13 @@ def response_map(
         except NetworkError:  # a state that measures several coils
             if accuracy.reach != "auto":
                 raise
-    solve: Callable[..., _Solved]
+    given_to_both = (design, pressed, network, mesh)
     if states is not None:
-        solve = partial(_near_coils, error=error, states=states)
+        solved = _near_coils(*given_to_both, states=states, error=error, ideal=ideal, progress=progress)
     else:
         _require_room(axes, coils, len(design.plan), 0.0)
-        solve = partial(_all_coils, rest=true.rest, keep=keep)
-    delta, base, budget, found, attributes = solve(design, pressed, network, mesh, ideal=ideal, progress=progress)
+        solved = _all_coils(*given_to_both, rest=true.rest, keep=keep, ideal=ideal, progress=progress)
+    delta, base, budget, found, attributes = solved
     if pressed.correction is not None and setup.unevenness.lifts:
         attributes["lifted_m"] = float(pressed.correction.lifted.max())
     drift = true.drift * axes.order("rows") + true.column_drift * axes.order("columns")

@@ -47,9 +47,8 @@ class Imperfections:
     Parameters
     ----------
     tilt : tuple of float
-        Rise of the sample's top along x and y in m per m. The lowest sheet takes it up as a wedge.
-        The indenter finds the contact at the origin of the map and keeps its height, so the depth
-        grows where the sample rises.
+        Rise of the sample's top along x and y in m per m, as a wedge of the lowest sheet. The
+        indenter keeps its height at the origin of the map, so the depth grows where it rises.
     offset : tuple of float
         True minus assumed position of the indenter along x and y in m.
     depth_error : float
@@ -57,19 +56,17 @@ class Imperfections:
     thickness_errors : mapping of str to float
         True minus designed thickness in m, by the name of the sheet.
     noise : float
-        Relative standard deviation of every reading of an inductance. L_peak and L_0 are one
-        reading each.
+        Relative standard deviation of every reading, L_peak and L_0.
     seed : int
         Seed of the noise.
     drift : float
-        Change of δ from the first to the last position of the map, in proportion to their number in
-        the order of a campaign (row after row, x rising, all depths at one place). It represents a
-        drift of the inductance since L_0 was read.
+        Change of δ from the first to the last position of the map in the order of a campaign (row
+        after row, x rising, all depths at one place): a drift of L since L_0 was read.
     column_drift : float
         The same for a campaign that goes column after column, y rising.
     rest : float
-        Height in m of an indenter with a material over the sheets while L_0 is read at the same
-        position. At 0 it just touches them, as in a campaign. At inf it is far away.
+        Height in m of an indenter with a material over the sheets while L_0 is read, 0 as in a
+        campaign, inf for far away.
     network : Network or "ideal", optional
         Coils, switches and strays under the flat sheets, in place of the design's own with the
         true thicknesses. "ideal" leaves AC resistance and all strays out.

@@ -57,16 +57,14 @@ def compare_responses(
     ----------
     measured : xarray.Dataset
         Response with ``delta`` (depth, y, x, state) and coordinates in m, NaN where a position was
-        not measured. If it has ``delta_std``, the standard deviation of δ, this is the noise. If
-        the attribute ``repeats`` gives the number of readings in a mean δ, ``delta_std`` is for a
-        single reading.
+        not measured. ``delta_std``, the standard deviation of δ, is the noise, of a single reading
+        if the attribute ``repeats`` gives the number of readings in a mean δ.
     simulated : xarray.Dataset
         Response without NaN, at least four x and four y. It may be another measured response, whose
         ``delta_std`` is then added to the noise.
     largest_shift : float, optional
-        Largest shift of the search, in m. By default the measured map's own spacing along each
-        axis. Shifts are searched with the positions that are in the simulated map by this much, so
-        let it be larger than the measured map.
+        Largest shift of the search in m, by default the measured map's own spacing. Only positions
+        that are in the simulated map by this much are used, so let it be larger than the measured.
     progress : callable, optional
         Called with (done, total).
 
@@ -77,20 +75,15 @@ def compare_responses(
         ``depth``, ``y``, ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and
         ``level``. NaN for unknown values.
 
-        - ``delta`` (source, depth, y, x, state)
+        - ``delta`` (source, depth, y, x, state), and ``base_inductance`` (source, state) in H
         - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated,
           as it is, and scaled and shifted
-        - ``base_inductance`` (source, state): in H, if both have it
 
-        For every depth and state
-
-        - ``scale`` and, with an axis, ``shift`` in m, which bring the simulated map onto the
-          measured map
-        - ``at_limit``: whether the best shift is beyond the largest shift
-        - ``rms_before``, ``rms_after``, ``correlation_before`` and ``correlation_after``
-        - the standard deviation of each of these, whose name ends in ``_std``
-        - ``noise``: its level in δ if it is known
-        - ``points``: the number of positions
+        For every depth and state ``scale`` and, with an axis, ``shift`` in m, which bring the
+        simulated map onto the measured map, ``rms_before``, ``rms_after``, ``correlation_before``
+        and ``correlation_after``, each with its standard deviation, whose name ends in ``_std``,
+        ``at_limit``, whether the best shift is beyond the largest, ``noise``, its level in δ if it
+        is known, and ``points``, the number of positions.
 
         For every depth, state and ``source``, the ellipses of `level_curves` over the level of δ,
         neither scaled nor shifted: ``x0``, ``A``, ``B``, their standard deviations,

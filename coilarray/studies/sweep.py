@@ -278,9 +278,7 @@ def sweep(
     workers: int | Executor = 1,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Evaluate quantities of a design over a grid.
-
-    The grid consists of entries of the design.
+    """Evaluate quantities of a design over a grid of its entries.
 
     Parameters
     ----------
@@ -291,8 +289,7 @@ def sweep(
     quantities : sequence of str or mapping
         Names of quantities, in the form read by `coilarray.studies.quantities.request`.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances. ``screen`` is about ten times as fast, see
-        `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances, see `coilarray.electromagnetics.inductance.Accuracy`.
     keep : bool, str or Path
         Whether points are kept for later runs: in the user's cache folder, or in the given folder.
     workers : int or concurrent.futures.Executor
@@ -304,9 +301,8 @@ def sweep(
     Returns
     -------
     xarray.Dataset
-        A variable for each quantity over the entries as dimensions. The coordinates are the values
-        of the entries in the units of their keys. A point without a value is NaN, and ``reason``
-        gives the cause. Units and long names are in the attributes.
+        A variable for each quantity over the entries in the units of their keys. A point without a
+        value is NaN, and ``reason`` gives the cause.
 
     Raises
     ------

@@ -78,11 +78,6 @@ def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return min(margins)
 
 
-def _inductance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    place = evaluation.coil(options["coil"])
-    return float(evaluation.inductance[place, place]) * 1e6
-
-
 def _pairs(evaluation: Evaluation) -> FloatArray:
     """Coupling coefficients of all pairs."""
     count = len(evaluation.design.array.names)
@@ -116,9 +111,9 @@ def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    if not evaluation.judged:
+    if not evaluation.unread and evaluation.design.readout.converter:
         _ = evaluation.scan  # which updates the count
-    return float(evaluation.unread)
+    return float(sum(evaluation.unread))
 
 
 COILS = (
@@ -153,7 +148,9 @@ COILS = (
         (Option("coils", "the names of two coils", read_pair, "which pair", required=True, bare=True),),
     ),
     Quantity(
-        "inductance_uH", "µH", "coupling", "self-inductance with sheets and plates, others open", _inductance, (COIL,)
+        "inductance_uH", "µH", "coupling", "self-inductance with sheets and plates, others open",
+        lambda evaluation, options: float(evaluation.inductance.diagonal()[evaluation.coil(options["coil"])]) * 1e6,
+        (COIL,),
     ),
     _of_state(
         "effective_inductance_uH", "µH", "effective_inductance", 1e6,

@@ -35,22 +35,13 @@ class Evaluation:
     design: Design
     accuracy: Accuracy = "full"
     _maps: dict[tuple[tuple[float | str, ...], ...], xr.Dataset] = field(default_factory=dict, init=False, repr=False)
-    _unread: list[int] = field(default_factory=list, init=False, repr=False)
-
-    @property
-    def unread(self) -> int:
-        """Number of used values that the converter cannot read."""
-        return sum(self._unread)
-
-    @property
-    def judged(self) -> bool:
-        """Whether the converter has been checked, or there is none."""
-        return bool(self._unread) or not self.design.readout.converter
+    unread: list[int] = field(default_factory=list, init=False, repr=False)
+    """Numbers of used values that the converter cannot read."""
 
     def taken(self, found: xr.Dataset) -> xr.Dataset:
         """Return a dataset, and note values that are not readable."""
         if "readable" in found:
-            self._unread.append(int((~found.readable).sum()))
+            self.unread.append(int((~found.readable).sum()))
         return found
 
     @cached_property

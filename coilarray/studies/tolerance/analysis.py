@@ -113,7 +113,7 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
         response = evaluation.response(np.array([at.depth]), np.array(at.x), np.array(at.y))
         names = outputs.names(board)[len(outputs.quantities) :]
         values |= dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))
-    return {**values, UNREAD: float(evaluation.unread)}
+    return {**values, UNREAD: float(sum(evaluation.unread))}
 
 
 def analyse(
@@ -131,15 +131,14 @@ def analyse(
 ) -> xr.Dataset:
     """Compute the spread of quantities over boards with fabrication errors.
 
-    The boards are those of a `design`. `tolerances` are the distributions of the errors, positions
-    and limits. `quantities` are by default of the tolerances, otherwise `default_quantities`.
-    Quantities in limits are added. `samples` is the number of drawn boards, 0 or at least 8, with
-    `seed` as in `draw`. The `accuracy` ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the
-    same for all boards, so their spread is accurate to 1 %. `table` is the response table for
-    locating positions, from `table_for`, by default computed. `workers` are a number of local
-    processes or an executor. `cache` keeps the boards. `progress` is called with (done, total).
-    Raises GoalError if `check_analysis` refuses the arguments, or a board next to the nominal board
-    is impossible, and CoilarrayError if the nominal board cannot be solved.
+    `quantities` are by default of the tolerances, otherwise `default_quantities`, and of the
+    limits. `samples` is the number of drawn boards, 0 or at least 8, with `seed` as in `draw`. The
+    `accuracy` ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so
+    their spread is accurate to 1 %. `table` is the response table for locating positions, from
+    `table_for`, by default computed. `workers` are a number of local processes or an executor.
+    `cache` keeps the boards. `progress` is called with (done, total). Raises GoalError if
+    `check_analysis` refuses the arguments, or a board next to the nominal board is impossible, and
+    CoilarrayError if the nominal board cannot be solved.
 
     Returns
     -------
