@@ -108,13 +108,10 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
         for name in (axis, f"coil_{axis}")
         if name in response.coords
     }
-    window = response.attrs.get(ELLIPSE_WINDOW)
-    about = (
-        {}
-        if window is None
-        else {ELLIPSE_WINDOW: [float(edge) + at for edge, at in zip(window, 2 * origin, strict=True)]}
-    )
-    return response.assign_coords(moved).assign_attrs(about, origin=_BOARD, origin_x=0.0, origin_y=0.0)
+    about: dict[str, Any] = {"origin": _BOARD, "origin_x": 0.0, "origin_y": 0.0}
+    if (window := response.attrs.get(ELLIPSE_WINDOW)) is not None:
+        about[ELLIPSE_WINDOW] = [float(edge) + at for edge, at in zip(window, 2 * origin, strict=True)]
+    return response.assign_coords(moved).assign_attrs(about)
 
 
 def in_ellipse_window(response: xr.Dataset) -> xr.Dataset:

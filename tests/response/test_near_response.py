@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from support.active_coil import active_coil
-from support.contacts import IDEAL, MESH, QUICK
+from support.contacts import IDEAL, MESH, QUICK, coarse_maps
 from support.first_assumed import hexagonal
 
 import coilarray.response.map as map_module
@@ -99,9 +99,10 @@ def test_imperfections_count_with_near_coils_too():
         noise=1e-5, seed=3,
     )  # fmt: skip
     places = {"depths": [0.2e-3], "x": [-11e-3, 2e-3], "y": [0.0], "imperfections": given}
-    near, full = (
-        response_map(load_design("starter"), accuracy=MapAccuracy(reach, MESH), **places) for reach in (1e-3, None)
-    )
+    with coarse_maps():
+        near, full = (
+            response_map(load_design("starter"), accuracy=MapAccuracy(reach, MESH), **places) for reach in (1e-3, None)
+        )
     # the same noise in both
     assert largest(near, full) < 1e-3
     assert near.inductance.values == pytest.approx(full.inductance.values, rel=1e-12)

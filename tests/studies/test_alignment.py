@@ -42,15 +42,15 @@ def test_scale_and_shift_are_found_again(scale, shift):
 
 @pytest.mark.slow
 def test_deviations_are_those_of_repeated_noisy_maps():
-    """With noise that differs from place to place, against the scatter of 300 fits, which is known to 4 %."""
+    """With noise that differs from place to place, against the scatter of 150 fits, which is known to 6 %."""
     shift, sigma = (0.5e-3, -0.3e-3), np.where(GRID[:, 0] > ROW[0][0], 3e-5, 1e-5)
-    noisy = 1.2 * moved(GRID, shift) + sigma * np.random.default_rng(0).standard_normal((300, len(GRID)))
+    noisy = 1.2 * moved(GRID, shift) + sigma * np.random.default_rng(0).standard_normal((150, len(GRID)))
     runs = [align(MODEL, GRID, values, largest_shift=SHIFT, noise=sigma) for values in noisy]
     unknowns = np.array([(run.scale, *run.shift) for run in runs])
     told = np.array([(run.scale_std, *run.shift_std) for run in runs]).mean(axis=0)
-    np.testing.assert_allclose(unknowns.std(axis=0), told, rtol=0.16)  # four standard deviations of a scatter of 300
+    np.testing.assert_allclose(unknowns.std(axis=0), told, rtol=0.23)  # four standard deviations of a scatter of 150
     away = (unknowns.mean(axis=0) - [1.2, *shift]) / told
-    assert np.abs(away).max() < 5 / np.sqrt(300) + 0.1  # the mean; 0.1 for the spline
+    assert np.abs(away).max() < 5 / np.sqrt(150) + 0.1  # the mean; 0.1 for the spline
 
 
 def test_without_noise_given_the_scatter_of_what_remains_counts():

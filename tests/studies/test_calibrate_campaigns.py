@@ -1,7 +1,7 @@
 """Campaigns recorded with the emulator from known values return them within the stated errors.
 
 Who checks whom: the emulator's own physics (a table of inductance changes, the whole circuit at every reading, noise of
-the converter) against the fit; the errors of 20 fits against how far they are off.
+the converter) against the fit; the errors of 12 fits against how far they are off.
 """
 
 import json
@@ -40,7 +40,7 @@ GRID = Campaign(x=(-6e-3, -3e-3, 0.0, 3e-3, 6e-3), y=(-4e-3, 0.0, 4e-3), depths=
 # 1e-7 of δ. With 3e-6 the errors of permeability and modulus, which go together, are so long that their valley bends:
 # each alone is still within its error, but both together are not what the linear covariance says (χ² twice its mean).
 NOISE = 1e-6
-CAMPAIGNS = 20
+CAMPAIGNS = 12
 TABLE = (np.array([0.5e-3, 0.75e-3, 1e-3]), np.linspace(-4e-3, 4e-3, 5), np.array(GRID.x))  # has the grid's own places
 
 
@@ -120,7 +120,7 @@ def changed(item, values):
     return {**item, "document": {**item["document"], "elastomer": sheets}, "imperfections": {"drift": drift}}
 
 
-def test_errors_of_twenty_campaigns_are_as_stated(emulated, tmp_path, monkeypatch):
+def test_errors_of_campaigns_are_as_stated(emulated, tmp_path, monkeypatch):
     surface, asked = Surface(), []
 
     def evaluate(item):
@@ -144,14 +144,14 @@ def test_errors_of_twenty_campaigns_are_as_stated(emulated, tmp_path, monkeypatc
     corner = changed(asked[0], [2.95, 175.0, 5e-6])
     exact = np.array(list(evaluate_model(corner).values()))
     np.testing.assert_allclose(list(surface(corner).values()), exact, atol=0.2e-6)
-    # 3 unknowns of 20 campaigns: χ² with 60 degrees of freedom, at odds of 1 in 1000 on each side. The noise of each
+    # 3 unknowns of 12 campaigns: χ² with 36 degrees of freedom, at odds of 1 in 1000 on each side. The noise of each
     # campaign is known with 27 degrees of freedom by what remains and 19 by the baselines: Student's is 46/44 wider
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 3 * CAMPAIGNS)
     assert low < sum(squares) < high * 46 / 44
     # no bias: 3.3 standard deviations of a mean
     assert np.abs(np.mean(off, axis=0)).max() < 3.3 / np.sqrt(CAMPAIGNS)
-    # 95 % of 20 are 19 ± 1
-    assert (np.sum(within, axis=0) >= 16).all()
+    # of 12 intervals of 95 % fewer than 9 hold the truth at odds of 1 in 500
+    assert (np.sum(within, axis=0) >= 9).all()
 
 
 def test_the_command_finds_what_was_recorded(emulated, tmp_path, capsys):

@@ -400,14 +400,14 @@ def test_peak_is_the_response_at_the_place(true):
 @pytest.mark.slow
 def test_position_error_against_a_finer_table():
     """About half the spacing and the six depths of `table_grid`; the mesh of the magnetic layer is coarse in both."""
-    true, region = Evaluation(STARTER), (-5e-3, 5e-3, -4e-3, 4e-3)
+    true, region = Evaluation(STARTER), (-3e-3, 3e-3, -2e-3, 2e-3)
     depths, _, _ = table_grid(STARTER, deepest=0.75e-3)
-    x, y = np.linspace(-5e-3, 5e-3, 21), np.linspace(-4e-3, 4e-3, 17)
+    x, y = np.linspace(-3e-3, 3e-3, 13), np.linspace(-2e-3, 2e-3, 9)
     asked = ("position_error_mm", "depth_error_mm")
     screened = Imperfections(network=design_circuit(STARTER, accuracy=true.accuracy))
     with coarse_maps(DEFAULT_MESH):
         table = response_map(STARTER, depths=depths, x=x, y=y, imperfections=screened)
-        found = [request(f"{name}[region_mm=-5:5:-4:4,depth_mm=0.3]").value(true) for name in asked]
+        found = [request(f"{name}[region_mm=-3:3:-2:2,depth_mm=0.3]").value(true) for name in asked]
     places = [low + (high - low) * (np.arange(n) + 0.5) / n for low, high, n in ((*region[:2], 40), (*region[2:], 20))]
     two = identifiability(forward_model(table), 0.3e-3, x=places[0], y=places[1])
     # the accuracy that the module states: the contact's mesh follows the depths

@@ -8,10 +8,12 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
+from support.contacts import few_turns
 
 from coilarray import Design, load_design, sweep
 from coilarray.compute.store import open_store
 from coilarray.compute.workers import open_executor
+from coilarray.design.model import parse_design
 from coilarray.design.vary import vary
 from coilarray.errors import DesignError, GoalError
 from coilarray.studies.quantities import evaluate
@@ -235,9 +237,8 @@ def test_outcomes_are_the_quantities_of_each_variation(starter):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("accuracy", ["full", "screen"])
-def test_two_processes_compute_the_same_bits_as_this_one(accuracy):
-    design = load_design("gast2020")
+def test_two_processes_compute_the_same_bits_as_this_one():
+    design, accuracy = parse_design(few_turns("gast2020")), "screen"
     changes = [{"array.columns": 2, "array.pitch_mm": pitch} for pitch in (11.0, 13.28, 15.5)]
     asked = ["worst_k", {"quantity": "inductance_uH", "coil": "coil1"}]
     here = run(design, changes, asked, accuracy=accuracy)

@@ -266,14 +266,19 @@ def wind(
     def of(turns: int, width: float) -> float:
         return inductance_of(Winding(turns, width, room.gap))
 
+    what_can, fewest, last = "", 1, 1
     if (reached := inductance_of(room.fullest)) < inductance:
-        most = f"at most {reached * 1e6:.4g} µH can, with {room.most_turns} turns a layer"
-        raise DesignError(_out_of_reach(inductance, most, room))
-    fewest = _first(lambda turns: of(turns, room.trace_width) >= inductance, room.most_turns)
-    last = _first(lambda turns: of(turns, room.widest(turns)) > inductance, room.most_turns) - 1
-    if last < 1 and fewest == 1:
-        least = f"at least {of(1, room.widest(1)) * 1e6:.3g} µH can, with 1 turn a layer"
-        raise DesignError(_out_of_reach(inductance, least, room))
+        what_can = f"at most {reached * 1e6:.4g} µH can, with {room.most_turns} turns a layer"
+    else:
+        fewest = _first(lambda turns: of(turns, room.trace_width) >= inductance, room.most_turns)
+        last = _first(lambda turns: of(turns, room.widest(turns)) > inductance, room.most_turns) - 1
+        if last < 1 and fewest == 1:
+            what_can = f"at least {of(1, room.widest(1)) * 1e6:.3g} µH can, with 1 turn a layer"
+    if what_can:
+        raise DesignError(
+            f"an inductance of {inductance * 1e6:.4g} µH cannot be reached: {what_can}, traces of at least "
+            f"{room.trace_width * 1e3:g} mm and gaps of {room.gap * 1e3:g} mm."
+        )
     if last < fewest:  # between two numbers of turns: the nearer one
         ends = [(fewest, room.widest(fewest)), (max(last, 1), room.trace_width)]
         turns, width = min(ends, key=lambda end: abs(of(*end) - inductance))
@@ -304,29 +309,15 @@ def _first(holds: Callable[[int], bool], most: int) -> int:
     return 1 + bisect_left(range(1, most + 1), True, key=holds)
 
 
-def _out_of_reach(inductance: float, what_can: str, room: Room) -> str:
-    return (
-        f"an inductance of {inductance * 1e6:.4g} µH cannot be reached: {what_can}, traces of at least "
-        f"{room.trace_width * 1e3:g} mm and gaps of {room.gap * 1e3:g} mm."
-    )
-
-
 _UNDECIDED = Winding(1, 0.15e-3, 0.15e-3)
 
 
-def _corners(*degrees: float) -> tuple[dict[str, Any], ...]:
-    return tuple({"first_corner_deg": degree} for degree in degrees)
-
-
-_STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
-    "hexagon": _corners(90, 270, 30, 150, 210, 330),
-    "square": _corners(45, 135, 225, 315),
-    "circle": _corners(90, 270, 0, 180, 45, 135, 225, 315),
-    "rectangle": _SIDES,
-    "racetrack": _SIDES,
+_CORNERS: Mapping[Shape, tuple[float, ...]] = {
+    "hexagon": (90, 270, 30, 150, 210, 330),
+    "square": (45, 135, 225, 315),
+    "circle": (90, 270, 0, 180, 45, 135, 225, 315),
 }
-# corners of a hexagon that face its neighbours
-_TURNED = _corners(0, 180, 60, 120, 240, 300)
+_TURNED = (0, 180, 60, 120, 240, 300)  # corners of a hexagon that face its neighbours
 
 
 @dataclass(frozen=True)
@@ -366,7 +357,8 @@ class Plan:
     @property
     def starts(self) -> tuple[dict[str, Any], ...]:
         """Possible starts of the winding and its leads."""
-        return _TURNED if self.turned else _STARTS[self.shape]
+        degrees = _TURNED if self.turned else _CORNERS.get(self.shape, ())
+        return tuple({"first_corner_deg": degree} for degree in degrees) or _SIDES
 
     @property
     def layers(self) -> int:
