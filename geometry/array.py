@@ -99,6 +99,18 @@ class Placement:
         """Return the same coil at the origin, not turned."""
         return replace(self, x=0.0, y=0.0, rotation=0.0)
 
+    def conductor(self, stackup: Stackup, chord: float = CHORD) -> Conductor:
+        """Return the path on a `stackup` in m, vias included, with a `chord`."""
+        via = (self.coil.via.bar_width, self.coil.via.bar_width, self.coil.via.barrel_area)
+        vertices: list[FloatArray] = []
+        sections: list[tuple[float, float, float]] = []  # widths, thicknesses and areas
+        for (line, own), layer in zip(self.coil.current_lines(chord), self.layers, strict=True):
+            vertices.append(np.column_stack((self.to_board(line), np.full(len(line), stackup.centre(layer)))))
+            thickness = stackup.copper_thickness[stackup.index(layer)]
+            sections += [(width, thickness, width * thickness) for width in own.tolist()] + [via]
+        widths, thicknesses, areas = np.array(sections[:-1]).T
+        return Conductor(np.vstack(vertices), widths, thicknesses, areas, self.name)
+
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
         """Yield lines (n, 2) on the board, widths (n − 1,) in m, and layers."""
         for line, widths, layer in zip(self.coil.lines, self.coil.widths, self.layers, strict=True):
@@ -379,20 +391,6 @@ class Array(SeveralCoils):
     def with_placements(self, placements: Sequence[Placement]) -> Array:
         """Return the same board with other `placements`, checked again."""
         return replace(self, placements=tuple(placements))
-
-
-def current_path(placement: Placement, stackup: Stackup, chord: float = CHORD) -> Conductor:
-    """Return the current path of one coil, vias included."""
-    coil = placement.coil
-    via = (coil.via.bar_width, coil.via.bar_width, coil.via.barrel_area)
-    vertices: list[FloatArray] = []
-    sections: list[tuple[float, float, float]] = []  # widths, thicknesses and areas
-    for (line, own), layer in zip(coil.current_lines(chord), placement.layers, strict=True):
-        vertices.append(np.column_stack((placement.to_board(line), np.full(len(line), stackup.centre(layer)))))
-        thickness = stackup.copper_thickness[stackup.index(layer)]
-        sections += [(width, thickness, width * thickness) for width in own.tolist()] + [via]
-    widths, thicknesses, areas = np.array(sections[:-1]).T
-    return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
 
 
 def lattice_array(

@@ -151,10 +151,8 @@ class CurrentPaths(ABC):
 
         A path runs from the first to the second terminal. `chord` is as in `Coil.current_lines`.
         """
-        from coilarray.geometry.array import current_path
-
         array = self.as_array()
-        return tuple(current_path(place, array.stackup, chord) for place in array.placements)
+        return tuple(place.conductor(array.stackup, chord) for place in array.placements)
 
     def field(self, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0) -> FloatArray:
         """Compute the magnetic flux density in T, in free space.

@@ -211,7 +211,15 @@ def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple
     holes = tuple(pad for pad in drills(array) if pad.drilled)
     done, total = itertools.count(1), len(array.stackup.names) * len(array.placements)
     low, high = np.reshape(array.bounds, (2, 2))
-    margins = [*_of_board(array, holes, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
+    margins = [*_of_board(array, holes, rules), *_holes(array, holes, rules)]
+    for placement in array.placements:
+        coil = placement.coil
+        for layer in dict.fromkeys(placement.layers):
+            line = min((float(coil.widths[k].min()), k) for k in placement.lines_on(layer))[1]
+            widths, points = coil.widths[line], coil.lines[line]
+            longest = int(np.argmax(np.where(widths == widths.min(), np.hypot(*np.diff(points, axis=0).T), -1.0)))
+            place = placement.to_board(points[longest : longest + 2]).mean(axis=0)
+            margins.append(_margin("trace width", layer, placement.name, float(widths.min()), rules.min_trace, place))
     for layer, copper in copper_by_layer(array).items():
         for net, shape in copper.items():
             xy = shapely.get_coordinates(shape)
@@ -329,19 +337,6 @@ def _of_board(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterat
     if not rules.blind_holes:
         blind = [hole for hole in holes if hole.layers != stackup.names]
         yield _margin("blind holes", "", "board", len(blind), 0, unit="")
-
-
-def _trace_widths(array: Array, rules: FabRules) -> Iterator[Margin]:
-    """Margins of the narrowest trace of each coil and layer."""
-    for placement in array.placements:
-        coil = placement.coil
-        for layer in dict.fromkeys(placement.layers):
-            line = min(placement.lines_on(layer), key=lambda k: float(coil.widths[k].min()))
-            narrowest = coil.widths[line].min()
-            steps = np.diff(coil.lines[line], axis=0)
-            longest = int(np.argmax(np.where(coil.widths[line] == narrowest, np.hypot(*steps.T), -1.0)))
-            place = placement.to_board(coil.lines[line][longest : longest + 2]).mean(axis=0)
-            yield _margin("trace width", layer, placement.name, float(narrowest), rules.min_trace, place)
 
 
 def _holes(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
