@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
@@ -130,19 +131,11 @@ class Windings(_Locked):
             return None, f"capacitance of the windings: {error}"
 
     def resistance(self, frequencies: FloatArray, resistivity: float) -> xr.Dataset:
-        """Resistance matrix (f, n, n) in Ω of the copper.
-
-        In an array of more than 24 coils each coil is computed alone, without losses in the copper
-        of others.
-        """
+        """Resistance matrix (f, n, n) in Ω, of more than 24 coils without losses in others."""
         alone = len(self.array.names) > _MOST_TOGETHER
         parts = ("resistance", digest_of(self.array, frequencies.tolist(), resistivity))
-        return _kept(
-            self.array,
-            self.accuracy,
-            parts,
-            lambda: resistance_matrix(self.array, frequencies, resistivity, alone=alone),
-        )
+        work = partial(resistance_matrix, self.array, frequencies, resistivity, alone=alone)
+        return _kept(self.array, self.accuracy, parts, work)
 
     def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> Plates:
         """Effect of plates between two frequencies in Hz, working in their middle."""

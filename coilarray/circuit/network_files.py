@@ -58,8 +58,6 @@ def export_network(
     inductance at the coil's resonance, where both agree. The coils' eddy currents in each other
     (1 % of the resistance) are left out. A Touchstone file has all of it, every coil floating.
 
-    Examples
-    --------
     >>> from coilarray.circuit.board_circuit import bare_network
     >>> from coilarray.design.scan_states import Switches
     >>> pair = bare_network(("A", "B"), np.array([[2e-6, 1e-6], [1e-6, 2e-6]]), np.ones(2), Switches())
@@ -147,14 +145,14 @@ def _subcircuit(network: Network, title: str) -> str:
     )
 
 
-def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ...]:
+def plain_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return distinct names of letters, digits and underscores.
 
     They differ in more than case. Every other character becomes ``_``.
     """
     given = list(names)
-    if not given or (count is not None and len(given) != count):
-        raise ValueError(f"names must be {count or 'one or more'}; got {len(given)}.")
+    if not given:
+        raise ValueError("names must be one or more; got 0.")
     taken: set[str] = set()
     result: list[str] = []
     for name in given:
@@ -208,7 +206,7 @@ def spice_subcircuit(
     <BLANKLINE>
     """
     L, R = checked_network(inductance, resistance)
-    coils = plain_names(names, len(L))
+    coils = plain_names(names)
     between = np.broadcast_to(np.asarray(0.0 if mutual_capacitance is None else mutual_capacitance), L.shape)
     between = between - np.diag(np.diag(between))
     C = np.broadcast_to(0.0 if capacitance is None else capacitance, (len(L),)) - between.sum(axis=1) / 6
@@ -287,7 +285,7 @@ def touchstone(
         raise ValueError(f"at least one frequency is needed, as one row; got shape {f.shape}.")
     if not (np.isfinite(f).all() and f[0] >= 0 and (np.diff(f) > 0).all()):
         raise ValueError("frequencies must be finite, not negative and rising.")
-    ports = plain_names(names, Z.shape[1])
+    ports = plain_names(names)
     target = Path(path)
     if target.suffix.lower() != f".s{len(ports)}p":
         raise OutputError(f"a Touchstone file of {len(ports)} ports must end in .s{len(ports)}p; got {target.name}.")
@@ -318,8 +316,6 @@ def fasthenry_input(
     × thickness, the segment gets its own resistivity ρ w h/A, so that its resistance at direct
     current is right.
 
-    Examples
-    --------
     >>> square = [[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]]
     >>> text = fasthenry_input(Conductor(square, 0.15e-3, 35e-6, name="loop"), [1e5, 1e6])
     >>> text.splitlines()[-3:]

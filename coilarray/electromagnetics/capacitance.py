@@ -94,8 +94,6 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
     leads. ``capacitance`` (coil, other) is the Maxwell matrix between coils, each at one potential.
     No ground is near the board, so its rows sum to zero.
 
-    Notes
-    -----
     For one winding, the voltage rises linearly along the turns from one end to the other, and the
     coil floats. Rays from the poles of the turns cut them (`coilarray.geometry.winding`). The
     traces on a ray, unfolded to perpendicular cuts, are a row of strips on each layer, mirrored at
@@ -114,8 +112,6 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
     edges of these areas, pads, and coils side by side without overlap (a few 0.1 pF by estimate)
     are left out.
 
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> C = coil_capacitance(load_design("gast2020").array)
     >>> f"{float(C.coil_capacitance[0]) * 1e12:.1f} pF"

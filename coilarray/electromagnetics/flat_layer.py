@@ -101,39 +101,27 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
 def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accuracy = "full") -> FloatArray:
     """Compute the change of inductance (paths, paths) by flat sheets in H.
 
-    It is symmetric, to be added to the matrix without sheets, and zero if no sheet is magnetic.
+    It is symmetric, to be added to the matrix without sheets, and zero if no sheet is magnetic. The
+    current paths, also thin filaments, lie below the magnetic sheet. The `sheets` go upwards from
+    z = 0, wide against the coils, with at most one magnetic region (`magnetic_slab`). A second
+    region, or a path that reaches into it (a thin filament: or touches it), raises an
+    ElastomerError. The `accuracy` is that of `coilarray.inductance_matrix`, where ``screen`` errs
+    by up to 1e-3 of the change itself.
 
-    Parameters
-    ----------
-    source : Array, Conductor, polyline or sequence of them
-        Current paths below the magnetic sheet, also thin filaments.
-    sheets : sequence of Sheet
-        Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see
-        `magnetic_slab`. A second region, or a path that reaches into it (a thin filament: or
-        touches it), raises an ElastomerError.
-    accuracy : {"full", "screen"}
-        Accuracy as in `coilarray.inductance_matrix`. ``screen`` errs by up to 1e-3 of the change
-        itself.
-
-    Notes
-    -----
     ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], with β = (μr − 1)/(μr + 1), Z the sum of both
     paths' distances from the sheet's lower face and M their mutual inductance in free space at that
     distance. For circles see Hurley & Duffy, IEEE Trans. Magn. 33, 2282 (1997). The current density
     is uniform in every bar, and vertical bars count as thin. The result is exact to 1e-10 of the
     largest entry, near images to 1e-6 of L. Closed paths with any currents I have IᵀΔM I > 0.
 
-    Paths with open ends are taken as they are, as in `inductance_matrix`, so that the pieces of a
-    path add up to the whole. Closing the coils of the reference board by a straight line between
-    their terminals, 1.5 mm apart, would change ΔM of a coil with itself by −0.10 % and with its
-    neighbour by −0.33 %. This is the effect of leads that are not drawn.
+    Paths with open ends are taken as they are, so that the pieces of a path add up to the whole.
+    Closing the coils of the reference board by a straight line between their terminals, 1.5 mm
+    apart, would change ΔM of a coil with itself by −0.10 % and with its neighbour by −0.33 %.
 
     A sheet much thinner than its distance from the copper costs nothing extra. A sheet that lies on
     the copper costs one `inductance_matrix` for each image within some 1/16 of the board's extent
     (1/50 for ``screen``), or fewer if that makes many.
 
-    Examples
-    --------
     A sheet 6 mm above a square loop.
 
     >>> square = [[0, 0, 0], [2e-2, 0, 0], [2e-2, 2e-2, 0], [0, 2e-2, 0], [0, 0, 0]]

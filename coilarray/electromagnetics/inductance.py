@@ -32,15 +32,11 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     directions. A filament of length zero, or two filaments that overlap on one line, raise a
     GeometryError.
 
-    Notes
-    -----
     Closed form of Campbell (Phys. Rev. 5, 452, 1915). See also Grover, Inductance Calculations
     (1946), ch. 7. The closed form loses digits if one filament is shorter than a thousandth of
     their distance. Then the exact integral over the longer filament is integrated over the shorter
     by the two-point Gauss rule, to 1e-11.
 
-    Examples
-    --------
     >>> M = straight_filaments([0, 0, 0], [1, 0, 0], [0, 0.1, 0], [1, 0.1, 0])
     >>> round(M * 1e9, 6)
     418.647078
@@ -77,14 +73,10 @@ def rectangular_bars(
     above 1e8, a longest side below about 1e-5 of the extent of the pair, and an offset beyond 1e30
     m raise a GeometryError.
 
-    Notes
-    -----
     This is the quantity of Hoer & Love, J. Res. NBS 69C, 127 (1965), whose closed form loses about
     (length/width)⁴ digits. The relative error is 1e-10 if all sizes are within a factor of 10, 1e-7
     within 1e4, and 1e-4 at worst.
 
-    Examples
-    --------
     >>> round(rectangular_bars((1.0, 0.1, 0.1)) * 1e9, 6)
     570.425359
     """
