@@ -175,7 +175,7 @@ class Plates:
     @property
     def resistance(self) -> FloatArray:
         """Resistance matrix in Ω at the working frequency."""
-        return self.losses(np.array([self.working]))[0]
+        return np.asarray(self.losses(np.array([self.working]))[0])
 
     @property
     def grid(self) -> FloatArray:

@@ -280,7 +280,12 @@ def resonate(network: Network, state: ScanState) -> Resonance:
     capacitor to thirty times the frequency with all other coils ideally shorted.
     """
     check_state(state, network.names)
-    alone, least = _bare_inductances(network, state)
+    chosen = [network.names.index(name) for name, _ in state.measured]
+    sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
+    series, inverse = state.connection == "series", np.linalg.inv(network.inductance)[np.ix_(chosen, chosen)]
+    bare, shorted = network.inductance[np.ix_(chosen, chosen)], np.linalg.inv(inverse)
+    both = [float(sense @ (L if series else np.linalg.inv(L)) @ sense) for L in (bare, shorted)]
+    alone, least = both if series else (1 / one for one in both)  # others open, and ideally shorted
     start = 1 / (2 * math.pi * math.sqrt(alone * network.switches.tank_capacitance))
     low, high = start / _SEARCH, start * _SEARCH * math.sqrt(alone / least)
     wiring = _wire(network, state)
@@ -387,17 +392,6 @@ def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatAr
             low, high = part[upward[0] : upward[0] + 2].tolist()
             return float(brentq(at, low, high, xtol=1e-12 * low, rtol=1e-14))
     return None
-
-
-def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]:
-    """Inductance of the measured coils, others open and ideally shorted."""
-    chosen = [network.names.index(name) for name, _ in state.measured]
-    sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
-    series = state.connection == "series"
-    inverse = np.linalg.inv(network.inductance)[np.ix_(chosen, chosen)]
-    alone, shorted = network.inductance[np.ix_(chosen, chosen)], np.linalg.inv(inverse)
-    both = [float(sense @ (L if series else np.linalg.inv(L)) @ sense) for L in (alone, shorted)]
-    return (both[0], both[1]) if series else (1 / both[0], 1 / both[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,9 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
             name = states[rows[lost[0]]].name
             raise NetworkError(f"state {name} has no resonance: its resistance is too large for its coil.")
     for row in np.flatnonzero(np.isnan(omega)).tolist():
-        omega[row], slope[row], currents[:, row] = _alone(network, states[row])
+        frequency = resonate(network, states[row]).frequency
+        omega[row], slope[row] = 2 * np.pi * frequency, susceptance_slope(network, states[row], frequency) / (2 * np.pi)
+        currents[:, row] = driven(network, states[row], np.array([frequency]))[1][0]
     measured = _measured(network, states)
     own = currents[measured, np.arange(len(states))]
     base = 1 / (omega**2 * network.switches.tank_capacitance)
@@ -164,13 +166,6 @@ def _closed(network: Network, state: ScanState) -> BoolArray:
     """Mask (coils,) of coils measured or grounded at both ends."""
     passive = {**state.exceptions, **{name: "ground" for name, _ in state.measured}}
     return np.array([passive.get(name, state.others) == "ground" for name in network.names], dtype=np.bool_)
-
-
-def _alone(network: Network, state: ScanState) -> tuple[float, float, ComplexArray]:
-    """Angular frequency, dB/dω and currents (coils,) of one state."""
-    frequency = resonate(network, state).frequency
-    currents = driven(network, state, np.array([frequency]))[1][0]
-    return 2 * np.pi * frequency, susceptance_slope(network, state, frequency) / (2 * np.pi), currents
 
 
 def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _States:

@@ -83,7 +83,7 @@ class LayeredMedium:
         """`green` at k = 0 without net charge, (planes, planes), relative to the bottom plane."""
         slabs = np.array(self.thicknesses) / (EPSILON_0 * np.array(self.epsilon_r[1:-1]))
         below = np.append(np.cumsum(slabs[::-1])[::-1], 0.0)
-        return np.minimum.outer(below, below)
+        return np.asarray(np.minimum.outer(below, below))
 
 
 @serial_algebra()

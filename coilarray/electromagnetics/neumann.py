@@ -304,7 +304,7 @@ def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], 
     for group, sums in zip(groups, values, strict=True):
         counts, shift = nodes[group[0]].tolist(), np.ascontiguousarray(classes.shift[group])
         a, b = (shapes[kind[group[0]]].currents(*counts) for kind in (classes.first, classes.second))
-        add_node_sums(*a, *(np.ascontiguousarray(part.T) for part in b), shift, sums)
+        add_node_sums(a[0], a[1], np.ascontiguousarray(b[0].T), np.ascontiguousarray(b[1].T), shift, sums)
     return np.concatenate(values)
 
 
@@ -478,7 +478,7 @@ def _own_sum(
         return float(mutual + _bars_alone(table[start:stop], np.ones(stop - start)))
     rules = series_rules(int(series[0][:, 2].max()))
     rows, weights = series_members(series[0], *rules)
-    mutual = series_sum(table, table, np.zeros(3), *series, True, near_widths, *rules)
+    mutual = series_sum(table, table, np.zeros(3), series[0], series[1], True, near_widths, *rules)
     return float(2.0 * mutual + _bars_alone(table[rows], weights))
 
 
@@ -498,8 +498,10 @@ def _pair_sum(
         return float(facing + own_mutual_sum(table, start, stop, near_widths, 0, shift))
 
     if series is not None:  # of all rows, in one piece
+        of_first, of_second = series
         rules = series_rules(int(max(one[:, 2].max() for one in series)))
-        return lambda start, stop: float(series_sum(table, second, shift, *series, False, near_widths, *rules))
+        whole = partial(series_sum, table, second, shift, of_first, of_second, False, near_widths, *rules)
+        return lambda start, stop: float(whole())
     # of a flat part above its copy, rows i, j relate as j, i
     flat = not table[:, 5].any() and not np.ptp(table[:, 2])
     straight = flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()

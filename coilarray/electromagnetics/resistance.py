@@ -21,19 +21,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Recent, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.field import Source, as_conductors
-from coilarray.electromagnetics.kernels.sections import (
-    Basis,
-    Section,
-    Trace,
-    bundle_factors,
-    gauss_points,
-    interaction,
-    isolated_modes,
-    lateral_axes,
-    response_basis,
-    section,
-    transverse_fields,
-)
+from coilarray.electromagnetics.kernels import sections
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
 from coilarray.geometry.winding import Cut, FlatPath, find_turns
@@ -53,7 +41,7 @@ HIGHEST = 1e15  # Hz; at optical frequencies copper is no longer a conductor of 
 _FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another, independent of frequency and of other coils
 _INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces at places of a grid that all sections share
 _GRID = 0.04, 0.5  # step relative to the distance, and the distance in widths at which the grid becomes even
-_isolated_modes = lru_cache(maxsize=256)(isolated_modes)
+_isolated_modes = lru_cache(maxsize=256)(sections.isolated_modes)
 
 
 def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
@@ -139,21 +127,21 @@ def _mode_sum(modes: FloatArray, beta: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _basis(width: float, thickness: float, octaves: int) -> Basis:
+def _basis(width: float, thickness: float, octaves: int) -> sections.Basis:
     """Basis of currents in a trace of up to 2^octaves skin depths."""
     betas = 4.0 ** np.arange(1, octaves + 1) / (np.pi * max(width, thickness) ** 2)
-    return response_basis(width, thickness, *SECTION_MESH, betas.astype(np.float64), BASIS_TOLERANCE)
+    return sections.response_basis(width, thickness, *SECTION_MESH, betas.astype(np.float64), BASIS_TOLERANCE)
 
 
 @lru_cache(maxsize=16)
-def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
+def _section(traces: tuple[sections.Trace, ...], octaves: int) -> sections.Section:
     """Decompose the eddy modes of a bundle of traces."""
 
     def at(first: tuple[float, float], second: tuple[float, float], node: int, z: float) -> FloatArray:
         x = _GRID[1] * math.sinh(_GRID[0] * node)
         return _INTERACTIONS.get(
             (first, second, node, z, octaves),
-            lambda: interaction(_basis(*first, octaves), _basis(*second, octaves), x, z),
+            lambda: sections.interaction(_basis(*first, octaves), _basis(*second, octaves), x, z),
         )
 
     def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
@@ -165,7 +153,7 @@ def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
         weights = outer[0], (u + 1) * (u - 1) * (u - 2) / 2, -(u + 1) * u * (u - 2) / 2, outer[1]
         return sum((w * at(first, second, node + k - 1, z) for k, w in enumerate(weights)), start=np.zeros(()))
 
-    return section(traces, lambda width, thickness: _basis(width, thickness, octaves), between)
+    return sections.section(traces, lambda width, thickness: _basis(width, thickness, octaves), between)
 
 
 @serial_algebra()
@@ -212,7 +200,7 @@ def resistance_matrix(
     shapes = [shape_key(conductor) for conductor in conductors]
     horizontal: list[int] = []  # coils that are more than vias
     for c, conductor in enumerate(conductors):
-        _, flat = lateral_axes(conductor.vertices)
+        _, flat = sections.lateral_axes(conductor.vertices)
         R[:, c, c] += resistivity * (conductor.lengths[~flat] / conductor.areas[~flat]).sum()
         if flat.any():
             wide[:, c] = conductor.widths[flat].max() > WIDE * delta
@@ -274,7 +262,7 @@ class _Points:
             def work(block: tuple[int, int]) -> None:
                 rows = slice(*block)
                 places = self.places[rows], left_out[rows], self.lateral[rows], self.normal[rows]
-                transverse_fields(*places, vertices, found[rows])
+                sections.transverse_fields(*places, vertices, found[rows])
 
             run_blocks(work, ranges(len(self.places), 1024))
             return found
@@ -303,10 +291,10 @@ class _Traces:
 def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: float, wide: BoolArray) -> _Traces:
     """Prepare the losses in the horizontal segments of a coil."""
     vertices = conductor.vertices - conductor.vertices[0]
-    lateral, flat = lateral_axes(vertices)
+    lateral, flat = sections.lateral_axes(vertices)
     segments = np.flatnonzero(flat)
     lengths, widths, thicknesses = conductor.lengths, conductor.widths, conductor.thicknesses
-    of_point, weight, places = gauss_points(vertices, widths, segments, POINTS)
+    of_point, weight, places = sections.gauss_points(vertices, widths, segments, POINTS)
     normals = np.cross(lateral, np.diff(vertices, axis=0) / lengths[:, None])
     points = _Points(places, lateral[of_point], normals[of_point], of_point, weight)
     point, crossing, share = np.arange(len(of_point)), np.full(len(of_point), -1), np.ones(len(of_point))
@@ -410,4 +398,4 @@ def _section_factors(
     x, z = (grain * np.round((v - v.min()) / grain) for v in (cut.across, z))
     bundle = _section(tuple(zip(*(v.tolist() for v in (x, z, w, t)), strict=True)), octaves)
     alone = [_section(((0.0, 0.0, p, q),), octaves) for p, q in zip(w.tolist(), t.tolist(), strict=True)]
-    return bundle_factors(bundle, alone, x, z, cut.sign, mean, delta)
+    return sections.bundle_factors(bundle, alone, x, z, cut.sign, mean, delta)

@@ -303,7 +303,8 @@ def _cell(x_piece: FloatArray, y_piece: FloatArray, offset: float, length_1: flo
             y = 0.5 * (y0 + y1) + 0.5 * (y1 - y0) * _NODES_16[j]
             weight = _WEIGHTS_16[i] * _WEIGHTS_16[j] * (ax + bx * x) * (ay + by * y)
             total += weight * parallel_filaments(math.hypot(x, y), offset, length_1, length_2)
-    return 0.25 * (x1 - x0) * (y1 - y0) * total
+    area: float = 0.25 * (x1 - x0) * (y1 - y0)
+    return area * total
 
 
 @kernel

@@ -83,15 +83,9 @@ def add_node_sums(
         sums[m] += total
 
 
-def gauss_tables(most: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss nodes and weights on [−1, 1], n nodes in row n."""
-    nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
-    for n in range(1, most + 1):
-        nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
-    return nodes, weights
-
-
-_NODES, _WEIGHTS = gauss_tables(MOST_NODES)
+_NODES, _WEIGHTS = np.zeros((2, MOST_NODES + 1, MOST_NODES))  # Gauss rules on [−1, 1], n nodes in row n
+for _n in range(1, MOST_NODES + 1):
+    _NODES[_n, :_n], _WEIGHTS[_n, :_n] = np.polynomial.legendre.leggauss(_n)
 
 
 def least_distances(log_tolerance: float) -> FloatArray:
