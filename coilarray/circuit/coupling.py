@@ -322,10 +322,10 @@ def operating_field(
     endless = require_endless(design)
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)
-    axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
+    x, y, z = axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
     conductors = design.array.conductors()
     if endless:
-        beside = plate_field(conductors, currents, endless, float(coupling.frequency.sel(coil=active)), *axes)
+        beside = plate_field(conductors, currents, endless, float(coupling.frequency.sel(coil=active)), x, y, z)
         in_phase, quadrature = beside.real, beside.imag
     else:
         in_phase, quadrature = (
