@@ -51,9 +51,6 @@ class Dent:
         negative in the indentation.
     symmetry : {"axial", "plane"}
         Shape of the dent: a body of revolution, or the same everywhere along y.
-    below : float
-        Relative permeability under z = 0: 1 for air, the permeability of the lowest sheet if
-        electrodes at z = 0 leave no contrast there.
     motion : Motion
         Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets
         with the same motion. The other values do not include it.
@@ -64,7 +61,6 @@ class Dent:
     radius: FloatArray
     displacement: FloatArray
     symmetry: Literal["axial", "plane"] = "axial"
-    below: float = 1.0
     motion: Motion = STILL
 
     def __post_init__(self) -> None:
@@ -113,7 +109,7 @@ class Dent:
     @property
     def shape(self) -> tuple[object, ...]:
         """Values that determine the field apart from the motion."""
-        return self.thicknesses, self.permeabilities, self.radius.tobytes(), self.displacement.tobytes(), self.below
+        return self.thicknesses, self.permeabilities, self.radius.tobytes(), self.displacement.tobytes()
 
     @property
     def extent(self) -> float:
@@ -130,7 +126,7 @@ class Dent:
     def contrasts(self) -> tuple[int, ...]:
         """Faces that change the permeability, and alone affect the field."""
         mu = (*self.permeabilities, 1.0)
-        before = (self.below, *self.permeabilities)
+        before = (1.0, *self.permeabilities)
         return tuple(face for face in range(len(mu)) if mu[face] != before[face])
 
     @property

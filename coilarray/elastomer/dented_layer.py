@@ -139,9 +139,8 @@ def dent_energies(
     """Change of the energy between all coils' fields by dents.
 
     The dents are in the same sheets, their axis at `positions` (positions, 2) in m. The result
-    (dents, positions, coils, coils) is ∫ Δμ ∇U_i·∇U_j dV with relative material constants. Times μ0
-    it is an inductance, times ε0 a capacitance. With a `backing`, whose currents count too, the
-    losses are its imaginary part.
+    (dents, positions, coils, coils) is ∫ Δμ ∇U_i·∇U_j dV with relative permeabilities. Times μ0 it
+    is an inductance. With a `backing`, whose currents count too, the losses are its imaginary part.
     """
     points = np.asarray(positions, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():

@@ -76,8 +76,7 @@ class BoxMesh:
 
     Elements are as wide as `edge` at the sides, with the `growth` of that width per distance, up to
     `widest`. They are as wide as `beside` next to contacts near a side or over an uneven seat, with
-    the growth `spread` per distance of the contacts from these sides. There are `rows` over the
-    height of each sheet.
+    the growth `spread` per distance of the contacts from these sides. A sheet is one element high.
     """
 
     degree: int = 3
@@ -86,7 +85,6 @@ class BoxMesh:
     widest: float = 2.0
     beside: float = 0.8
     spread: float = 0.6
-    rows: int = 1
 
     def along(self, low: float, high: float, places: FloatArray, across: float) -> Axis:
         """Elements between two sides, for contacts `across` from the other sides."""
@@ -219,8 +217,7 @@ class _Problem:
         self.unevenness = sample.unevenness
         x_min, y_min, x_max, y_max = (edge / stack.length for edge in sample.bounds)
         mesh = sample.mesh
-        parts = np.arange(len(stack.thicknesses) * mesh.rows + 1) / mesh.rows
-        z = Axis(np.interp(parts, np.arange(len(stack.levels)), stack.levels), mesh.degree)
+        z = Axis(stack.levels, mesh.degree)
         at, corners = places / stack.length, np.array([[x_min, y_min], [x_max, y_max]])
         from_sides = np.abs(at[:, None] - corners).min(axis=(0, 1))
         even = not any(sample.unevenness.stiffness_slope)
@@ -234,9 +231,8 @@ class _Problem:
         held = np.zeros(3, dtype=bool)
         if not isinstance(base, Seat):
             held[:] = base == "bonded", base == "bonded", True
-        sheet = np.repeat(np.arange(len(sheets)), mesh.rows)
-        self.box: Box = factorised((x, y, z), stack.shear[sheet], stack.squash[sheet], springs, held)
-        self.levels_at = np.arange(len(stack.levels)) * mesh.rows * mesh.degree
+        self.box: Box = factorised((x, y, z), stack.shear, stack.squash, springs, held)
+        self.levels_at = np.arange(len(stack.levels)) * mesh.degree
         self._points = max(_POINTS[0], _POINTS[1] * float(from_sides.min()))
         z_points, z_rule = z.rule(self._points)
         self._z = (z_rule[:, None] * z.basis(z_points)).T

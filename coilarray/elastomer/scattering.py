@@ -6,11 +6,9 @@ potential is U_d = U_f + ψ with
 
     a_d(ψ, V) = −Δa(U_f, V)  for all V,
 
-and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). With permittivities and electrodes
-that hold the potential at z = 0, where then ψ = V = 0, the capacitance matrix changes in the same
-way, by ε0 Δa(U_f,i, U_d,j). The dented space is mapped to the flat space by moving heights only, z
-= Z + w(r, Z). There Δa is an integral of known coefficients that vanish where nothing moves, and
-U_f is known in closed form.
+and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). The dented space is mapped to the
+flat space by moving heights only, z = Z + w(r, Z). There Δa is an integral of known coefficients
+that vanish where nothing moves, and U_f is known in closed form.
 
 Only the faces that move may contribute, otherwise the error of the elements is as large for sheets
 that hardly differ from air. So let U be the field in an infinite medium of the lowest sheet, a_0
@@ -58,7 +56,7 @@ from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
-from coilarray.electromagnetics.flat_stack import Backing, Base, flat_profile, wave_count, wave_rule
+from coilarray.electromagnetics.flat_stack import Backing, flat_profile, wave_count, wave_rule
 from coilarray.errors import ElastomerError
 
 _REACH = 2  # columns that couple: the nodes of a quadratic element
@@ -247,19 +245,13 @@ def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[F
 
 
 def scatter(
-    dent: Dent,
-    wavenumbers: FloatArray,
-    weights: FloatArray,
-    mesh: LayerMesh,
-    deepest: float | None = None,
-    base: Base = "open",
+    dent: Dent, wavenumbers: FloatArray, weights: FloatArray, mesh: LayerMesh, deepest: float | None = None
 ) -> Scattering:
     """Solve the dented sheets for the incident fields of `wavenumber_rule`.
 
-    `deepest` is the largest displacement in m of a series of dents that share one mesh. Below the
-    sheets is air ("open"), or electrodes at z = 0 hold the potential ("grounded").
+    `deepest` is the largest displacement in m of a series of dents that share one mesh.
     """
-    space = DentedSpace(dent, mesh, deepest, base)
+    space = DentedSpace(dent, mesh, deepest)
     scale = np.sqrt(wavenumbers * weights)
     kinds: Sequence[int] = range(mesh.harmonics + 1) if dent.symmetry == "axial" else (0, 1)
 
@@ -296,9 +288,9 @@ class Waves:
 class DentedSpace:
     """Elements of sheets and air with a dent at nodes `moved`."""
 
-    def __init__(self, dent: Dent, mesh: LayerMesh, deepest: float | None = None, base: Base = "open") -> None:
-        self.dent, self.base = dent, base
-        self.basis = Basis(_grid(dent, mesh, deepest, base), ElementQuad2(), intorder=6)
+    def __init__(self, dent: Dent, mesh: LayerMesh, deepest: float | None = None) -> None:
+        self.dent = dent
+        self.basis = Basis(_grid(dent, mesh, deepest), ElementQuad2(), intorder=6)
         r, z = np.asarray(self.basis.global_coordinates())
         mu = np.array([1.0, *dent.permeabilities, 1.0])[np.searchsorted(dent.heights, z)]
         stretch, shear = _gradient(dent, deepest, r, z)
@@ -318,13 +310,12 @@ class DentedSpace:
 
     def background(self, z: FloatArray, wavenumbers: FloatArray) -> FloatArray:
         """Profile of U over heights (n,) in m and wavenumbers (k,) in 1/m."""
-        transmitted = 2 / (1 + self.dent.permeabilities[0]) if self.base == "open" else 1.0
-        return np.asarray(transmitted * np.exp(-np.outer(z, wavenumbers)))
+        return np.asarray(2 / (1 + self.dent.permeabilities[0]) * np.exp(-np.outer(z, wavenumbers)))
 
     def reaction(self, z: FloatArray, wavenumbers: FloatArray) -> FloatArray:
         """Profile of χ, with the arguments of `background`."""
         dent = self.dent
-        total = flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, self.base)
+        total = flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities)
         return total - self.background(z, wavenumbers)
 
     def waves(self, m: int, wavenumbers: FloatArray) -> Waves:
@@ -475,7 +466,7 @@ def _by_distinct_value(values: FloatArray, function: Callable[[FloatArray], Floa
     return np.asarray(function(distinct)[inverse])
 
 
-def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:
+def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None) -> MeshQuad:
     """Rectangles in (r, Z), even where heights move, growing outside."""
     heights = dent.anchors(deepest)
     moved = np.abs(dent.displacement).max(axis=1)
@@ -488,8 +479,7 @@ def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> Mes
     radii = np.concatenate((core, _growing(core[-1], dent.extent + far, fine, mesh.growth)[1:]))
     rows = np.unique(np.concatenate([np.linspace(*pair, mesh.rows + 1) for pair in pairwise(heights.tolist())]))
     first, last = (float(np.diff(rows)[k]) for k in (0, -1))
-    down = far if base == "open" else float(rows[0])
-    below = rows[0] - _growing(0.0, down, first, 1.5)[1:][::-1] if down > 0 else rows[:0]
+    below = rows[0] - _growing(0.0, far, first, 1.5)[1:][::-1]
     above = rows[-1] + _growing(0.0, far, last, 1.5)[1:]
     return MeshQuad.init_tensor(radii, np.concatenate((below, rows, above)))
 

@@ -32,7 +32,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -46,8 +46,6 @@ _SAME_SHAPE = 1e-9  # of the size; coils that differ by less share a spectrum
 _AT_ONCE = 16  # wavenumbers of a grid, which limits the memory
 _OFFSETS = 512  # positions from coils at a time, which limits the memory
 _SPARE_ANGLES = 40  # above the bandwidth; the rest decays like the Bessel functions beyond their turning point
-# medium below z = 0: air with the incident field, or electrodes that hold the potential
-Base: TypeAlias = Literal["open", "grounded"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -484,20 +482,16 @@ class Backing:
 
 
 def flat_profile(
-    wavenumbers: FloatArray,
-    z: FloatArray,
-    thicknesses: Sequence[float],
-    permeabilities: Sequence[float],
-    base: Base = "open",
+    wavenumbers: FloatArray, z: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float]
 ) -> FloatArray:
     """Total potential g(z) in flat sheets, shape (n, k).
 
-    The incident potential is e^{−kz} from air below ("open"), or electrodes at z = 0 hold the
-    potential 1 ("grounded"). Heights `z` (n,) are in m from the lowest sheet's lower face.
+    The incident potential is e^{−kz} from air below. Heights `z` (n,) are in m from the lowest
+    sheet's lower face.
     """
     waves = layer_waves(_sheets(thicknesses, permeabilities), wavenumbers)
     profile = np.empty((len(z), len(wavenumbers)))
-    below = waves.potential.real if base == "open" else np.ones_like(wavenumbers)
+    below = waves.potential.real
     edge = 0.0
     for number, d in enumerate(thicknesses):
         here = (z >= edge) & (z <= edge + d)
