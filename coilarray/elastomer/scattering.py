@@ -293,7 +293,14 @@ class DentedSpace:
         self.basis = Basis(_grid(dent, mesh, deepest), ElementQuad2(), intorder=6)
         r, z = np.asarray(self.basis.global_coordinates())
         mu = np.array([1.0, *dent.permeabilities, 1.0])[np.searchsorted(dent.heights, z)]
-        stretch, shear = _gradient(dent, deepest, r, z)
+        # slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z), 0 beyond the anchors
+        w, slope = dent.anchored(r), dent.anchored(r, 1)
+        stretch, shear = np.zeros_like(r), np.zeros_like(r)
+        for k, (lower, upper) in enumerate(pairwise(dent.anchors(deepest).tolist())):
+            here = (z > lower) & (z < upper)
+            share = (z[here] - lower) / (upper - lower)
+            stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
+            shear[here] = (1 - share) * slope[here, k] + share * slope[here, k + 1]
         one, rise = np.ones_like(mu), (1 + shear**2) / (1 + stretch)
         flat = _Forms(self.basis, mu, one, np.zeros_like(mu), one, dent.symmetry)
         self._change = _Forms(self.basis, mu, stretch, -shear, rise - 1, dent.symmetry)
@@ -399,18 +406,6 @@ class _Faces:
         self.up, self.slope = up[:, moving].T.ravel(), slope[:, moving].T.ravel()
         self.weights = np.concatenate([(mu[face - 1] - mu[face]) * area for face in moving])
         self.trace: csr_matrix = vstack(traces, format="csr")
-
-
-def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes ∂w/∂Z and ∂w/∂r of the map z = Z + w(r, Z), 0 beyond the anchors."""
-    w, slope = dent.anchored(r), dent.anchored(r, 1)
-    stretch, shear = np.zeros_like(r), np.zeros_like(r)
-    for k, (lower, upper) in enumerate(pairwise(dent.anchors(deepest).tolist())):
-        here = (z > lower) & (z < upper)
-        share = (z[here] - lower) / (upper - lower)
-        stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
-        shear[here] = (1 - share) * slope[here, k] + share * slope[here, k + 1]
-    return stretch, shear
 
 
 class _Forms:

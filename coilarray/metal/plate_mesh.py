@@ -250,13 +250,20 @@ class _Layout:
             triangles += [_band(above, below) for above, below in zip(upper, lower, strict=True)]
             upper, count = lower, count + width
         together = np.concatenate(triangles)
+        caps = []  # points and weights in m² of a quadratic rule for each hole
+        for hole in (loop[::-1] for loop in self.loops[1:]):
+            finest = float(self.sizes(np.concatenate((hole, [hole.mean(axis=0)]))).min())
+            points, inside = _lattice([hole], self.step, finest, self.sizes)
+            points = np.concatenate((hole, points))
+            places = np.einsum("pc,kcd->pkd", np.full((3, 3), 1 / 6) + np.eye(3) / 2, points[inside])
+            caps.append((places.reshape(-1, 2), np.tile(_areas(points, inside) / 3, 3)))
         return HalfBody(
             np.concatenate(nodes),
             together,
             np.arange(len(together)) >= len(on_face),
             upper[0],
             tuple(upper[1:]),
-            tuple(_cap(loop[::-1], self.step, self.sizes) for loop in self.loops[1:]),
+            tuple(caps),
             self.parents,
         )
 
@@ -599,15 +606,6 @@ def _band(upper: IntArray, lower: IntArray) -> IntArray:
     """Triangles between two closed rows of equally many nodes."""
     after, below = np.roll(upper, -1), np.roll(lower, -1)
     return np.concatenate((np.column_stack((upper, lower, below)), np.column_stack((upper, below, after))))
-
-
-def _cap(loop: FloatArray, step: float, sizes: Sizes) -> tuple[FloatArray, FloatArray]:
-    """Points and weights in m² of a hole's quadratic rule."""
-    finest = float(sizes(np.concatenate((loop, [loop.mean(axis=0)]))).min())
-    points, triangles = _lattice([loop], step, finest, sizes)
-    together = np.concatenate((loop, points))
-    places = np.einsum("pc,kcd->pkd", np.full((3, 3), 1 / 6) + np.eye(3) / 2, together[triangles])
-    return places.reshape(-1, 2), np.tile(_areas(together, triangles) / 3, 3)
 
 
 def _areas(points: FloatArray, triangles: IntArray) -> FloatArray:
