@@ -30,8 +30,7 @@ from coilarray.response.setup import Experiment, Level, MapAxes, together
 if TYPE_CHECKING:
     from coilarray.compute.store import Keep
 
-Variable = tuple[tuple[str, ...], Any, dict[str, str]]
-"""Variable of a dataset: dimensions, values and attributes."""
+Variable = tuple[tuple[str, ...], Any, dict[str, str]]  # variable of a dataset: dimensions, values and attributes
 
 _POSITIONS = 1000  # in a part of a map, which is kept and holds a single depth
 

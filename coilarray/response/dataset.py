@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from coilarray.design.model import Indentation
     from coilarray.geometry import Target
 
-ELLIPSE_WINDOW = "ellipse_window"
-"""Attribute of a map for the window (x_min, y_min, x_max, y_max) in m of the ellipses."""
+ELLIPSE_WINDOW = "ellipse_window"  # attribute of a map for the window (x_min, y_min, x_max, y_max) in m of the ellipses
 
 _BOARD = "board"
 _NEAR = 1e-9  # m
@@ -213,8 +212,7 @@ def checked_response(response: xr.Dataset) -> xr.Dataset:
     return checked
 
 
-NO_ANSWER = 1e-8
-"""Largest |δ| that counts as zero, the converter's last digits."""
+NO_ANSWER = 1e-8  # largest |δ| that counts as zero, the converter's last digits
 _ROUNDING = 1e-9  # m
 _ANSWERS = 0.25  # of the largest |δ| of all states. Weaker states come last
 

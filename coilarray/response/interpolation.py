@@ -18,10 +18,8 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.response.setup import indentation_of
 
-PARAMETERS = ("x", "y", "depth")
-"""Unknowns of an indentation in the order of the last axis of this package's arrays."""
-LEAST_POSITIONS = 4
-"""Fewest positions along x and along y for a cubic."""
+PARAMETERS = ("x", "y", "depth")  # unknowns of an indentation in the order of the last axis of this package's arrays
+LEAST_POSITIONS = 4  # fewest positions along x and along y for a cubic
 
 _DEGREE = 3
 _ROUNDING = 1e-12  # m

@@ -56,8 +56,7 @@ from coilarray.response.setup import (
 
 __all__ = ["Imperfections", "MapAccuracy", "Reach", "inductance_changes", "respond", "response_dataset", "response_map"]
 
-Reach = float | Literal["auto"] | None
-"""Coils that count at a position, see `response_map`."""
+Reach = float | Literal["auto"] | None  # coils that count at a position, see `response_map`
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,7 @@ _QUANTITIES = (
 )
 STEPS = (1e-6, 1e-5, 1e-4)
 """Changes of distance in m for which the farthest distance is given at which they are resolved."""
-FACTOR = 3.0
-"""Fewest standard deviations of a single reading in |δ| for a target's detection."""
+FACTOR = 3.0  # fewest standard deviations of a single reading in |δ| for a target's detection
 _FINE = 4001  # distances between the first and the last
 
 
@@ -180,7 +179,10 @@ def target_map(
     guess = through_circuit(network, alone, _in_a_row(at_middle, first), at_own_frequency=True)
     moved = guess["frequency"]
     for _ in range(2):  # the guess holds for a single frequency
-        band = _around(np.append(moved, resonances))
+        known = np.append(moved, resonances)
+        low, high = float(known.min()), float(known.max())
+        margin = max(_MARGIN[0], _MARGIN[1] * math.log(high / low))
+        band = FrequencyBand(low * math.exp(-margin), high * math.exp(margin))
         changes, *errors = target_changes(*bodies, axes, band.nodes, rule, fineness, keep, progress)
         _require_passive(network, changes, axes)
         change, network = _in_a_row(band, changes), circuit.widened(network, band.low, band.high)
@@ -217,13 +219,6 @@ def target_map(
         values = (of_L / base["effective_inductance"]).reshape(*axes.shape, -1)
         result = result.assign(variables(("delta_error", over, values, "1", "± δ by the plate's mesh and model")))
     return result.assign_attrs(worst_attributes(stated))
-
-
-def _around(frequencies: FloatArray) -> FrequencyBand:
-    """Band of frequencies in Hz with a margin."""
-    low, high = float(frequencies.min()), float(frequencies.max())
-    margin = max(_MARGIN[0], _MARGIN[1] * math.log(high / low))
-    return FrequencyBand(low * math.exp(-margin), high * math.exp(margin))
 
 
 def _in_a_row(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:

@@ -31,12 +31,9 @@ from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.paper.ellipse import PARAMETERS, fit_ellipses
 from coilarray.response.dataset import RESPONSE
 
-SOURCES = ("measured", "simulated")
-"""Labels of the dimension ``source``."""
-LEAST_PLACES = 8
-"""Least number of places for a shift."""
-REPLICATES = 16
-"""Number of noisy maps, which give deviations to 18 %."""
+SOURCES = ("measured", "simulated")  # labels of the dimension ``source``
+LEAST_PLACES = 8  # least number of places for a shift
+REPLICATES = 16  # number of noisy maps, which give deviations to 18 %
 
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis

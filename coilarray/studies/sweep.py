@@ -33,16 +33,11 @@ from coilarray.errors import DesignError, GoalError
 from coilarray.geometry import Array
 from coilarray.studies.quantities import Request, canonical, evaluate, request
 
-SAYS_NOTHING = ("title", "source", "assumed")
-"""Tables and values of a design that enter no result."""
-Outcome = dict[str, float] | str
-"""Quantities of a point by name, or a reason."""
-MOST_POINTS = 100_000
-"""Largest number of points of a sweep."""
-RULES = "fab_broken"
-"""Quantity of every sweep, the number of broken fabrication rules."""
-UNREAD = "converter_unread"
-"""Quantity of a sweep, the number of unreadable values."""
+SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no result
+Outcome = dict[str, float] | str  # quantities of a point by name, or a reason
+MOST_POINTS = 100_000  # largest number of points of a sweep
+RULES = "fab_broken"  # quantity of every sweep, the number of broken fabrication rules
+UNREAD = "converter_unread"  # quantity of a sweep, the number of unreadable values
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _STEPS = 9  # values of an interval in a grid

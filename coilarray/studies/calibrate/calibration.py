@@ -347,7 +347,14 @@ def calibrate(
     measured = measurement(data, plan.data, file.design)
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
     fitted = [case for case in cases if not case.reason]
-    problems = [_problem(case, measured) for case in fitted]
+    numbers, problems = (measured.values, measured.std, measured.weight), []
+    for case in fitted:
+        rows = [
+            (one.low, one.high, *((np.nan, np.inf) if one.prior_std is None else (one.prior_mean, one.prior_std)))
+            for one in case.unknowns
+        ]
+        low, high, mean, std = np.array(rows, dtype=np.float64).T
+        problems.append(Problem(low, high, case.start, mean, std, *numbers, measured.noise_freedom))
     with open_executor(workers) as executor:
         fits = _fit_all(fitted, problems, measured, executor, store_to_keep(keep), progress)
     solved: list[Solution] = []
@@ -411,17 +418,6 @@ def _without(table: Any, parts: Sequence[str], key: str) -> Any:
         raise DesignError(f"{key} is not in the design, so it cannot be removed.")
     rest = {name: value for name, value in table.items() if name != parts[0]}
     return rest if len(parts) == 1 else {**rest, parts[0]: _without(table[parts[0]], parts[1:], key)}
-
-
-def _problem(case: Case, measured: Measurement) -> Problem:
-    """Make the least-squares problem of a case."""
-    rows = [
-        (one.low, one.high, *((np.nan, np.inf) if one.prior_std is None else (one.prior_mean, one.prior_std)))
-        for one in case.unknowns
-    ]
-    low, high, mean, std = np.array(rows, dtype=np.float64).T
-    numbers = (measured.values, measured.std, measured.weight)
-    return Problem(low, high, case.start, mean, std, *numbers, measured.noise_freedom)
 
 
 def _fit_all(

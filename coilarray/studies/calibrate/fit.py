@@ -42,8 +42,7 @@ _ROUNDING = 1e-9  # of the data
 _AT_BOUND = 1e-6  # of an unknown's range
 _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any case, or the information is singular
 _DRAWS = 4096  # of a scrambled Sobol sequence
-DRAWS = 1000
-"""Number of draws from the posterior of every combination."""
+DRAWS = 1000  # number of draws from the posterior of every combination
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,12 +142,6 @@ def information(problem: Problem, fit: Fit) -> FloatArray:
     rows = problem.weighted(fit.slopes) / fit.scale
     prior = 1 / problem.prior_std**2 + (_RIDGE / problem.span) ** 2
     return np.asarray(rows.T @ rows + np.diag(prior))
-
-
-def gradient(problem: Problem, fit: Fit) -> FloatArray:
-    """Slope of χ²/2 of data and priors by the unknowns."""
-    from_data = problem.weighted(fit.slopes).T @ problem.residuals(fit.values) / fit.scale**2
-    return np.asarray(from_data + problem.prior_residuals(fit.point) / problem.prior_std)
 
 
 def at_bound(problem: Problem, point: FloatArray) -> BoolArray:
@@ -280,7 +273,8 @@ def posterior(problem: Problem, found: Fit) -> tuple[FloatArray, FloatArray, flo
     """Covariance, draws and log evidence of a fit."""
     covariance = np.linalg.inv(information(problem, found))
     covariance = (covariance + covariance.T) / 2
-    slope = gradient(problem, found)
+    from_data = problem.weighted(found.slopes).T @ problem.residuals(found.values) / found.scale**2
+    slope = from_data + problem.prior_residuals(found.point) / problem.prior_std  # of χ²/2 of data and priors
     pull = covariance @ slope
     draws, inside = bounded_normal(
         found.point - pull, covariance, problem.low, problem.high, DRAWS, problem.scale_freedom

@@ -58,14 +58,10 @@ from coilarray.studies.comparison import own_noise
 
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
 """Files of calibration plans, and the bundled plans."""
-Parameter = Literal["A", "B", "x0", "peak"]
-"""Parameters of ellipses that may be fitted."""
-MOST_COMBINATIONS = 200
-"""Largest number of combinations of choices that are fitted."""
-FITTED: tuple[Parameter, ...] = ("A", "B", "peak")
-"""Parameters of ellipses that are fitted by default."""
-LEVELS = tuple(k * 1e-4 for k in range(1, 11))
-"""δ of the ellipses that are fitted by default."""
+Parameter = Literal["A", "B", "x0", "peak"]  # parameters of ellipses that may be fitted
+MOST_COMBINATIONS = 200  # largest number of combinations of choices that are fitted
+FITTED: tuple[Parameter, ...] = ("A", "B", "peak")  # parameters of ellipses that are fitted by default
+LEVELS = tuple(k * 1e-4 for k in range(1, 11))  # δ of the ellipses that are fitted by default
 IMPERFECTIONS = {
     "depth_error_mm": 1e-3,
     "tilt_x_mrad": 1e-3,
@@ -76,14 +72,12 @@ IMPERFECTIONS = {
     "column_drift": 1.0,
 }
 """Unknowns ``imperfections.…`` of the experiment, with their units in SI."""
-IMPERFECTION = "imperfections."
-"""Prefix of unknowns of the experiment."""
+IMPERFECTION = "imperfections."  # prefix of unknowns of the experiment
 _DIMS = ("depth", "y", "x", "state")
 _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %
 _SAME = 1e-3  # m: largest distance of a coil in the design from the same coil in the data
 _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not determine the peak
-COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
-"""Mesh accurate to 1e-3 of δ, and twice as fast."""
+COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)  # mesh accurate to 1e-3 of δ, and twice as fast
 
 
 def separated(values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:

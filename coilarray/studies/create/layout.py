@@ -27,8 +27,7 @@ from coilarray.geometry.arcs import Side
 from coilarray.geometry.connector import NoWayError
 from coilarray.studies.create.plan import Choices, Plan, Room, Winding, wind
 
-SMALLEST_CAPACITANCE = 100e-12
-"""Smallest capacitance of a tank in F, below which strays would weigh too much."""
+SMALLEST_CAPACITANCE = 100e-12  # smallest capacitance of a tank in F, below which strays would weigh too much
 # fractions of the width of a coil between which the sign of its neighbours' coupling is searched
 _SAMPLES = (1.0, 0.8, 0.65, 0.5, 0.4)
 _FINE_PITCH = 1e-5  # m, to which the pitch of no coupling is given

@@ -28,8 +28,7 @@ _MOST = 1000
 _COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), 3-hex, 7-hex, 19-hex or 37-hex; got {!r}."
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
-LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")
-"""Shapes with a width and a height."""
+LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")  # shapes with a width and a height
 Overlap = Literal["none", "decoupled"]
 _FROM_TO = {
     "size": (0.5e-3, 1.0, 1e3, "mm"),

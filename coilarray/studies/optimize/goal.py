@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
 
-GOALS = TomlFiles("goal", GoalError)
-"""Reader of goal files."""
+GOALS = TomlFiles("goal", GoalError)  # reader of goal files
 _POLISH = 60  # evaluations of the local solver by default
 _WHOLE_STEPS = 1e-9  # of a step: tolerance of a range for a whole number of steps
 _MOST_STEPS = 1e9
@@ -41,8 +40,7 @@ _ROUNDING = 1e-9  # of a bound: less is not a violation
 Sampler = Literal["tpe", "nsga2", "random"]
 
 _SCORE_ROUNDING = 1e-9  # of a score: less is not a gain
-RULES = ("fab_margin_mm", "fab_broken")
-"""Quantities by which a goal treats the fabrication rules."""
+RULES = ("fab_margin_mm", "fab_broken")  # quantities by which a goal treats the fabrication rules
 _DIGITS = 15
 _DECIMALS = {"mm": 3, "um": 0}  # of a length that a board house can make: 1 µm
 _LEAST_STEPS = 10  # between bounds; closer bounds are meant for a finer search

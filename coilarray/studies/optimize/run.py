@@ -53,8 +53,7 @@ from coilarray.studies.optimize.goal import (
 )
 from coilarray.studies.sweep import Outcome, evaluate_points
 
-FILE = "points.jsonl"
-"""File of the points, a line each."""
+FILE = "points.jsonl"  # file of the points, a line each
 Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]
 """Evaluates changes of points, and yields indices and outcomes."""
 SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]

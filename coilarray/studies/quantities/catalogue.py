@@ -43,8 +43,7 @@ LENGTH_RULES = (
     "copper thickness", "board size",
 )  # fmt: skip
 """Rules whose margin is a length."""
-FARTHEST = 9.0
-"""Margin in limits above which a distance is not measured."""
+FARTHEST = 9.0  # margin in limits above which a distance is not measured
 COIL = Option("coil", "the name of a coil", read_name, "which coil", required=True, bare=True)
 """Name of one coil, which is required."""
 

@@ -53,10 +53,8 @@ from coilarray.studies.tolerance.tolerances import (
     perturb,
 )
 
-UNREAD = "unread values"
-"""Name of an outcome that is not an output."""
-LEAST_SAMPLES = 8
-"""Smallest number of boards for a sampled spread."""
+UNREAD = "unread values"  # name of an outcome that is not an output
+LEAST_SAMPLES = 8  # smallest number of boards for a sampled spread
 _MOST_OF_ALL_PAIRS = 7  # coils, of which all pairs still make a readable table
 _LEAST_KNOWN = 0.5  # of the thickness of all sheets, a length over which δ changes much and nothing is linear
 _STEP = 0.5  # half width of the central differences in standard deviations

@@ -65,8 +65,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     for table in UNITS
 }
 """Errors of `coilarray.studies.tolerance.tolerances` by the tables of a file."""
-SCHEMA = 1
-"""Version of the tolerance file format."""
+SCHEMA = 1  # version of the tolerance file format
 _TOLERANCES = TomlFiles("tolerance", GoalError)
 # bounds far beyond any board, so that a typo is refused at its place
 _Micrometres = Annotated[float, Field(ge=0, le=10_000)]
