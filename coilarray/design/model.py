@@ -93,7 +93,6 @@ class Circuit:
     part: PartName | None = None
 
     def __post_init__(self) -> None:
-        """Raise DesignError for an invalid value."""
         require_finite("resistivity", self.resistivity, error=DesignError)
         require_finite("elastomer_permittivity", self.elastomer_permittivity, error=DesignError)
         if self.resistivity <= 0 or self.elastomer_permittivity < 1:
@@ -179,7 +178,6 @@ class Indentation:
     material: Material | None = None
 
     def __post_init__(self) -> None:
-        """Raise DesignError for an invalid value."""
         if self.material is not None and not isinstance(self.indenter, Hemisphere):
             raise DesignError(
                 'indenter.material needs shape = "hemisphere", which is computed as a sphere of its radius; '
@@ -278,7 +276,6 @@ class Design:
     readout: Readout = field(default_factory=Readout)
 
     def __post_init__(self) -> None:
-        """Raise DesignError for an invalid design, and set the maps."""
         require_finite("field_height", self.field_height, error=DesignError)
         names, known = self.array.names, ", ".join(self.array.names)
         sheets = [sheet.name for sheet in self.sheets]

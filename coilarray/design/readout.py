@@ -106,7 +106,6 @@ class Readout:
     switch_per_kelvin: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise DesignError for an invalid value."""
         for one in fields(self):
             value = getattr(self, one.name)
             if value is None:

@@ -51,7 +51,6 @@ class Switches:
     tank_at: Literal["converter", "coil"] = "converter"
 
     def __post_init__(self) -> None:
-        """Raise NetworkError for an invalid value."""
         strays = ("off_capacitance", "terminal_capacitance", "bus_capacitance")
         for name in ("on_resistance", *strays, "lead_inductance"):
             value = getattr(self, name)

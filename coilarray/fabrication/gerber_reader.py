@@ -540,7 +540,14 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         if isinstance(item, Stroke)
         for start, end in pairwise(item.points)
     )
-    areas = tuple(area for layer, objects in drawn.items() for area in _areas(layer, objects))
+    areas = []
+    for layer, k, item in ((layer, k, item) for layer, objects in drawn.items() for k, item in enumerate(objects)):
+        if isinstance(item, Region) and not item.clear:
+            # cut by the clear shapes after it
+            cuts = [later.shape for later in drawn[layer][k + 1 :] if isinstance(later, Region) and later.clear]
+            shape = item.shape - shapely.union_all(cuts) if cuts else item.shape
+            if not shape.is_empty:
+                areas.append(CopperArea(layer, shape, item.net, "a region", item.where))
     lands = [(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
     masks = [item for file in files if file.function[:1] == ("Soldermask",) for item in parse_gerber(file)]
     openings = [(item.x, item.y) for item in masks if isinstance(item, Flash)]
@@ -553,7 +560,15 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         if id(pad) not in bored
     )
     notes = (f"{bare} plated hole{'s' if bare > 1 else ''} without a pad left out.",) if bare else ()
-    return BoardCopper(str(path), board, tracks, tuple(holes), pads, assumed, areas, _edge(files), notes)
+    outline = [
+        point
+        for file in files
+        if file.function[:1] == ("Profile",) and file.kind == "gerber"
+        for item in parse_gerber(file)
+        for point in (item.points if isinstance(item, Stroke) else shapely.get_coordinates(item.shape).tolist())
+    ]
+    edge = shapely.MultiPoint(outline).bounds if outline else None
+    return BoardCopper(str(path), board, tracks, tuple(holes), pads, assumed, tuple(areas), edge, notes)
 
 
 def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
@@ -576,16 +591,6 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
     if missing:
         raise BoardError(f"{path}: copper layers are missing: {', '.join(missing)}.")
     return [numbered[number] for number in sorted(numbered)]
-
-
-def _areas(layer: str, objects: Sequence[Drawn]) -> Iterator[CopperArea]:
-    """Yield the regions, cut by the clear shapes after them."""
-    for k, item in enumerate(objects):
-        if isinstance(item, Region) and not item.clear:
-            cuts = [later.shape for later in objects[k + 1 :] if isinstance(later, Region) and later.clear]
-            shape = item.shape - shapely.union_all(cuts) if cuts else item.shape
-            if not shape.is_empty:
-                yield CopperArea(layer, shape, item.net, "a region", item.where)
 
 
 def _holes(
@@ -657,15 +662,3 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
             f"{','.join(file.function)}."
         )
     return board.names[first - 1 : last]
-
-
-def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:
-    """Bounds of the board's outline, if a file has it."""
-    points = [
-        point
-        for file in files
-        if file.function[:1] == ("Profile",) and file.kind == "gerber"
-        for item in parse_gerber(file)
-        for point in (item.points if isinstance(item, Stroke) else shapely.get_coordinates(item.shape).tolist())
-    ]
-    return shapely.MultiPoint(points).bounds if points else None

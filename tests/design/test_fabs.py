@@ -5,24 +5,25 @@ limits of boards against closed forms of their stack-up. Traces, gaps and holes 
 """
 
 import csv
-import html
 import io
 import re
 from dataclasses import replace
 from datetime import date
+from types import SimpleNamespace
 
 import pytest
 from support.boards import VIA, many_layers, one_coil, reference_board
 from support.refusals import refused
 
-from coilarray import parse_design, write_report
+from coilarray import parse_design
 from coilarray.design import fabs
 from coilarray.design.bundled import read
 from coilarray.design.fabs import FabTable, load_profile
 from coilarray.design.model import parse_design_file
 from coilarray.errors import DesignError, RuleViolationError
 from coilarray.geometry import FabRules, Spiral, check_rules, require_rules
-from coilarray.report.tables import rules_table
+from coilarray.report.sections import SECTIONS
+from coilarray.report.tables import design_table, rules_table
 
 MIL = 0.0254  # mm
 ROUNDING = 1e-12  # of numbers near 1: products of a few floats
@@ -305,32 +306,11 @@ def test_the_table_shows_millimetres_and_numbers_and_files_keep_si():
     assert cells["annular ring"][3:7] == ["0.1250", "0.1000", "0.0250", "mm"]
 
 
-@pytest.mark.slow
-def test_a_report_names_the_profile_and_its_sources(tmp_path, monkeypatch):
-    monkeypatch.setenv("COILARRAY_THREADS", "1")  # pictures would be drawn in this process
-    monkeypatch.setattr("coilarray.report.page.png_of", lambda drawn: b"a picture")
-    monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
-    stated = load_profile("multi-cb-35um")
-    design = parse_design_file("""
-schema = 1
-name = "one"
-stackup = { layers = ["top"], copper_thickness_um = [35] }
-fab = { profile = "multi-cb-35um", max_layers = 1 }
-[coils.ring]
-shape = "path"
-lines_mm = [[[0, 0], [5, 0], [5, 4], [1, 4]]]
-trace_width_mm = 0.2
-gap_mm = 0.2
-[array]
-lattice = "free"
-placements = [{ name = "a", coil = "ring", layers = ["top"], x_mm = 0, y_mm = 0 }]
-""")
-    report = write_report(design, tmp_path)
-    page = report.page.read_text(encoding="utf-8")
-    assert f"Limits of {stated.title}" in page
-    assert stated.read.isoformat() in page
-    for title, url in stated.sources:
-        assert f'<a href="{url}">{html.escape(title)}</a>' in page
-    assert next(iter(stated.assumed.values())) in page  # in the table of all values
-    rules = {row["rule"]: row for row in report.data["rules"]}
-    assert rules["layer count"]["kept"]
+def test_a_report_names_the_profile_and_its_sources():
+    stated, file = load_profile("multi-cb-35um"), with_fab('profile = "multi-cb-35um"')
+    margins = check_rules(file.design.array, file.design.rules)
+    words = SECTIONS["Fabrication rules"](SimpleNamespace(file=file, margins=margins)).blocks[0]
+    assert words.startswith(f"Limits of {stated.title}")
+    assert stated.read.isoformat() in words
+    assert all(f"[{title}]({url})" in words for title, url in stated.sources)
+    assert next(iter(stated.assumed.values())) in design_table(file).csv()

@@ -29,10 +29,10 @@ ROUND = 1e-6  # relative: a circle of 4096 corners has 4e-7 less area than the t
 
 
 BOARDS = {
-    "reference": reference_board(count=2, turns=10),
+    "reference": reference_board(count=2, turns=5),
     **WOUND,
     # few turns: the reader's check of a solid takes a time that grows with the square of its faces
-    "circle": one_coil(round_spiral(6e-3, 2, 0.15e-3, 0.15e-3).coil(), rotation=-2.0),
+    "circle": one_coil(round_spiral(6e-3, 1, 0.15e-3, 0.15e-3).coil(), rotation=-2.0),
     "no holes": one_coil(path_coil([[(0, 0), (8e-3, 0), (8e-3, 5e-3)]], 0.2e-3, 0.2e-3, VIA)),
 }
 

@@ -230,19 +230,13 @@ _DOORS = {
 }
 
 
-@pytest.mark.parametrize("door", _BEYOND)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+_CASES = [(door, bad) for door in _BEYOND | _DOORS for bad in (*_NUMBERS, *((1e300,) if door in _BEYOND else ()))]
+
+
+@pytest.mark.parametrize(("door", "bad"), _CASES)
 def test_what_no_formula_can_take_is_refused(door, bad):
-    with pytest.raises(ValueError, match=r"finite|at least 1|must be") as caught:
-        _BEYOND[door](bad)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("bad", _NUMBERS)
-@pytest.mark.parametrize("door", _DOORS)
-def test_what_is_not_finite_is_refused(door, bad):
-    with pytest.raises(ValueError, match=r"finite|positive|must be") as caught:
-        _DOORS[door](bad)
+    with pytest.raises(ValueError, match=r"finite|at least 1|positive|must be") as caught:
+        (_BEYOND | _DOORS)[door](bad)
     assert "\n" not in str(caught.value)
 
 
