@@ -122,10 +122,7 @@ class Table(BaseModel):
 
     @classmethod
     def entries_of(cls, value: object, *keys: str, without: Sequence[str] = ()) -> dict[str, Any]:
-        """Entries of a value in SI, which `in_si` reads back.
-
-        Arrays are lists, and None is left out.
-        """
+        """Entries of a value in SI for `in_si`, arrays as lists, without None."""
         found: dict[str, Any] = {}
         for key in keys or [key for key in cls.model_fields if key not in without]:
             annotation: Any = cls.model_fields[key].annotation

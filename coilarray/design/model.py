@@ -515,10 +515,7 @@ def parse_design(text: str, origin: str = "design") -> Design:
 
 
 def parse_design_file(text: str, origin: str = "design") -> DesignFile:
-    """Read a design file from its text, with warnings about values in a wrong unit.
-
-    `origin` names it in messages.
-    """
+    """Read a text that messages call `origin`, with warnings about wrong units."""
     file = build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
     for line in file.unusual:
         warnings.warn(f"{origin}: {line}", UnusualValueWarning, stacklevel=2)
@@ -685,10 +682,7 @@ def _plain(value: Any) -> Any:
 
 
 def _array(array: Array) -> Any:
-    """Return every coil shape once, without the lattice.
-
-    A shape is the sizes of its spiral, or its lines, without names.
-    """
+    """Return each coil's spiral or lines once, without names and lattice."""
     coils: dict[int, str] = {}
     placements: list[Any] = []
     for place in array.placements:

@@ -166,10 +166,7 @@ class Readout:
 
     @property
     def frequency_noise(self) -> float:
-        """Relative standard deviation of one conversion's frequency.
-
-        The sensor's own noise is not included.
-        """
+        """Relative standard deviation of one conversion's frequency, without the sensor's noise."""
         return math.hypot(self.resolution_noise, self.jitter_noise)
 
 

@@ -271,10 +271,7 @@ def _on_one_line(match: re.Match[str]) -> str:
 
 
 def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
-    """Return the text of a TOML file changed to `document`, None if it needs a new text.
-
-    Items of a list are known by their name, or content. New entries end their table.
-    """
+    """Return a TOML text changed to `document`, None if it needs a new text."""
     if not text:
         return None
     try:

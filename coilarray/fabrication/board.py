@@ -68,10 +68,7 @@ class Hole:
 
 @dataclass(frozen=True)
 class SurfacePad:
-    """Pad without a hole, in m, a disc by default.
-
-    A track that ends within half of its smaller side `size` is joined.
-    """
+    """Pad in m without a hole, a disc by default, of the smaller side `size`."""
 
     what: ClassVar[str] = "a pad"
     x: float
@@ -91,10 +88,7 @@ class SurfacePad:
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper in m that is not a track, such as "a filled zone".
-
-    A zone without fill has its outline as `shape`.
-    """
+    """Copper in m such as "a filled zone", or the outline of a zone without fill."""
 
     layer: str
     shape: BaseGeometry

@@ -48,10 +48,7 @@ def write_svg(array: Array, path: Path, *, title: str = "") -> None:
 
 
 def svg_text(array: Array, *, title: str = "", coarse: bool = False) -> str:
-    """Return the drawing of `write_svg` as an ``svg`` element.
-
-    A `coarse` drawing, for the screen, is accurate to a three-thousandth of the board.
-    """
+    """Return the ``svg`` of `write_svg`, `coarse` to a three-thousandth of the board."""
     outline = board_outline(array)
     within = max(np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0)) / _ON_SCREEN if coarse else 0.0
     digits = max(-math.floor(math.log10(within * _MM)), 0) if coarse else _DIGITS
@@ -96,10 +93,7 @@ def array_html(array: Array) -> str:
 
 
 def array_picture(array: Array, title: str = "") -> str:
-    """Return a drawing as an HTML image, or a sentence.
-
-    It is a sentence for a board that takes too long to draw.
-    """
+    """Return a drawing as an HTML image, or why it takes too long."""
     points = sum(len(line) for place in array.placements for line, _, _ in place.traces())
     if points > _MOST_POINTS:
         return f"<p>not drawn here, as its traces have {points} points; coilarray.export draws it</p>"
@@ -219,10 +213,7 @@ class Label:
 
 
 def silk_labels(array: Array) -> tuple[Label | None, ...]:
-    """Place the coils' names near their centres, clear of pads, other names and the edge.
-
-    A name that does not fit within the coil's winding is None.
-    """
+    """Place names near the centres, clear of pads, names and edge, if they fit."""
     holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
     inside = board_outline(array).buffer(-_EDGE, join_style="mitre")
     free = shapely.difference(inside, shapely.union_all(holes))

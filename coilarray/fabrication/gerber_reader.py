@@ -46,10 +46,7 @@ _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class DataFile:
-    """Gerber, Excellon or job file at a place for messages.
-
-    `function` has the fields of the X2 attribute .FileFunction, or of the rules for its name.
-    """
+    """Gerber, Excellon or job file with the fields of its X2 .FileFunction."""
 
     label: str
     text: str
@@ -58,10 +55,7 @@ class DataFile:
 
 
 def find_files(path: Path) -> list[DataFile]:
-    """Find the Gerber, Excellon and job files of a board.
-
-    Functions come from X2 attributes if a copper file has one, otherwise from its name.
-    """
+    """Find the files of a board, their functions by X2 attributes or by name."""
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
         files = _named(files)
@@ -173,10 +167,7 @@ _MM = 1e-3
 
 
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
-    """Read the stack-up and the assumed values from a job file, if any.
-
-    Layers are named as in it, otherwise L1, L2, …. `source` is the zip or folder, for messages.
-    """
+    """Read the stack-up and assumed values from a job file, if any, of a `source`."""
     document: Any = {}
     if job is not None:
         try:
@@ -292,10 +283,7 @@ Drawn = Stroke | Flash | Region
 
 @dataclass(frozen=True)
 class DrilledHole:
-    """Hole, or middle of a slot, of a drill file in m.
-
-    `function` is the last field of the tool's .AperFunction, or "". `plated` is None if not said.
-    """
+    """Hole or middle of a slot in m, `plated` if said, with the last .AperFunction."""
 
     x: float
     y: float

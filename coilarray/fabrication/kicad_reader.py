@@ -522,10 +522,7 @@ class Quoted(str):
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """List ``(name item …)`` of an s-expression, `name` empty without a first word.
-
-    `where` is "file:line" of its opening parenthesis.
-    """
+    """List ``(name item …)`` of an s-expression, which begins at "file:line"."""
 
     name: str
     items: tuple[Node | str, ...]

@@ -211,10 +211,7 @@ def _words(placement: Placement, label: Label | None, value: str, drawing: Drawi
 
 
 def _terminal_pads(array: Array, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
-    """Yield pads 1 and 2 at the path's ends, on their own layer without a hole.
-
-    That of a bare end is as wide as its trace, and marks the end of the track for KiCad's check.
-    """
+    """Yield pads 1 and 2 at the path's ends, that of a bare end as wide as its trace."""
     coil = placement.coil
     origin = drawing.points((placement.x, placement.y))
     ends = drawing.points(placement.to_board(coil.terminal_points)) - origin

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -40,16 +40,14 @@ class Barrel:
     layers: tuple[str, ...]
 
 
+# in the order of results: several coils in one piece, a terminal cut off, and other copper or holes
 FaultKind = Literal["bridge", "cut", "missing", "foreign"]
 Place = Sequence[float] | FloatArray
 
 
 @dataclass(frozen=True)
 class NetFault:
-    """Difference at x and y in m between the copper of a file and its coils.
-
-    A "bridge" joins coils, a "cut" separates a terminal, other copper is "missing" or "foreign".
-    """
+    """Difference at x and y in m between the copper of a file and its coils."""
 
     kind: FaultKind
     coils: tuple[str, ...]
@@ -114,14 +112,10 @@ def check_nets(
     parts = {layer: _parts([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
     copper = {layer: shapely.MultiPolygon(shapes.tolist()) for layer, shapes in parts.items()}
     foreign_holes = [hole for hole in holes if not any(_same(hole, drill, tolerance) for drill in design_holes)]
-
-    bridges: list[NetFault] = []
-    cuts: list[NetFault] = []
-    missing: list[NetFault] = []
-    foreign: list[NetFault] = []
+    faults: list[NetFault] = []
     for hole in foreign_holes:
         text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
-        foreign.append(_fault("foreign", (), hole.layers[0], (hole.x, hole.y), text))
+        faults.append(_fault("foreign", (), hole.layers[0], (hole.x, hole.y), text))
     for piece in pieces:
         owners = [
             coil
@@ -132,16 +126,13 @@ def check_nets(
             )
         ]
         if len(owners) > 1:
-            bridges.append(_bridge(piece, owners, foreign_holes, tolerance))
+            faults.append(_bridge(piece, owners, foreign_holes, tolerance))
         else:
-            foreign += _foreign_copper(piece, owners or coils, tolerance)
+            faults += _foreign_copper(piece, owners or coils, tolerance)
     for coil in coils:
         cut = coil.cut(pieces)
-        if cut is not None:
-            cuts.append(cut)
-        else:
-            missing += coil.missing(copper, holes, tolerance)
-    return *bridges, *cuts, *missing, *foreign
+        faults += coil.missing(copper, holes, tolerance) if cut is None else [cut]
+    return tuple(sorted(faults, key=lambda fault: get_args(FaultKind).index(fault.kind)))
 
 
 def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:

@@ -39,10 +39,7 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  #
 
 
 def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
-    """Write `solids` in m to one file.
-
-    STL has one mesh in mm for slicers. GLB has named and coloured nodes in m, with y up.
-    """
+    """Write `solids` in m, as one mesh in mm to STL, or by names with y up to GLB."""
     import trimesh  # slow to import
 
     require_suffix(path, ".stl", ".glb")
@@ -107,10 +104,7 @@ def faceted_prisms(array: Array) -> dict[str, Prism]:
 
 
 def _part(prism: Prism, circles: FloatArray) -> Any:
-    """Make the solid of a prism, or a compound.
-
-    `circles` (n, 3) are centres and radii in m of which edges may be arcs.
-    """
+    """Make the solid of a prism with arcs of `circles` (n, 3): centres and radii in m."""
     from OCP.BRep import BRep_Builder
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism

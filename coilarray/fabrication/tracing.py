@@ -85,13 +85,10 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
         if copper.tracks:
             try:
                 coil = _trace_net(net, copper, obstacles)
+                _require_turns(coil)
+                coils.append(coil)
             except BoardError as error:
                 left_out[net] = str(error)
-                continue
-            if reason := _too_few_turns(coil):
-                left_out[net] = reason
-            else:
-                coils.append(coil)
     _trace_nameless(nameless, by_net, coils, left_out)
     if not coils:
         why = "".join(f"; {net}: {reason}" for net, reason in list(left_out.items())[:_REASONS])
@@ -179,24 +176,18 @@ def _trace_nameless(
         what = f"copper without a net at {graph.place(piece[0])}"
         try:
             coil = follow(what, what, graph, piece)
-            if reason := _too_few_turns(coil):
-                left_out[what] = reason
-                continue
+            _require_turns(coil)
             others.refuse_contact(what, coil, tracks)
             refuse_bridges(what, coil, nameless.stands)
             for obstacles in foreign:
                 obstacles.refuse_contact(f"tracks without a net, {what}", coil)
+            coils.append(replace(coil, name=next(names)))
         except BoardError as error:
             left_out[what] = str(error)
-            continue
-        coils.append(replace(coil, name=next(names)))
 
 
 def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]:
-    """Holes and pads without a net that join several pieces.
-
-    `own` are the ids of each piece's tracks.
-    """
+    """Holes and pads that join several pieces, of which `own` are the ids of the tracks."""
     piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
     tracks = [track for track in nameless.tracks if id(track) in piece_of]
     tree = shapely.STRtree([shape for track in tracks for shape in track.copper.values()])
@@ -211,10 +202,10 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
     return found
 
 
-def _too_few_turns(coil: TracedCoil) -> str:
-    """Reason why a path is not a coil, or ""."""
-    turns = abs(coil.turns)
-    return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around a place; a coil makes at least one."
+def _require_turns(coil: TracedCoil) -> None:
+    """Raise BoardError for a path that is not a coil."""
+    if (turns := abs(coil.turns)) < LEAST_TURNS:
+        raise BoardError(f"it makes {turns:.2f} turns around a place; a coil makes at least one.")
 
 
 _OVERLAP = 1e-6  # m: copper that meets by less only touches
@@ -310,10 +301,7 @@ _MARGIN = 2e-3
 
 @dataclass(frozen=True)
 class TracedArray:
-    """Array made from a board, of shared coils where they are equal but for a shift.
-
-    `assumed` has dotted keys with the reason, ``coils.*.…`` for all shapes, and `notes` sentences.
-    """
+    """Array of shared coils, with assumed keys and sentences about it."""
 
     array: Array
     assumed: dict[str, str]

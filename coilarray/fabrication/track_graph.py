@@ -30,10 +30,7 @@ _FEW, _CERTAIN = 20, 10.0  # ends for a quick count, and the excess from which i
 
 @dataclass(frozen=True, eq=False)
 class TrackNode:
-    """Place in m where the `edges` end.
-
-    It is the centre of its hole or pad, otherwise the first end that lies there.
-    """
+    """Place in m where `edges` end: the centre of a hole or pad, or the first end."""
 
     x: float
     y: float
@@ -54,10 +51,7 @@ class TrackEdge:
 
 @dataclass(frozen=True, eq=False)
 class TrackGraph:
-    """Nodes by number, and edges of a net's tracks.
-
-    Every node has an edge. No two edges of one layer join the same nodes.
-    """
+    """Nodes, each with an edge, and edges, one on a layer between two nodes."""
 
     nodes: dict[int, TrackNode]
     edges: tuple[TrackEdge, ...]
