@@ -202,8 +202,8 @@ def _words(placement: Placement, label: Label | None, value: str, drawing: Drawi
     yield node("attr", kind, *attributes, *_NO_PART)
     name = ("reference", placement.name, (0, 0), "F.Fab", _FAB_LETTERS)
     if label is not None:
-        place = drawing.points((label.x, label.y)) - drawing.points((placement.x, placement.y))
-        name = ("reference", placement.name, tuple(place.tolist()), "F.SilkS", label.size)
+        x, y = (drawing.points((label.x, label.y)) - drawing.points((placement.x, placement.y))).tolist()
+        name = ("reference", placement.name, (x, y), "F.SilkS", label.size)
     for kind, text, place, layer, height in (name, ("value", value, (0, 2_000_000), "F.Fab", _FAB_LETTERS)):
         font = node("font", node("size", *[length(height)] * 2), node("thickness", length(_STROKE * height)))
         rest = (on_layer(layer), node("effects", font), drawing.identifier(kind))
