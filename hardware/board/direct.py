@@ -337,7 +337,16 @@ class DirectReader:
                 samples = [self._sample(settings, state) for state in settings.states]
             else:
                 start, samples = self._channels(settings, running=running)
-            samples = self._verified(settings, samples)
+            faults = [sample.fault for sample in samples]
+            try:
+                kept = self._chips.hold(thoroughly=any(fault in BUS_FAULTS for fault in faults))
+            except BusFault:  # an unconfirmed result is not a measurement
+                faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
+            else:
+                if not kept:
+                    faults = [SampleFault.CONVERTER_RESET] * len(faults)
+            self._judge(settings, faults)
+            samples = [_no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
         return RawScan(sequence, start, time.time(), settings.hash, self._identity.boot, tuple(samples))
 
     def _sample(self, settings: ScanSettings, state: StateSettings) -> RawSample:
@@ -385,19 +394,6 @@ class DirectReader:
             with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
                 chips.sleep()
         return start, samples
-
-    def _verified(self, settings: ScanSettings, samples: list[RawSample]) -> list[RawSample]:
-        """Return the samples of a scan after checking the converter."""
-        faults = [sample.fault for sample in samples]
-        try:
-            kept = self._chips.hold(thoroughly=any(fault in BUS_FAULTS for fault in faults))
-        except BusFault:  # an unconfirmed result is not a measurement
-            faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
-        else:
-            if not kept:
-                faults = [SampleFault.CONVERTER_RESET] * len(faults)
-        self._judge(settings, faults)
-        return [_no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
 
     def _judge(self, settings: ScanSettings, faults: Sequence[SampleFault]) -> None:
         """Decide whether the faults of a scan end the stream."""

@@ -1,6 +1,6 @@
-"""Self-test of a board's switches and coils.
+"""Self-test of a board's switches and coils, and the drive currents of its coils.
 
-It needs scans only. The switches show only in whether the converter oscillates, and by how much the
+The self-test needs scans only. The switches show only in whether the converter oscillates, and by how much the
 frequency of a coil rises when another coil is shorted. Both are predicted from the wiring for every
 single fault. A fault whose prediction equals the measurement is a finding. Until the test has
 passed, the assignment of bits to switches is an assumption.

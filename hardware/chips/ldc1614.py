@@ -93,11 +93,6 @@ class Register:
         """Bits that keep a written value."""
         return sum(field.mask for field in self.fields if field.writable)
 
-    @property
-    def constant_mask(self) -> int:
-        """Reserved bits that must be written unchanged."""
-        return sum(field.mask for field in self.fields if field.reserved and not field.meaning.startswith("RO"))
-
     def field(self, name: str) -> Field:
         """Return a field that is not reserved."""
         named = {field.name: field for field in self.fields if not field.reserved}

@@ -1,7 +1,4 @@
-"""An emulated board with chips and coils.
-
-The chips are emulated at the level of their registers, and the coils by this package's physics.
-"""
+"""An emulated board: chips at the level of their registers, coils by this package's physics."""
 
 from __future__ import annotations
 

@@ -86,14 +86,10 @@ class PacedClock(Clock):
 
 @dataclass(frozen=True)
 class Oscillator:
-    """Internal oscillator of one converter.
+    """Internal oscillator of one converter."""
 
-    Its `frequency` at room temperature in Hz is 35 to 55 MHz, typically 43.4 MHz. It changes with
-    temperature by `temperature_coefficient` in 1/K, relative.
-    """
-
-    frequency: float = INTERNAL_CLOCK
-    temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN
+    frequency: float = INTERNAL_CLOCK  # at room temperature in Hz, 35 to 55 MHz
+    temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN  # relative change of the frequency in 1/K
 
     def at(self, temperature: float) -> float:
         """Return the frequency in Hz at a temperature in °C."""

@@ -267,7 +267,14 @@ class Run:
         self._time = stop
         if stop == self._end:
             self._finish(sensor)
-            self._leave_out(until)
+            if self._setting.scan or self._done < _UNTOUCHED:
+                return
+            turn = self._length + SWITCH_TIME + SWITCH_CYCLES / self._reference_now
+            unseen = math.floor((until - self._time) / turn) - _UNTOUCHED
+            if unseen > 0:  # unread conversions are left out, except the last few
+                self._done += unseen
+                self._time += unseen * turn
+                self._begin_count()
 
     def _finish(self, sensor: Resonator | None) -> None:
         """End a conversion and start the next."""
@@ -298,17 +305,6 @@ class Run:
         if self._setting.scan:
             self._activate()
         else:
-            self._begin_count()
-
-    def _leave_out(self, until: float) -> None:
-        """Skip all unread conversions except the last few."""
-        if self._setting.scan or self._done < _UNTOUCHED:
-            return
-        turn = self._length + SWITCH_TIME + SWITCH_CYCLES / self._reference_now
-        unseen = math.floor((until - self._time) / turn) - _UNTOUCHED
-        if unseen > 0:
-            self._done += unseen
-            self._time += unseen * turn
             self._begin_count()
 
     def _judge_start(self, sensor: Resonator) -> None:
@@ -498,7 +494,9 @@ class Ldc1614:
         """Note violations of the data sheet by a written value."""
         if not 0 <= value <= 0xFFFF:
             raise ValueError(f"value must be 0 to 0xFFFF; got {value:#x}.")
-        wrong = (value ^ register.reset) & register.constant_mask
+        # reserved bits that must be written unchanged
+        constant = sum(one.mask for one in register.fields if one.reserved and not one.meaning.startswith("RO"))
+        wrong = (value ^ register.reset) & constant
         if wrong:
             self._note(
                 f"{register.name} was written with {value:#06x}: reserved bits {wrong:#06x} must be "

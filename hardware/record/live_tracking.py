@@ -1,7 +1,4 @@
-"""Live δ and position of the indentation, without I/O.
-
-Scan by scan, δ of every state is computed relative to a baseline.
-"""
+"""Live δ, relative to a baseline, and position of the indentation, scan by scan, without I/O."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Recordings as datasets, and their correction by reference coils.
-
-The datasets are the response of a campaign, in the form of simulations, and the time series of all
-scans.
-"""
+"""Recordings as datasets: the response of a campaign, and all scans; correction by reference coils."""
 
 from __future__ import annotations
 

@@ -18,7 +18,6 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import TypeVar
 
 from coilarray.compute.files import writing
 from coilarray.compute.store import delete_database, locked_database
@@ -107,7 +106,6 @@ def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
 
 _DURABLE = 1.0  # s
 _PATIENCE = 5.0  # s to wait for another program that writes
-_T = TypeVar("_T")
 
 Thermometer = Callable[[], float | None]
 """Function that returns the temperature in °C, or None if it is not known at present."""
@@ -147,31 +145,27 @@ class Recorder:
         The first session creates the recording, later sessions continue it. `campaign` is its plan
         as JSON. `thermometer` returns the temperature in °C, if known.
         """
-
-        def write(connection: sqlite3.Connection) -> int:
-            """Create or update the tables and add the session."""
-            if is_blank(connection):
-                create_tables(connection)
-                if campaign is not None:
-                    insert_row(connection, "campaign", {"plan": campaign})
-            values = {
-                **{name: getattr(session, name) for name in PLAIN},
-                "identity": json.dumps(asdict(session.identity)),
-                "boot": session.identity.boot,
-                "emulated": session.identity.emulated,
-                "settings": session.settings.to_json(),
-                "settings_hash": session.settings.hash,
-                "capacitances": json.dumps(dict(session.capacitances)),
-                "design_document": json.dumps(dict(session.design_document)),
-            }
-            return insert_row(connection, "session", values)
-
         with reading(self.path):
             blank = is_blank(self._connection)
         if not blank:
             _require_same(Recording(self.path, self._connection), session, campaign)
         _log_ahead(self.path, self._connection)
-        self._number = self._write(write, durable=True)
+        values = {
+            **{name: getattr(session, name) for name in PLAIN},
+            "identity": json.dumps(asdict(session.identity)),
+            "boot": session.identity.boot,
+            "emulated": session.identity.emulated,
+            "settings": session.settings.to_json(),
+            "settings_hash": session.settings.hash,
+            "capacitances": json.dumps(dict(session.capacitances)),
+            "design_document": json.dumps(dict(session.design_document)),
+        }
+        with self._transaction(durable=True) as connection:
+            if is_blank(connection):
+                create_tables(connection)
+                if campaign is not None:
+                    insert_row(connection, "campaign", {"plan": campaign})
+            self._number = insert_row(connection, "session", values)
         self._session, self.thermometer = session, thermometer
 
     def add(self, scan: RawScan, stage: str, *, position: int | None = None, depth: float | None = None) -> None:
@@ -189,8 +183,7 @@ class Recorder:
         if not (math.isfinite(scan.time) and math.isfinite(scan.received)):
             raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
         temperature = None if self.thermometer is None else self.thermometer()
-
-        def write(connection: sqlite3.Connection) -> None:
+        with self._transaction(durable=time.monotonic() - self._durable > _DURABLE) as connection:
             (number,) = connection.execute("SELECT coalesce(max(id), 0) + 1 FROM scan").fetchone()
             where = (number, self._number, position, stage, depth, temperature)
             connection.execute(
@@ -203,8 +196,6 @@ class Recorder:
                 "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
                 [(number, k, *word) for k, word in enumerate(words)],
             )
-
-        self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
 
     def count(self) -> int:
         """Return the number of scans in the recording."""
@@ -219,36 +210,32 @@ class Recorder:
 
     def begin(self, place: GridPlace) -> int:
         """Begin a place of the campaign."""
-
-        def write(connection: sqlite3.Connection) -> int:
-            values = {"place": place.number, "repeat": place.repeat, "depth": place.depth, "y": place.y, "x": place.x}
+        values = {"place": place.number, "repeat": place.repeat, "depth": place.depth, "y": place.y, "x": place.x}
+        with self._transaction(durable=False) as connection:
             return insert_row(connection, "position", {"session": self._number, **values})
-
-        return self._write(write, durable=False)
 
     def finish(self, position: int) -> None:
         """Mark a position as measured to its end."""
-
-        def write(connection: sqlite3.Connection) -> None:
+        with self._transaction(durable=True) as connection:
             connection.execute("UPDATE position SET finished = ? WHERE id = ?", (time.time(), position))
             sign_row(connection, "position", position)
-
-        self._write(write, durable=True)
 
     def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
         """Write the symptoms and findings of a self-test."""
         values: dict[str, object] = {"session": self._number, "time": time.time()}
         values |= {"symptoms": json.dumps(list(symptoms)), "findings": json.dumps(list(findings))}
-        self._write(lambda connection: insert_row(connection, "self_test", values), durable=True)
+        with self._transaction(durable=True) as connection:
+            insert_row(connection, "self_test", values)
 
-    def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
-        """Run a write as one transaction."""
+    @contextmanager
+    def _transaction(self, *, durable: bool) -> Iterator[sqlite3.Connection]:
+        """Make the writes of a block one transaction."""
         connection = self._connection
         with held_signals(), writing(self.path, sqlite3.Error):  # no Ctrl-C within a write
             connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
             try:
                 connection.execute("BEGIN IMMEDIATE")
-                result = write(connection)
+                yield connection
                 connection.execute("COMMIT")
             except BaseException:
                 with suppress(sqlite3.Error):  # some failures have already ended it
@@ -256,7 +243,6 @@ class Recorder:
                 raise
         if durable:
             self._durable = time.monotonic()
-        return result
 
 
 def begin_session(board: Board, settings: ScanSettings, design: Design) -> RecordedSession:

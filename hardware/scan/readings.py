@@ -32,51 +32,36 @@ class SampleFault(IntEnum):
 
 @dataclass(frozen=True)
 class RawSample:
-    """Registers of one state of a scan.
+    """Registers of one state of a scan, 0 with a fault."""
 
-    DATA0_MSB has the four error flags. STATUS is read before the data. With a fault the words are
-    0. `drive` is register DRIVE_CURRENT0, if the converter chose its own drive current.
-    """
-
-    msb: int
+    msb: int  # DATA0_MSB with the four error flags
     lsb: int
-    status: int
+    status: int  # as read before the data
     fault: SampleFault = SampleFault.NONE
-    drive: int | None = None
+    drive: int | None = None  # DRIVE_CURRENT0, if the converter chose its own drive current
 
 
 @dataclass(frozen=True)
 class RawScan:
-    """One pass over all states.
+    """One pass over all states."""
 
-    `sequence` is counted by the board since the stream began. `time` is the start in s by the
-    board's clock, and `received` the arrival in s since the epoch. `configuration`
-    is `ScanSettings.hash`, `boot` changes when the board restarts, and `samples` are in the order of
-    the states.
-    """
-
-    sequence: int
-    time: float
-    received: float
-    configuration: int
-    boot: int
-    samples: tuple[RawSample, ...]
+    sequence: int  # counted by the board since the stream began
+    time: float  # of its start in s by the board's clock
+    received: float  # arrival in s since the epoch
+    configuration: int  # `ScanSettings.hash`
+    boot: int  # changes when the board restarts
+    samples: tuple[RawSample, ...]  # in the order of the states
 
 
 @dataclass(frozen=True)
 class Identity:
-    """Identity of the board at a port.
+    """Identity of the board at a port."""
 
-    `kind` is a description such as "XMC 2Go, firmware 1.0". Outputs tell if it is `emulated`.
-    `manufacturer` and `device` are registers of the converter. `boot` is the number of the board's
-    session.
-    """
-
-    kind: str
+    kind: str  # such as "XMC 2Go, firmware 1.0"
     emulated: bool
-    manufacturer: int
+    manufacturer: int  # identity registers of the converter
     device: int
-    boot: int
+    boot: int  # number of the board's session
 
 
 class Reader(Protocol):
@@ -208,31 +193,25 @@ def _of_status(status: int, channel: int) -> set[Reason]:
 
 @dataclass(frozen=True)
 class StateReading:
-    """One state of a scan in physical units.
-
-    Frequency in Hz and inductance in H are None if the verdict is bad.
-    """
+    """One state of a scan in physical units."""
 
     name: str
-    frequency: float | None
-    inductance: float | None
+    frequency: float | None  # Hz, None if the verdict is bad
+    inductance: float | None  # H, likewise
     verdict: Verdict
     reasons: tuple[Reason, ...] = ()
 
 
 @dataclass(frozen=True)
 class ScanReading:
-    """One scan with the readings of its `states`.
+    """One scan with the readings of its states."""
 
-    `sequence`, `time`, `received` and `boot` are copied from its `RawScan`. `temperature` is in °C.
-    """
-
-    sequence: int
+    sequence: int  # as in its `RawScan`, like the next three
     time: float
     received: float
     boot: int
     states: tuple[StateReading, ...]
-    temperature: float | None = None
+    temperature: float | None = None  # °C
 
     @property
     def verdict(self) -> Verdict:

@@ -103,16 +103,12 @@ class StateTime:
 
 @dataclass(frozen=True)
 class StateSettings:
-    """One state of the scan, named after its coil.
-
-    The first byte of `words` goes to the far end of the chain. Without switches the coil is at a
-    `channel`, 0 to 3, which may have its own settling time and input divider.
-    """
+    """One state of the scan, named after its coil."""
 
     name: str
-    words: _Words
+    words: _Words  # the first byte goes to the far end of the chain
     drive: Annotated[int, Field(ge=0, le=LARGEST_DRIVE)]
-    channel: Annotated[int, Field(ge=0, lt=CHANNELS)] = 0
+    channel: Annotated[int, Field(ge=0, lt=CHANNELS)] = 0  # without switches. It may have its own:
     settle_count: _Code | None = None
     fin_divider: _Code | None = None
     __pydantic_config__ = _STRICT

@@ -10,7 +10,6 @@ import sys
 
 import pytest
 from support.emulated_reader import WIRING, at_rest, brown_out, plain, quick_settings, reader_of
-from support.quick_coils import coupled_board
 
 if sys.platform == "win32":
     pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
@@ -20,10 +19,8 @@ from support.patience import PATIENCE
 from support.refusals import raising
 
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.board.self_test import self_test
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.readings import read_scan
-from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.wire.protocol import LinkTimes
 
@@ -92,18 +89,6 @@ def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
         with host.paused():
             assert at_rest(board)
     assert isinstance(met, error)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
-def test_a_good_board_passes_its_self_test(name):
-    wiring = load_wiring(name)
-    board = coupled_board(wiring)
-    with behind_firmware(board, wiring) as (host, opened):
-        result = self_test(opened.reader, wiring, quick_settings(wiring, drives=8, quality=150.0))
-        with host.paused():
-            assert at_rest(board, wiring)
-    assert (result.symptoms, result.findings) == ((), ())
 
 
 @pytest.mark.parametrize("clock", [35e6, 55e6])

@@ -311,24 +311,6 @@ def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
     return replace(SETTINGS, safe_words=safe, wiring=wiring, states=(StateSettings("state", words, 6),))
 
 
-@pytest.mark.parametrize(("words", "safe", "reason"), [
-    ("331111111111", "111111111111", "state 0: on two nets is terminal 10"),
-    ("221111111122", "111111111111", "state 0: several terminals on INA"),
-    ("021111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
-    ("021111111120", "111111111111", "state 0: INA and INB have two coils"),
-    ("811111111111", "111111111111", "state 0: unused switch closed"),
-    ("221111111111", "111111111110", "safe words: not just grounded is terminal 0"),
-])  # fmt: skip
-def test_the_firmware_itself_refuses_illegal_switching(words, safe, reason):
-    plan = with_words(bytes.fromhex(words), safe=bytes.fromhex(safe))
-    with pytest.raises(HardwareError):
-        plan.check_switching()
-    board = configured()
-    board.chain.history.clear()
-    assert (board.configure(plan)[-1], board.mode) == (f"ERR,4,{reason}", "u")
-    assert {words for words, _ in board.chain.history} == {SAFE}  # none of it was ever sent
-
-
 codes = st.sampled_from([*range(16), 0xFF])
 
 

@@ -212,13 +212,6 @@ def test_a_clock_that_slips_does_not_refuse_a_transfer(sketch):
     assert [word for _ in range(40) for word in sketch.scan()] == READ * 40
 
 
-def test_a_converter_that_is_not_there(build):
-    sketch = Sketch(build(), answers=False)
-    assert ",0000,0000," in sketch.ask("HELLO")
-    assert sketch.configure().startswith("ERR,6,")
-    assert sketch.chain.words == b"\x11" * 6
-
-
 def test_nine_clocks_free_a_bus_that_the_converter_holds(sketch):
     """A reset of the microcontroller cuts a read off, and the slave waits in the middle of a zero for its clock."""
     sketch.i2c.holds_sda, sketch.i2c.sending, sketch.i2c.count = True, [0x00, 0xFF], 3

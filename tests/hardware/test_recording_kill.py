@@ -23,7 +23,7 @@ from coilarray.hardware.record.recording import open_recording
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signal 9 and forks are for POSIX systems")
 
-KILLS = 8
+KILLS = 6
 LATER = 10
 """Scans at most from those after which it is to be killed: a signal that comes late meets a board that waits for it."""
 CAMPAIGN = Campaign(x=tuple(1e-3 * np.arange(-6, 7)), y=(-4e-3, 4e-3), depths=(0.5e-3, 1e-3), repeats=2)

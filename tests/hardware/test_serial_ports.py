@@ -2,7 +2,6 @@
 
 import os
 import struct
-import threading
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +9,7 @@ from support.patience import until
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.microcontroller import open_microcontroller
-from coilarray.hardware.wire.buses import DeviceLost, NoAnswer, NotABoard
+from coilarray.hardware.wire.buses import DeviceLost, NoAnswer
 from coilarray.hardware.wire.ports import OpenSerialPort, choose_serial_port, list_serial_ports
 from coilarray.hardware.wire.protocol import LinkTimes
 
@@ -146,21 +145,3 @@ def test_opening_what_does_not_answer_lets_go_of_the_port(terminal, ports):
     with pytest.raises(NoAnswer, match=r"did not answer STOP in 3 attempts"):
         open_microcontroller(terminal.name, times=LinkTimes(reply=0.05))
     OpenSerialPort(terminal.name).close()
-
-
-@pytest.mark.slow
-def test_another_device_is_no_board(terminal, ports):
-    stop = threading.Event()
-
-    def talk():
-        while not stop.wait(0.01):
-            os.write(terminal.near, b"$GPGGA,123519,4807.038,N,01131.000,E\r\n")
-
-    thread = threading.Thread(target=talk)
-    thread.start()
-    try:
-        with pytest.raises(NotABoard, match="another device, or another baud rate"):
-            open_microcontroller(terminal.name)
-    finally:
-        stop.set()
-        thread.join()
