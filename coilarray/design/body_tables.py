@@ -272,10 +272,9 @@ class PlateTable(FlatTable):
 
 
 def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_copper: float) -> None:
-    """Refuse plates of one name, or in anything else.
+    """Refuse plates of one name, or in anything else, for heights in m of sheets and coils.
 
-    `top` is the height in m of the sheets' upper face. Below `lowest_copper` in m, the lowest face
-    of the coils, plates may lie in the board, such as a copper pour.
+    Below `lowest_copper` plates may lie in the board, such as a copper pour.
     """
     names = [plate.name for plate in plates]
     if len(set(names)) != len(names):

@@ -61,11 +61,7 @@ def entry_unit(key: str) -> str:
 
 
 def key_in_si(key: str) -> tuple[str, float]:
-    """Return a key without unit, and its SI factor.
-
-    >>> key_in_si("pitch_mm"), key_in_si("columns")
-    (('pitch', 0.001), ('columns', 1.0))
-    """
+    """Return a key without unit, and its SI factor."""
     name, _, scale = _parts(key)
     return name, scale
 
@@ -206,10 +202,9 @@ def require_rising(key: str, values: Sequence[float]) -> None:
 
 @dataclass(frozen=True)
 class Key:
-    """Key of a table, in words.
+    """Key of a table, of `kinds` of shapes or lattices if not all.
 
-    `path` has NAME for any name and N for any number in a list, `kinds` the shapes or lattices that
-    have the key, empty for all.
+    `path` has NAME for any name and N for any number in a list.
     """
 
     path: str

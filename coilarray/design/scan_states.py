@@ -210,12 +210,7 @@ class SwitchPart:
         return self.on_capacitance - self.source_capacitance - self.drain_capacitance
 
     def capacitances(self, switches: Switches, coils: int) -> Switches:
-        """Return switches with the capacitances of this part, traces not counted.
-
-        >>> counted = PARTS["ADG739"].capacitances(Switches(), 6)
-        >>> round(counted.terminal_capacitance * 1e12), round(counted.bus_capacitance * 1e12)
-        (42, 153)
-        """
+        """Return switches with the capacitances of this part, traces not counted."""
         return replace(
             switches,
             off_capacitance=self.off_capacitance,
@@ -257,11 +252,7 @@ ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at 10 MHz."""
 
 
 def switch_part(name: str, what: str = "wiring.device.part") -> SwitchPart:
-    """Return a part by name, called `what` in messages.
-
-    >>> switch_part("ADG739").drains["DA"]
-    ('S1A', 'S2A', 'S3A', 'S4A')
-    """
+    """Return a part by name, called `what` in messages."""
     if name not in PARTS:
         raise HardwareError(f"{what} must be {', '.join(PARTS)}; got {shown(name)}.")
     return PARTS[name]

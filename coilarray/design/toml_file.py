@@ -27,11 +27,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 @dataclass(frozen=True)
 class TomlFiles:
-    """One kind of TOML file, such as designs.
-
-    `kind` names it in messages, and `error` is raised for a file that cannot be read. `package` is
-    the import name of the folder with the bundled files, if any.
-    """
+    """One kind of TOML file, such as designs, with bundled files in `package` if any."""
 
     kind: str
     error: type[CoilarrayError]

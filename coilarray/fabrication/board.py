@@ -15,10 +15,7 @@ from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILO
 
 @dataclass(frozen=True)
 class Track:
-    """Straight piece of a trace or arc, in m.
-
-    `net` is None if the file names no net. `where` is "file:line" or "file", for messages.
-    """
+    """Straight piece of a trace or arc in m, of a `net` if named, at "file:line" or "file"."""
 
     what: ClassVar[str] = "a track"
     layer: str
@@ -130,10 +127,7 @@ Slab = tuple[float | None, float | None]
 
 
 def united(parts: Sequence[Slab]) -> Slab:
-    """Return one dielectric with the thickness and capacitance of several.
-
-    If a part has no thickness, the result has none, and its permittivity is that of equal parts.
-    """
+    """Return one dielectric with the thickness, if known, and capacitance of several."""
     thicknesses = [thickness for thickness, _ in parts if thickness is not None]
     epsilons = [epsilon for _, epsilon in parts if epsilon is not None]
     thickness = sum(thicknesses) if parts and len(thicknesses) == len(parts) else None

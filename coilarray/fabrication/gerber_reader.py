@@ -253,10 +253,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Flash:
-    """Aperture put down once, in m, with diameter or smaller side `size`.
-
-    `function` is the first field of .AperFunction, and `pin` the number of the pad from .P, or "".
-    """
+    """Aperture put down once, in m, with its .AperFunction and number of .P, or ""."""
 
     x: float
     y: float

@@ -60,11 +60,7 @@ def on_layer(name: str) -> str:
 
 
 def quoted(text: str) -> str:
-    r"""Text in quotes, with escaped backslashes, quotes and newlines.
-
-    >>> quoted('a "b"')
-    '"a \\"b\\""'
-    """
+    """Text in quotes, with escaped backslashes, quotes and newlines."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\r", "\\r")
     return f'"{escaped}"'
 
@@ -75,11 +71,7 @@ def nanometres(metres: npt.ArrayLike) -> IntArray:
 
 
 def mm(nm: int) -> str:
-    """Write a whole number of nanometres in mm, exactly.
-
-    >>> mm(-1_500_000), mm(100), mm(2_000_000)
-    ('-1.5', '0.0001', '2')
-    """
+    """Write a whole number of nanometres in mm, exactly."""
     whole, part = divmod(abs(nm), 1_000_000)
     digits = f"{whole}.{part:06d}".rstrip("0").rstrip(".")
     return f"-{digits}" if nm < 0 else digits
@@ -119,11 +111,7 @@ class Drawing:
 
 
 def copper_names(stackup: Stackup) -> dict[str, str]:
-    """KiCad's name of each copper layer, F.Cu, In1.Cu, …, B.Cu.
-
-    >>> copper_names(Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,)))
-    {'L1': 'F.Cu', 'L2': 'B.Cu'}
-    """
+    """KiCad's name of each copper layer, F.Cu, In1.Cu, …, B.Cu."""
     n = len(stackup.names)
     if n > _MOST_COPPER_LAYERS or (n > 1 and n % 2 == 1):
         raise OutputError(
@@ -434,8 +422,7 @@ def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
 def _project_text(array: Array, name: str, rules: FabRules) -> str:
     """Text of a ``.kicad_pro`` file, with the sizes of the first coil for new tracks.
 
-    `FabRules.min_gap` holds between nets only, as KiCad has no limit for turns, and from a hole's
-    wall.
+    KiCad has no limit for turns: `FabRules.min_gap` holds between nets, and from holes.
     """
 
     def in_mm(metres: float) -> float:

@@ -142,11 +142,7 @@ def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, te
 
 @dataclass(frozen=True, eq=False)
 class _Coil:
-    """Least and most copper of one coil on each layer.
-
-    `least` is rectangles of segments and rings of pads, narrower by the tolerance, and `most` the
-    mitred outline with round ends and full pads, wider by it.
-    """
+    """Copper of one coil on each layer: `least` narrower, `most` wider by the tolerance."""
 
     name: str
     lines: tuple[FloatArray, ...]

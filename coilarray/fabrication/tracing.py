@@ -39,10 +39,7 @@ _LONGEST_WHY = 200  # characters of a reason
 
 @dataclass(frozen=True)
 class Tracing:
-    """Coils of a board, and `left_out` nets with tracks that are none, with the reason.
-
-    Coils come in the order of wanted nets, or by their names, then others in the order of the file.
-    """
+    """Coils of a board, and `left_out` nets with tracks, with the reason."""
 
     coils: tuple[TracedCoil, ...]
     left_out: dict[str, str]

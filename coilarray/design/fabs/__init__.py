@@ -43,11 +43,7 @@ class FabProfile:
 
 @functools.cache
 def load_profile(name: str) -> FabProfile:
-    """Read a bundled profile.
-
-    >>> round(load_profile("oshpark-4-layer").rules.min_trace * 1e3, 3)
-    0.127
-    """
+    """Read a bundled profile."""
     if name not in fabs.names():
         raise DesignError(f"there is no fab profile {name!r}; there are {', '.join(fabs.names())}.")
     text = fabs.PROFILES.parse(fabs.read(name), name)
