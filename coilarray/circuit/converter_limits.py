@@ -89,21 +89,13 @@ class Limit:
 
     @property
     def words(self) -> str:
-        """Text of name, value and range in customary units.
-
-        >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 101e3, 1e3, 100e3).words
-        ('quality factor is 5; it must be at least 10', 'R_p is 101 kΩ; it must be 1 kΩ to 100 kΩ')
-        """
+        """Text of name, value and range in customary units."""
         name, value, allowed = self._texts()
         return f"{name} is {value}; it must be {allowed}"
 
     @property
     def refusal(self) -> str:
-        """Text of the limit as the sentence of an error.
-
-        >>> Limit("clock (Hz)", 30e6, 35e6, 55e6).refusal
-        'clock must be 35 MHz to 55 MHz; got 30 MHz.'
-        """
+        """Text of the limit as the sentence of an error."""
         name, value, allowed = self._texts()
         return f"{name} must be {allowed}; got {value}."
 
@@ -187,9 +179,8 @@ def broken_limit(
 def shared_drive(frequency: FloatArray, parallel_resistance: FloatArray, quality_factor: FloatArray) -> int:
     """Return the IDRIVE code that reads most sensors, or −1.
 
-    Of codes that read equally many, the code that exceeds 1.8 V at the fewest is taken, then the
-    largest current. Above 1.8 V the clamps shift the frequency, below 0.6 V the oscillation may
-    stop.
+    Of codes that read equally many, the code that exceeds 1.8 V at the fewest counts, where clamps
+    shift the frequency, then the largest current. Below 0.6 V the oscillation may stop.
     """
     best = (0, 0, -1)
     for code, current in enumerate(DRIVE_CURRENTS):
@@ -212,16 +203,11 @@ def check_channel(
 ) -> tuple[Limit, ...]:
     """Return every limit of one channel, kept or not.
 
-    FIN_DIVIDER is the least allowed by default,
-    and the IDRIVE `code` is from `drive_for`. An R_p that is allowed but too large for every row of
-    table 42 breaks the limit of the amplitude with the smallest drive current. Only channel 0 can
-    be driven harder than `DRIVE_WINDOW` allows, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated
+    FIN_DIVIDER is the least allowed by default, and the IDRIVE `code` is from `drive_for`. An R_p
+    that is allowed but too large for every row of table 42 breaks the limit of the amplitude with
+    the smallest drive current. Only channel 0 can be driven harder than `DRIVE_WINDOW` allows, down
+    to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated
     internal oscillator may be a fifth below `reference`.
-
-    >>> all(limit.kept for limit in check_channel(1.9e6, 33e3, 48.0, 8e6))
-    True
-    >>> [limit.name for limit in check_channel(6e6, 33e3, 48.0, divider=1) if not limit.kept]
-    ['sensor frequency by divider over reference']
     """
     require_each_positive(frequency=frequency, quality_factor=quality_factor, self_resonance=self_resonance)
     require_each_positive(reference=reference, parallel_resistance=parallel_resistance)

@@ -182,8 +182,8 @@ def spice_subcircuit(
     """Write coils as a SPICE subcircuit with two pins each.
 
     The inductance matrix (n, n) is in H, the resistance (n,) or scalar in Ω, the capacitance across
-    each coil (n,) or scalar and between two coils (n, n) in F. `sections` are, for each coil, pairs
-    of a resistor in Ω and an inductor in H in parallel, in series with the coil (`ladder_impedance`).
+    each coil (n,) or scalar and between two coils (n, n) in F. For each coil, `sections` are pairs
+    of a resistor in Ω and an inductor in H in parallel, in series with it (`ladder_impedance`).
 
     All couplings k_ij = M_ij/√(L_i L_j) are written with 17 digits, as a set without the small
     couplings need not be positive definite. A resistance or capacitance of zero is not an element,
@@ -193,17 +193,6 @@ def spice_subcircuit(
     A coil with both pins free has no path for direct current: ground one pin, through 1 GΩ if it
     floats. A coil of no resistance has no operating point across a voltage source or an ideal
     short: drive it by a current source, and short it through a resistance.
-
-    >>> print(spice_subcircuit(["A", "B"], [[2e-6, 1e-6], [1e-6, 2e-6]], [3.0, 0.0], capacitance=[0, 4e-12]))
-    * coilarray: 2 coils; H, ohm, F
-    .subckt coilarray A_1 A_2 B_1 B_2
-    LA A_1 A_m 1.9999999999999999e-06
-    RA A_m A_2 3.0000000000000000e+00
-    LB B_1 B_2 1.9999999999999999e-06
-    CB B_1 B_2 3.9999999999999999e-12
-    K1_2 LA LB 5.0000000000000000e-01
-    .ends coilarray
-    <BLANKLINE>
     """
     L, R = checked_network(inductance, resistance)
     coils = plain_names(names)
@@ -326,35 +315,28 @@ def fasthenry_input(
     require_positive("resistivity", resistivity, " Ω·m", ValueError)
     if len(filaments_across) != 2 or any(int(count) != count or count < 1 for count in filaments_across):
         raise ValueError(f"filaments_across must be two positive integers; got {filaments_across}.")
-    sweep = _sweep(frequencies)
-    lines = [
-        f"* {' '.join(title.split()) or 'coilarray'}",
-        ".units mm",
-        f".default rho={resistivity / _MM:.17g} nwinc={int(filaments_across[0])} nhinc={int(filaments_across[1])}",
-    ]
-    for number, (conductor, port) in enumerate(zip(conductors, ports, strict=True), start=1):
-        lines += [f"* {port}", *_path_lines(conductor, number, resistivity)]
-    for number, (conductor, port) in enumerate(zip(conductors, ports, strict=True), start=1):
-        lines.append(f".external N{number}_1 N{number}_{len(conductor.vertices)} {port}")
-    return "\n".join([*lines, sweep, ".end", ""])
-
-
-def _sweep(frequencies: npt.ArrayLike) -> str:
-    """Write the frequency line of a sweep."""
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not f.size:
         raise ValueError(f"at least one frequency is needed, as one row; got shape {np.shape(frequencies)}.")
     if not (np.isfinite(f).all() and (f > 0).all()):
         raise ValueError(f"frequencies must be positive and finite; got {f.min()} Hz.")
-    if len(f) == 1:
-        return f".freq fmin={f[0]:.17g} fmax={f[0]:.17g} ndec=1"
-    factor = float(f[-1] / f[0]) ** (1 / (len(f) - 1))
+    factor = float(f[-1] / f[0]) ** (1 / (len(f) - 1)) if len(f) > 1 else 10.0  # one a decade
     if factor <= _SMALLEST_STEP or not np.allclose(f, f[0] * factor ** np.arange(len(f)), rtol=_STEP_TOLERANCE, atol=0):
         raise ValueError(
             f"FastHenry sweeps frequencies that rise by one factor above {_SMALLEST_STEP} (numpy.geomspace); "
             f"the {len(f)} given, {f[0]:g} to {f[-1]:g} Hz, do not: write one file for each."
         )
-    return f".freq fmin={f[0]:.17g} fmax={f[-1]:.17g} ndec={1 / math.log10(factor):.17g}"
+    sweep = f".freq fmin={f[0]:.17g} fmax={f[-1]:.17g} ndec={1 / math.log10(factor):.17g}"
+    lines = [
+        f"* {' '.join(title.split()) or 'coilarray'}",
+        ".units mm",
+        f".default rho={resistivity / _MM:.17g} nwinc={int(filaments_across[0])} nhinc={int(filaments_across[1])}",
+    ]
+    ends = []
+    for number, (conductor, port) in enumerate(zip(conductors, ports, strict=True), start=1):
+        lines += [f"* {port}", *_path_lines(conductor, number, resistivity)]
+        ends.append(f".external N{number}_1 N{number}_{len(conductor.vertices)} {port}")
+    return "\n".join([*lines, *ends, sweep, ".end", ""])
 
 
 def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterator[str]:

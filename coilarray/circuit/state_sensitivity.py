@@ -42,7 +42,7 @@ from coilarray.circuit.network import (
     resonate,
     susceptance_slope,
 )
-from coilarray.compute.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import serial_algebra
 from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
@@ -136,7 +136,9 @@ def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW)
     n, bare = len(network.names), _is_bare(network)
     groups: dict[bytes, list[int]] = {}
     for row, state in enumerate(states):
-        closed = _closed(network, state)
+        passive = {**state.exceptions, **{name: "ground" for name, _ in state.measured}}
+        # coils that are measured or grounded at both ends
+        closed = np.array([passive.get(name, state.others) == "ground" for name in network.names], dtype=np.bool_)
         plain = bare and n >= fewest and {state.others, *state.exceptions.values()} <= {"ground", "open"}
         if len(state.measured) == 1 and (plain or (n > _FEW and closed.all())):
             groups.setdefault(closed.tobytes(), []).append(row)
@@ -160,12 +162,6 @@ def _is_bare(network: Network) -> bool:
     constant = isinstance(resistance, SampledMatrix) and len(resistance.frequencies) == 1 and not network.dispersion
     diagonal = constant and np.count_nonzero(resistance(1.0)) == np.count_nonzero(np.diag(resistance(1.0)))
     return bool(diagonal and not capacitance and not switches.lead_inductance and switches.tank_at == "converter")
-
-
-def _closed(network: Network, state: ScanState) -> BoolArray:
-    """Mask (coils,) of coils measured or grounded at both ends."""
-    passive = {**state.exceptions, **{name: "ground" for name, _ in state.measured}}
-    return np.array([passive.get(name, state.others) == "ground" for name in network.names], dtype=np.bool_)
 
 
 def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _States:

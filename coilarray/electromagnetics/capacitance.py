@@ -26,7 +26,12 @@ from shapely import affinity
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Recent, serial_algebra
-from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
+from coilarray.electromagnetics.layered_strips import (
+    LayeredMedium,
+    crossed_grid_capacitance,
+    plane_gap,
+    strip_capacitance,
+)
 from coilarray.errors import GeometryError
 from coilarray.geometry import Array, Coil, Placement, Sheet, Stackup
 from coilarray.geometry.copper import uniform_runs
@@ -136,10 +141,7 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
 
 
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
-    """Compute the self-resonance 1/(2π √(LC)) of coils in Hz.
-
-    The `inductance` in H and the coils' own `capacitance` in F broadcast to the shape of the
-    result.
+    """Compute the self-resonance 1/(2π √(LC)) of coils in Hz, L in H, own C in F.
 
     >>> round(float(self_resonance(57e-6, 18e-12)) / 1e6, 2)
     4.97
@@ -256,12 +258,15 @@ def _winding(stackup: Stackup, placement: Placement, above: Above) -> WindingCap
             "beside itself nowhere."
         )
     path = turns.path
-    cuts = turns.enough_cuts(*_RAYS)
-    layers = [copper[path.line[cut.piece]] for cut in cuts]
-    clear = [_clear(cut, path.widths[cut.piece], layer) for cut, layer in zip(cuts, layers, strict=True)]
-    if not any(clear):
+    cuts = []
+    for cut in turns.enough_cuts(*_RAYS):  # those of several turns that are apart on every layer
+        layer, width = copper[path.line[cut.piece]], path.widths[cut.piece]
+        on_layers = [np.flatnonzero(layer == number) for number in np.unique(layer)]
+        near = [np.diff(cut.across[on]) <= 0.5 * (width[on][1:] + width[on][:-1]) for on in on_layers]
+        if len(layer) > 1 and not np.concatenate(near).any():
+            cuts.append(cut)
+    if not cuts:
         raise GeometryError(f"{placement.name}: copper of its turns overlaps, or they cross each other everywhere.")
-    cuts = [cut for cut, good in zip(cuts, clear, strict=True) if good]
     lines = np.concatenate([path.line[cut.piece] for cut in cuts])
     lengths = _shares(lines, np.concatenate([cut.along for cut in cuts]), turns)
     interlayer = turn_to_turn = longest = 0.0
@@ -302,15 +307,6 @@ def _winding(stackup: Stackup, placement: Placement, above: Above) -> WindingCap
     flat = LayeredMedium((*above[0], *stackup.dielectric_thickness), (*above[1], *stackup.epsilon_r, 1.0))
     leads = lead_capacitance(flat, first + copper, np.array(stackup.copper_thickness)[copper], turns)
     return WindingCapacitance(interlayer, turn_to_turn, leads, between, longest + leads)
-
-
-def _clear(cut: Cut, width: FloatArray, layer: IntArray) -> bool:
-    """Check that the turns of a cut are apart on every layer."""
-    for number in np.unique(layer):
-        on = np.flatnonzero(layer == number)
-        if (np.diff(cut.across[on]) <= 0.5 * (width[on][1:] + width[on][:-1])).any():
-            return False
-    return len(layer) > 1
 
 
 def _basis(stackup: Stackup, coil: Coil) -> int:
@@ -446,8 +442,7 @@ def lead_capacitance(medium: LayeredMedium, planes: IntArray, thicknesses: Float
     ribbons less the capacitance of the ribbons alone, without vias and pads. Charges that are free
     in more places store more energy, so it grows with the leads.
     """
-    used = np.unique(planes)
-    near = float(np.diff(np.cumsum((0.0, *medium.thicknesses))[used]).min()) if len(used) > 1 else math.inf
+    near = plane_gap(medium, planes)
     leads = list(_leads(turns, planes, thicknesses, near))
     if not leads:
         return 0.0

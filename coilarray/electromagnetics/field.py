@@ -44,14 +44,7 @@ Source: TypeAlias = (
 
 
 def as_conductors(source: Source) -> tuple[Conductor, ...]:
-    """Return the current paths of any coil description.
-
-    Plain arrays are polylines in m, which are thin filaments.
-
-    >>> square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]
-    >>> len(as_conductors(np.array(square))), len(as_conductors([square, square]))
-    (1, 2)
-    """
+    """Return the current paths of any coil description, arrays in m as thin filaments."""
     items: list[Any]
     if isinstance(source, Conductor) or hasattr(source, "conductors"):
         items = [source]
@@ -86,6 +79,10 @@ def magnetic_field(
 ) -> FloatArray:
     """Compute the magnetic flux density of current paths in T.
 
+    Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point nearer to
+    a segment than 1e-12 of its length counts as on the segment and gets no contribution from it.
+    This is the mean of the field around the wire.
+
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
@@ -105,12 +102,6 @@ def magnetic_field(
     ndarray, shape (..., 3)
         Flux density B in free space in T. Points or currents of a wrong shape or not finite raise a
         GeometryError, more points than fit into memory a MemoryLimitError.
-
-    Notes
-    -----
-    Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point nearer to
-    a segment than 1e-12 of its length counts as on the segment and gets no contribution from it.
-    This is the mean of the field around the wire.
 
     Examples
     --------
@@ -158,11 +149,7 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
 
 
 def first_of_each(keys: Iterable[Hashable]) -> tuple[list[int], IntArray]:
-    """Places of the first of all equal keys, and their number for each key.
-
-    >>> first_of_each("abcab")
-    ([0, 1, 2], array([0, 1, 2, 0, 1]))
-    """
+    """Places of the first of all equal keys, and their number for each key."""
     known: dict[Hashable, int] = {}
     number = np.array([known.setdefault(key, len(known)) for key in keys], dtype=np.int64)
     return np.unique(number, return_index=True)[1].tolist(), number

@@ -132,7 +132,14 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
     if slope == (0.0, 0.0):
         return spectra
     k = spectra.wavenumbers
-    derivative = _derivative(k)
+    # differentiation matrix at Gauss–Legendre nodes (Berrut & Trefethen, SIAM Rev. 46, 2004)
+    x, weights = leggauss(len(k))
+    weights = np.sqrt((1 - x**2) * weights) * (-1.0) ** np.arange(len(x))
+    distance = k[:, None] - k
+    np.fill_diagonal(distance, 1.0)
+    derivative = weights / weights[:, None] / distance
+    np.fill_diagonal(derivative, 0.0)
+    np.fill_diagonal(derivative, -derivative.sum(axis=1))
     fall = complex(*slope) / 2  # f = fall e^{−iα} + its conjugate, f' = −i fall e^{−iα} + its conjugate
 
     def turned(series: Sequence[ComplexArray]) -> tuple[ComplexArray, ...]:
@@ -147,18 +154,6 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
         return tuple(np.concatenate((row[:half], row[-half:])) for row, half in zip(falling, halves, strict=True))
 
     return replace(spectra, series=tuple(map(turned, spectra.series)))
-
-
-def _derivative(nodes: FloatArray) -> FloatArray:
-    """Differentiation matrix at Gauss–Legendre nodes (Berrut & Trefethen, SIAM Rev. 46, 2004)."""
-    x, weights = leggauss(len(nodes))
-    weights = np.sqrt((1 - x**2) * weights) * (-1.0) ** np.arange(len(x))
-    distance = nodes[:, None] - nodes
-    np.fill_diagonal(distance, 1.0)
-    matrix = weights / weights[:, None] / distance
-    np.fill_diagonal(matrix, 0.0)
-    np.fill_diagonal(matrix, -matrix.sum(axis=1))
-    return np.asarray(matrix)
 
 
 def coil_harmonics(spectra: CoilSpectra, shape: int, offsets: FloatArray, highest: int) -> FloatArray:

@@ -164,6 +164,17 @@ def inductance_matrix(
 ) -> FloatArray:
     """Compute the inductance matrix of current paths in H.
 
+    Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset,
+    layers that mirror each other included, are computed once (`coilarray.electromagnetics.neumann`).
+    Pairs that lie apart are computed to 3e-8 of L, with the cross-section in windings smaller than
+    200 widths. In larger ones it changes L by less than 3e-7.
+
+    The 1e-6 holds for traces wider than thick, with gaps of a quarter of their width or more and
+    sides of a few widths, as a convergence study shows. Shorter sides or narrower gaps cost up to
+    2e-5, also in a single turn of wide copper, and copper thicker than wide costs more. Traces run
+    from vertex to vertex with square ends. The true, mitred corner of a trace as wide as a tenth of
+    its turns changes L by some 1e-3.
+
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
@@ -184,19 +195,6 @@ def inductance_matrix(
         currents in the direction of the paths link the same way. A thin filament, or traces that
         overlap on a layer, of two paths or two turns of one, as `coilarray.geometry.check_rules`
         measures it, raise a GeometryError, more paths than fit into memory a MemoryLimitError.
-
-    Notes
-    -----
-    Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset,
-    layers that mirror each other included, are computed once (`coilarray.electromagnetics.neumann`).
-    Pairs that lie apart are computed to 3e-8 of L, with the cross-section in windings smaller than
-    200 widths. In larger ones it changes L by less than 3e-7.
-
-    The 1e-6 holds for traces wider than thick, with gaps of a quarter of their width or more and
-    sides of a few widths, as a convergence study shows. Shorter sides or narrower gaps cost up to
-    2e-5, also in a single turn of wide copper, and copper thicker than wide costs more. Traces run
-    from vertex to vertex with square ends. The true, mitred corner of a trace as wide as a tenth of
-    its turns changes L by some 1e-3.
 
     Examples
     --------

@@ -118,14 +118,24 @@ def strip_capacitance(
     plane = np.asarray(planes, dtype=np.int64)
     x, w = np.asarray(centres, dtype=np.float64), np.asarray(widths, dtype=np.float64)
     label = np.arange(len(plane)) if conductors is None else np.asarray(conductors, dtype=np.int64)
-    _check_strips(plane, x, w, period, mirror)
+    for p in np.unique(plane):
+        on = np.flatnonzero(plane == p)
+        on = on[np.argsort(x[on])]
+        left, right = x[on] - w[on] / 2, x[on] + w[on] / 2
+        following = np.append(left[1:], period if mirror else left[0] + period)
+        if (following <= right).any() or (mirror and left[0] <= 0):
+            where = int(np.argmin(following - right))
+            raise GeometryError(
+                f"copper overlaps on plane {p}: the strip at {x[on[where]] * 1e3:.4g} mm, {w[on[where]] * 1e3:.4g} mm "
+                f"wide, reaches its neighbour, or the strips do not fit into the period of {period * 1e3:.4g} mm."
+            )
     if cutoff is None:
         cutoff = _default_cutoff(medium, plane, w, basis)
     step = (1 if mirror else 2) * math.pi / period
     terms = max(1, math.ceil(cutoff / step))
     products = terms * len(plane) * basis * (len(plane) * basis + _OF_A_TRANSFORM)
     if products > _MOST_PRODUCTS:
-        apart = _closest(medium, plane) * 1e3
+        apart = plane_gap(medium, plane) * 1e3
         raise GeometryError(
             f"its {len(plane)} strips, {w.min() * 1e3:.3g} mm wide on planes {apart:.3g} mm apart, would take "
             f"{products / _MOST_PRODUCTS:.2g} times the work that is allowed; make traces or dielectrics thicker."
@@ -194,13 +204,12 @@ def crossed_grid_capacitance(
 
 def _default_cutoff(medium: LayeredMedium, plane: IntArray, widths: FloatArray, basis: int) -> float:
     widest = _CUTOFF_WIDTH * max(1.0, basis / 3) ** 2 / (float(widths.min()) / 2)
-    return max(widest, _CUTOFF_DISTANCE / _closest(medium, plane))
+    return max(widest, _CUTOFF_DISTANCE / plane_gap(medium, plane))
 
 
-def _closest(medium: LayeredMedium, plane: IntArray) -> float:
+def plane_gap(medium: LayeredMedium, plane: IntArray) -> float:
     """Smallest distance in m of planes with strips, inf for one plane."""
-    height = -np.cumsum((0.0, *medium.thicknesses))[np.unique(plane)]
-    apart = -np.diff(height)
+    apart = np.diff(np.cumsum((0.0, *medium.thicknesses))[np.unique(plane)])
     return float(apart.min()) if len(apart) else math.inf
 
 
@@ -241,21 +250,6 @@ def _maxwell(A: FloatArray, label: IntArray, basis: int) -> FloatArray:
     total = C.sum(axis=1)  # a common potential, added so that the charges sum to zero
     C -= np.outer(total, total) / total.sum()
     return np.asarray(0.5 * (C + C.T))
-
-
-def _check_strips(plane: IntArray, x: FloatArray, w: FloatArray, period: float, mirror: bool) -> None:
-    """Refuse strips that overlap on a plane."""
-    for p in np.unique(plane):
-        on = np.flatnonzero(plane == p)
-        on = on[np.argsort(x[on])]
-        left, right = x[on] - w[on] / 2, x[on] + w[on] / 2
-        following = np.append(left[1:], period if mirror else left[0] + period)
-        if (following <= right).any() or (mirror and left[0] <= 0):
-            where = int(np.argmin(following - right))
-            raise GeometryError(
-                f"copper overlaps on plane {p}: the strip at {x[on[where]] * 1e3:.4g} mm, {w[on[where]] * 1e3:.4g} mm "
-                f"wide, reaches its neighbour, or the strips do not fit into the period of {period * 1e3:.4g} mm."
-            )
 
 
 def _wavenumbers(step: float, count: int, medium: LayeredMedium) -> FloatArray:
