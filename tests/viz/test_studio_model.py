@@ -59,6 +59,11 @@ def starter():
     return OPENED.design
 
 
+@pytest.fixture(scope="module")
+def circuit(starter):
+    return circuit_of(starter)
+
+
 def model_of(document):
     return forward_model(on_board(bells(document, "starter")))
 
@@ -124,8 +129,7 @@ def test_numbers_are_read_as_they_are_shown(value):
     assert number_of("key", text_of(value).replace("-", "−")) == number_of("key", text_of(value))
 
 
-def test_one_measured_coil_sees_what_the_coupling_says(starter):
-    circuit = circuit_of(starter)
+def test_one_measured_coil_sees_what_the_coupling_says(starter, circuit):
     for name in starter.array.names:
         settings = {other: "measure" if other == name else "ground" for other in starter.array.names}
         result, reference = resonate(circuit.network, state_of(settings)), circuit.coupling.sel(coil=name)
@@ -494,10 +498,10 @@ def test_choices_of_a_new_design_are_read_from_their_texts():
 
 
 @pytest.mark.slow
-def test_numbers_are_those_of_the_library(starter):
+def test_numbers_are_those_of_the_library(starter, circuit):
     found, reference = numbers_of(starter), couple_design(starter)
     np.testing.assert_array_equal(found.inductance, reference.inductance.values)
-    xr.testing.assert_identical(circuit_of(starter).coupling, reference)
+    xr.testing.assert_identical(circuit.coupling, reference)
     rough = numbers_of(starter, "screen")
     # what screening promises: inductances to 3e-4, see tests/electromagnetics/test_inductance_screen.py
     np.testing.assert_allclose(rough.inductance, found.inductance, rtol=0, atol=3e-4 * found.inductance.max())

@@ -200,15 +200,11 @@ class TouchPanel(Panel):
             return
         self._model = self._touched = None
         state.touch_ready, state.touch, state.bars, state.located = False, drawing(design, {}), [], []
-        changed = "The design has changed: its response is to be computed anew." if self._tables and not anew else ""
-        state.touch_note = (
-            changed
-            if design.indentation is not None
-            else (
-                "Nothing presses on this board: the design has no [indenter] and [indentation]. "
-                "A sheet that Build lays on the board brings both."
-            )
-        )
+        note = "The design has changed: its response is to be computed anew." if self._tables and not anew else ""
+        if design.indentation is None:
+            note = "Nothing presses on this board: the design has no [indenter] and [indentation]. "
+            note += "A sheet that Build lays on the board brings both."
+        state.touch_note = note
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Scene of the touch or None, made in a thread."""
