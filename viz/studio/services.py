@@ -1,8 +1,7 @@
-"""Functions from outside `coilarray.viz`: reports, response tables and boards.
+"""What the studio's caller gives: functions from outside `coilarray.viz`, and the address.
 
-`coilarray.viz` imports neither hardware nor reports, so the caller of the studio passes these
-functions. They run in processes of their own and are therefore functions of a module with plain
-arguments.
+`coilarray.viz` imports neither hardware nor reports, so the caller passes these functions. They run
+in processes of their own and are therefore functions of a module with plain arguments.
 """
 
 from __future__ import annotations
@@ -117,8 +116,8 @@ class Address:
 def check_studio() -> None:
     """Raise MissingDependencyError if a library of the studio is missing."""
     require_pyvista("pages of the studio", "studio")
-    needed = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
-    for module, package in {**needed, "aiohttp": "aiohttp"}.items():
+    ui = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
+    for module, package in (*ui.items(), ("aiohttp", "aiohttp")):
         import_extra(module, "pages of the studio", package=package, extra="studio")
 
 
