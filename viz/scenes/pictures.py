@@ -342,7 +342,7 @@ def _archive(scene: Scene) -> bytes:
     renderer.SetBackground(1.0, 1.0, 1.0)
     for part in scene.parts:
         mesh: Any = part.mesh
-        if part.line_width > _THIN and getattr(mesh, "n_lines", 0):
+        if part.line_width > _THIN and getattr(mesh, "n_lines", False):
             mesh = mesh.tube(radius=part.line_width * mm_per_pixel / 2, n_sides=_SIDES, capping=True)
         renderer.AddActor(actor_of(replace(part, mesh=mesh)))
     context = serializers.SynchronizationContext()
