@@ -473,8 +473,8 @@ class LivePanel(Panel):
         frame = self._frame
         return board.by_delta(frame.delta, LEAST) if _has_delta(frame) and self._design is design else None
 
-    def start(self) -> None:
-        """Begin to read a board or a recording."""
+    def start(self, port: str | None, recording: str | None, reference: list[str], log: str | None) -> None:
+        """Begin to read a board or a recording, as `BoardRequest` says."""
         session, state, services = self._session, self._state, self._session.setup.services
         if services.watch_board is None:
             return
@@ -486,10 +486,10 @@ class LivePanel(Panel):
         request = BoardRequest(
             session.work.opened.document,
             design.name,
-            port=str(state.live_port).strip(),
-            recording=file(str(state.live_recording or ""), services.recording),
-            reference=tuple(map(str, state.live_reference)),
-            log=file(str(state.live_log or "").strip(), services.log),
+            port=(port or "").strip(),
+            recording=file(recording or "", services.recording),
+            reference=tuple(reference),
+            log=file((log or "").strip(), services.log),
         )
         if session.start_job(
             "board", services.watch_board, request, on_message=self._take, on_end=self._ended, patience=_PATIENCE

@@ -315,8 +315,9 @@ class _Studio:
         except CoilarrayError as error:
             return web.json_response({"error": str(error)}, status=503)
         if self._services.alone and not (self._pages or self._tabs):
+            state = page.state
             with page.showing_errors("live_problem"):
-                page.live.start()
+                page.live.start(state.live_port, state.live_recording, state.live_reference, state.live_log)
         self._pages[page.key] = page
         for name, place in page.server.serve.items():  # a path or a path with options
             self._static[name] = Path(place[0] if isinstance(place, list | tuple) else place)
