@@ -388,6 +388,9 @@ class Misuse:
 class Ldc1614:
     """One converter."""
 
+    _frozen: int | None  # STATUS until it is read
+    _announced: bool  # whether INTB had a reason to be asserted since waking
+
     def __init__(
         self, clock: Clock, surroundings: EmulatedBoard, *, misuse: Misuse | None = None, seed: int = 0
     ) -> None:
@@ -487,8 +490,8 @@ class Ldc1614:
         self._unread = [False] * CHANNELS
         self._drdy = False
         self._interrupting = False  # by an error
-        self._announced = False  # whether INTB had a reason to be asserted since waking
-        self._frozen: int | None = None  # STATUS until it is read
+        self._announced = False
+        self._frozen = None
 
     def _check_write(self, register: Register, value: int) -> None:
         """Note violations of the data sheet by a written value."""

@@ -502,7 +502,7 @@ def summarize_recording(recording: Recording) -> dict[str, Any]:
         "states": [
             {
                 "state": name,
-                **_statistics(*columns[k], rest),
+                **_statistics(columns[k, 0], columns[k, 1], rest),
                 **{verdict: verdicts[k][verdict] for verdict in ("good", "doubtful", "bad")},
                 "reasons": dict(reasons[k].most_common()),
             }

@@ -163,7 +163,8 @@ def read_scan(text: str) -> ScanMessage | None:
     ]
     if found is None or len(samples) < len(words):
         return None
-    return ScanMessage(*(int(found[k], 16) for k in range(1, 5)), samples=tuple(samples))
+    sequence, time, configuration, boot = (int(found[k], 16) for k in range(1, 5))
+    return ScanMessage(sequence, time, configuration, boot, tuple(samples))
 
 
 def read_greeting(text: str) -> Greeting | None:
