@@ -199,8 +199,8 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     """Draw impedance quantities over frequency.
 
     These are apparent inductance, resistance and quality factor, with the resonances of every
-    state. `sweep` and `scan` are results of `coilarray.circuit.impedance.sweep_design` and
-    `coilarray.circuit.impedance.scan_design`.
+    state. `sweep` and `scan` are results of `coilarray.sweep_design` and
+    `coilarray.scan_design`.
     """
     names = ("apparent_inductance", "impedance_real", "quality_factor")
     figure = style.new_figure(6.5, 3.2 * len(names))
