@@ -81,7 +81,6 @@ Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not 
 Overlap = Literal["none", "decoupled"]
 Side = Literal["right", "top", "left", "bottom"]
 Part = Literal["ADG714", "ADG738", "ADG739"]
-_Told = tuple[list["str | Table"], dict[str, Any]]  # lines for people, and data for JSON
 _NO_FAB = (
     "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
     "board house."
@@ -208,6 +207,8 @@ def init(
             is_board = True
     if not is_board and (nets is not None or stackup is not None):
         raise DesignError("--nets and --stackup are for --from with a board.")
+    lines: list[str | Table]
+    data: dict[str, Any]
     if source is not None and is_board:
         lines, data = _import(Path(source), nets, stackup, target)
     elif source is not None:
@@ -219,26 +220,21 @@ def init(
         write_text(target, bundled.read(source))
         lines, data = [f"wrote {target}"], {}
     else:
-        lines, data = _create(target, chosen)
+        from coilarray.design.write import design_names, save_design
+        from coilarray.studies.create import new_design
+
+        if not chosen and sys.stdin.isatty() and sys.stdout.isatty():
+            chosen = ask_for_choices(get_args(Shape), get_args(Side))
+        with shared.progress_bar("layers, winding, pitch, terminals and tank"):
+            made = new_design(design_names([target.stem])[target.stem], **in_si(chosen))
+        with shared.progress_bar("states") as progress:
+            notes = _described(made, chosen, progress)  # with what is refused before it is written
+        save_design(made, target)
+        title = made.design.title
+        lines, data = [f"wrote {target}: {title}", *notes], {"title": title, "notes": notes}
     quoted = shlex.quote(str(target))
     lines.append(f"next: coilarray check {quoted}, coilarray report {quoted}")
     shared.print_result({"design": str(target), **data}, as_json=as_json, lines=lines)
-
-
-def _create(target: Path, chosen: dict[str, Any]) -> _Told:
-    """Write a design from choices."""
-    from coilarray.design.write import design_names, save_design
-    from coilarray.studies.create import new_design
-
-    if not chosen:
-        asking = sys.stdin.isatty() and sys.stdout.isatty()
-        chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {}
-    with shared.progress_bar("layers, winding, pitch, terminals and tank"):
-        made = new_design(design_names([target.stem])[target.stem], **in_si(chosen))
-    with shared.progress_bar("states") as progress:
-        described = _described(made, chosen, progress)  # with what is refused before it is written
-    save_design(made, target)
-    return [f"wrote {target}: {made.design.title}", *described], {"title": made.design.title, "notes": described}
 
 
 def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) -> list[str]:
@@ -319,8 +315,10 @@ def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whol
     return f"WARNING: an LDC1614 cannot read {which}: {limit.words}{helps}"
 
 
-def _import(board: Path, nets: str | None, stackup: str | None, target: Path) -> _Told:
-    """Write the design of an existing board."""
+def _import(
+    board: Path, nets: str | None, stackup: str | None, target: Path
+) -> tuple[list[str | Table], dict[str, Any]]:
+    """Write the design of an existing board, and return lines and JSON."""
     from coilarray.design.model import Design, parse_design
     from coilarray.design.write import design_text
     from coilarray.fabrication.tracing import trace_coils, traced_array
@@ -339,7 +337,15 @@ def _import(board: Path, nets: str | None, stackup: str | None, target: Path) ->
     notes = [*traced.notes, _NO_FAB]
     headers = ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y")
     title = f"coils of {board.name}; lengths in mm, turns anticlockwise positive"
-    lines: list[str | Table] = [text_table(headers, [_cells(record) for record in records], title)]
+    rows = []
+    for record in records:
+        widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
+        width = widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}"
+        turns = " ".join(number_text(pole["turns"], 2) for pole in record["poles"])
+        where = (number_text(record[key] * 1e3, 3) for key in ("x_m", "y_m"))
+        words = (record["name"], record["net"] or "–", record["shape"], " ".join(record["layers"]), turns)
+        rows.append((*words, f"{record['length_m'] * 1e3:.1f}", width, str(record["vias"]), *where))
+    lines: list[str | Table] = [text_table(headers, rows, title)]
     lines += ["\nnets with tracks that are not coils"] if tracing.left_out else []
     lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
     lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
@@ -384,19 +390,3 @@ def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
             tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
         )
     ]  # fmt: skip
-
-
-def _cells(record: dict[str, Any]) -> list[str]:
-
-    widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
-    return [
-        record["name"],
-        record["net"] or "–",
-        record["shape"],
-        " ".join(record["layers"]),
-        " ".join(number_text(pole["turns"], 2) for pole in record["poles"]),
-        f"{record['length_m'] * 1e3:.1f}",
-        widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}",
-        str(record["vias"]),
-        *(number_text(record[key] * 1e3, 3) for key in ("x_m", "y_m")),
-    ]

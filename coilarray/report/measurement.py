@@ -14,7 +14,7 @@ from coilarray import viz
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Details, Picture, Section, Table, Warn, dataset_table
+from coilarray.compute.table import Details, Section, Table, Warn, dataset_table
 from coilarray.paper.ellipse import PARAMETERS
 from coilarray.report.page import draw, html_page, now, provenance_section
 
@@ -153,23 +153,19 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
     return notes
 
 
-def calibration_pictures(result: xr.Dataset) -> list[Picture]:
-    """Draw data, model, residuals and posterior."""
-    pictures = [draw("model", "Measured and fitted, and the residuals.", viz.calibration_figure(result))]
-    drawn = viz.posterior_figure(result)
+def write_calibration_page(result: xr.Dataset, path: Path, data: str) -> None:
+    """Write a calibration to `data` as a self-contained HTML page."""
+    tables = {table.name: table for table in calibration_tables(result)}
+    several = result.sizes["combination"] > 1
     caption = "Posterior of the unknowns between their bounds: draws, and the most probable point as a cross."
-    pictures.append(draw("posterior", caption, drawn))
-    if result.sizes["combination"] > 1:
+    pictures = [
+        draw("model", "Measured and fitted, and the residuals.", viz.calibration_figure(result)),
+        draw("posterior", caption, viz.posterior_figure(result)),
+    ]
+    if several:
         shown = min(result.sizes["combination"], _MOST_ALTERNATIVES)
         caption = f"Evidence of the {shown} most probable combinations, relative to the best."
         pictures.append(draw("ranking", caption, viz.plot_evidence(result.isel(combination=slice(shown)))))
-    return pictures
-
-
-def write_calibration_page(result: xr.Dataset, path: Path, data: str) -> None:
-    """Write a calibration to `data` as a self-contained HTML page."""
-    tables, pictures = {table.name: table for table in calibration_tables(result)}, calibration_pictures(result)
-    several = result.sizes["combination"] > 1
     best = f"; the most probable combination: **{result.combination.values[0]}**" if several else ""
     sections = [
         Section("Unknowns", (
@@ -343,22 +339,6 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
     return notes
 
 
-def _comparison_pictures(comparison: xr.Dataset, outlines: Sequence[FloatArray] = ()) -> list[Picture]:
-    """Draw the residuals between two responses, and x0 of both."""
-    deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
-    caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
-    dots = draw("readings", caption, viz.plot_readings(comparison, -1))
-    if min(comparison.sizes["x"], comparison.sizes["y"]) == 1:
-        return [dots]
-    maps = draw(
-        "residuals",
-        f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
-        "with the outlines of the coils, and x0 of the ellipses of both, a band of two standard deviations.",
-        viz.comparison_figure(comparison, -1, outlines),
-    )
-    return [maps, dots]
-
-
 def write_comparison_page(
     comparison: xr.Dataset, path: Path, names: tuple[str, str], outlines: Sequence[FloatArray] = ()
 ) -> None:
@@ -374,6 +354,16 @@ def write_comparison_page(
         for key in ("source", "design", "design_hash", "coilarray_version", "recording")
         if f"{who}_{key}" in attrs
     } | {"compared with coilarray": metadata.version("coilarray"), "date": now()}
+    deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
+    caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
+    pictures = [draw("readings", caption, viz.plot_readings(comparison, -1))]
+    if min(comparison.sizes["x"], comparison.sizes["y"]) > 1:
+        caption = (
+            f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was "
+            "compared, with the outlines of the coils, and x0 of the ellipses of both, a band of two standard "
+            "deviations."
+        )
+        pictures.insert(0, draw("residuals", caption, viz.comparison_figure(comparison, -1, outlines)))
     whose = [
         name + " (from the emulator: no real board was read)" * bool(comparison.attrs.get(f"{side}_emulated", 0))
         for name, side in zip(names, ("measured", "simulated"), strict=True)
@@ -390,7 +380,7 @@ def write_comparison_page(
             "simulated (before), and scaled and shifted (after). Where the rms after is well above the noise, the maps "
             "differ in more than scale and place.",
             tables["remains"],
-            *_comparison_pictures(comparison, outlines),
+            *pictures,
         )),
         Section("Ellipses", (
             "Both maps at the same positions through the same refinement, levels and ellipse fit: centre x0 and "
