@@ -119,9 +119,9 @@ def _closed_figures():
 
 
 @pytest.fixture
-def small_pictures(monkeypatch):
-    """Draw the pictures of pages in few pixels, which takes less time."""
-    monkeypatch.setattr("coilarray.report.page._DPI", 40)
+def pictures_of_nothing(monkeypatch):
+    """Make the plots of pages but draw none in pixels, which takes longest; tests of the report do."""
+    monkeypatch.setattr("coilarray.report.page.png_of", lambda drawn: b"a picture")
 
 
 @pytest.fixture

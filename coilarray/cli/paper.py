@@ -10,7 +10,6 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Table
 from coilarray.errors import LocalizeError
 
 
@@ -111,18 +110,14 @@ def distortion(
     made = (position.cause_table(result), position.indenter_table(result), remaining)
     tables = [table for table in made if table.rows]
     data = {**shared.design_record(file.design), **{table.name: table.records() for table in tables}}
-    shared.print_result(data, as_json=as_json, tables=tables, lines=[_verdict(remaining)], files=(out, plot))
-
-
-def _verdict(remaining: Table) -> str:
-    """Compare the prediction with the paper in one line."""
-    parts = []
+    compared = []  # with the paper, coil by coil
     for row in remaining.records():
         published, remains = row["published_rms_m"], row["residual_rms_m"]
         if isinstance(published, float) and isinstance(remains, float):
-            parts.append(f"{row['coil']} {remains * 1e3:.2f} of {published * 1e3:.2f} mm")
-    if not parts:
-        return "No coil is in Table A1: there is nothing to compare with."
-    hidden = sum(int(row["undetermined"]) for row in remaining.records())
-    left_out = f" Levels of δ left out as undetermined: {hidden}." if hidden else ""
-    return "Difference from the published x0 − centre, rms: " + "; ".join(parts) + "." + left_out
+            compared.append(f"{row['coil']} {remains * 1e3:.2f} of {published * 1e3:.2f} mm")
+    verdict = "No coil is in Table A1: there is nothing to compare with."
+    if compared:
+        hidden = sum(int(row["undetermined"]) for row in remaining.records())
+        left_out = f" Levels of δ left out as undetermined: {hidden}." if hidden else ""
+        verdict = f"Difference from the published x0 − centre, rms: {'; '.join(compared)}.{left_out}"
+    shared.print_result(data, as_json=as_json, tables=tables, lines=[verdict], files=(out, plot))

@@ -17,7 +17,7 @@ GAP = "coils.hexagon.gap_mm"
 
 
 @pytest.fixture
-def quick(monkeypatch, tmp_path):
+def quick(monkeypatch, tmp_path, pictures_of_nothing):
     """Instead of a map the ellipses of Table A1, wider with the gap."""
     monkeypatch.setattr(calibration, "evaluate_model", made_up_ellipses)
     monkeypatch.chdir(tmp_path)

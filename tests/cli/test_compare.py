@@ -26,7 +26,7 @@ from coilarray.paper.ellipse_model import published_map
 from coilarray.report.measurement import scale_table
 from coilarray.studies.comparison import compare_responses
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures", "no_noisy_copies")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "pictures_of_nothing", "no_noisy_copies")]
 
 _, refused = runner("board", "compare")
 good, answer = successes("board", "compare")

@@ -44,7 +44,7 @@ polish = 6
 
 
 @pytest.fixture(autouse=True)
-def _cheap_goal(own_folder, own_store, small_pictures, monkeypatch):
+def _cheap_goal(own_folder, own_store, pictures_of_nothing, monkeypatch):
     monkeypatch.setattr("coilarray.report.studies._CHEAP", ("geometry",))  # circuits take long
     # the page takes longer than the search; one test here writes it
     monkeypatch.setattr("coilarray.report.studies.write_optimization_report", lambda _, out: out / "report.html")

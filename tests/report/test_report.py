@@ -469,7 +469,7 @@ via = { drill_mm = 0.3, pad_mm = 0.6 }
 @pytest.fixture(scope="module")
 def sixteen(tmp_path_factory):
     """The report of sixteen coils of few turns, whose lists of names and pairs are long."""
-    return written_report(parse_design(PAD), tmp_path_factory.mktemp("sixteen"), drawn=True)
+    return written_report(parse_design(PAD), tmp_path_factory.mktemp("sixteen"))
 
 
 def test_the_board_is_turned_in_the_page(made):

@@ -83,7 +83,7 @@ def test_notes_say_what_limits_the_figures():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("small_pictures")
+@pytest.mark.usefixtures("pictures_of_nothing")
 @pytest.mark.parametrize("kind", ["ellipses", "response"])
 def test_the_page_needs_no_other_file(tmp_path, kind):
     data = calibration(kind)

@@ -126,7 +126,7 @@ def test_notes_say_what_was_not_compared(comparison):
         assert words in comparison_notes(comparison.assign_attrs(measured_capacitance_from=said))[-1]
 
 
-@pytest.mark.usefixtures("small_pictures")
+@pytest.mark.usefixtures("pictures_of_nothing")
 def test_the_page_needs_no_other_file(comparison, tmp_path):
     outline = np.array([[0.0, 0.0], [5e-3, 0.0], [5e-3, 5e-3]])
     write_comparison_page(comparison, tmp_path / "page.html", ("run <1>", "gast2020"), [outline])

@@ -132,7 +132,7 @@ def test_what_was_chosen_is_not_assumed(single):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("small_pictures")
+@pytest.mark.usefixtures("pictures_of_nothing")
 def test_page(single, double, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.studies._CHEAP", ("geometry",))  # circuits of six designs take long
     pages = [write_optimization_report(result, tmp_path).read_text(encoding="utf-8") for result in (single, double)]

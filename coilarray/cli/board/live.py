@@ -133,7 +133,18 @@ def live(
     asked = LiveOptions(options, recording=recording, reference=tuple(reference or ()), scans=scans, out=out)
     if plot and as_json:
         raise HardwareError("--plot cannot be given with --json.")
-    file = _design_file(design, asked)
+    if recording is None:
+        file = options.design_file(design)
+    else:
+        from coilarray.design.model import build_design_file
+        from coilarray.hardware.record.recording import open_recording
+
+        with open_recording(recording) as recorded:
+            first = recorded.sessions[0]
+            if design is not None:
+                file = shared.open_design_file(design, allow_violations=True)
+            else:
+                file = build_design_file(first.design_document, first.design)
     if plot:
         show_window(asked, file, locate=locate)
         return
@@ -159,20 +170,6 @@ def live(
             except BrokenPipeError:  # the reader of the pipe has ended
                 shared.drop_output()
                 return
-
-
-def _design_file(design: str | None, asked: LiveOptions) -> DesignFile:
-    """Return the given design, or the recording's."""
-    if asked.recording is None:
-        return asked.board.design_file(design)
-    from coilarray.design.model import build_design_file
-    from coilarray.hardware.record.recording import open_recording
-
-    with open_recording(asked.recording) as opened:
-        first = opened.sessions[0]
-        if design is not None:
-            return shared.open_design_file(design, allow_violations=True)
-        return build_design_file(first.design_document, first.design)
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
