@@ -393,6 +393,63 @@ def test_the_installed_program():
     assert done.stderr.startswith("coilarray: error: there is no design file none.toml")
 
 
+def test_every_value_of_a_design_has_its_key(capsys):
+    known = {key["key"]: key for key in answer(capsys, "keys")}
+    assert all(key["meaning"] for key in known.values())
+    for name, value in load_design_file("starter").values.items():
+        parts = ["N" if part.isdecimal() else part for part in name.split(".")]
+        parts[1:2] = ["NAME"] if parts[0] == "coils" else parts[1:2]
+        assert value == [] or ".".join(parts) in known
+    assert known["coils.NAME.via.pad_mm"] == {
+        "key": "coils.NAME.via.pad_mm", "kinds": [], "unit": "mm", "allowed": "number, above 0, at most 10\u202f000",
+        "default": "0.45", "meaning": "Diameter of the copper around it.",
+    }  # fmt: skip
+
+
+def test_a_word_chooses_keys_by_name_or_meaning(capsys):
+    assert [key["key"] for key in answer(capsys, "keys", "Oscillator")] == ["readout.external_clock"]
+    assert {key["key"] for key in answer(capsys, "keys", "sides")} > {"coils.NAME.sides", "indentation.sample_x_mm"}
+    line = next(line for line in good(capsys, "keys", "capacitance_pF").splitlines() if line.startswith("circuit.cap"))
+    assert line.split()[:2] == ["circuit.capacitance_pF", "pF"]
+    assert "did you mean pitch_mm?" in refused(capsys, "keys", "pitch_m_m")
+
+
+LOOP = """
+schema = 1
+name = "loop"
+stackup = {layers = ["L1"], copper_thickness_um = [35], dielectric_thickness_mm = [], dielectric_epsilon_r = []}
+array = {lattice = "single", coil = "c", layers = [["L1"]]}
+circuit = {capacitance_pF = 3300}
+
+[coils.c]
+shape = "path"
+lines_mm = [[[-6, -8], [-6, 6], [6, 6], [6, -6], [-4, -6], [-4, -8]]]
+trace_width_mm = 0.3
+gap_mm = 0.3
+via = {drill_mm = 0.3, pad_mm = 0.6, plating_um = 25}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [
+    "impedance", "sweep --vary coils.c.trace_width_mm=0.2,0.3 -q q -q srf_margin --workers 1",
+    "tolerance --samples 0 -q q --workers 1",
+], ids=lambda command: command.split()[0])  # fmt: skip
+def test_commands_go_on_without_capacitance_and_name_it(capsys, command):
+    Path("loop.toml").write_text(LOOP, encoding="utf-8")
+    name, *options = command.split()
+    code, out, _ = run(capsys, name, "loop.toml", *options)
+    assert (code, "capacitance of the windings" in out) == (0, True)
+
+
+@pytest.mark.slow
+def test_init_names_it_and_says_how_far_the_limits_are_known(capsys):
+    """A coil of 0.2 m by a new design, in thin traces: its frequency is a quarter lower with its capacitance."""
+    _, out, _ = run(capsys, "init", "wide.toml", "--coils", "1", "--size-mm", "200", "--no-elastomer")
+    assert "not in these numbers: capacitance of the windings: coil1" in out
+    assert "converter: as far as these numbers go, every limit" in out
+
+
 @pytest.mark.parametrize("width", [30, 64, 100, 200])
 def test_a_table_cuts_nothing_on_a_narrow_terminal(width):
     """Headings were cut within words, and names of coils to "coi…"."""

@@ -138,7 +138,6 @@ def test_published_and_responses(capsys, files):
         assert row["points"] == 189  # Table A1 is continued around the measured positions
     data = answer(capsys, "published", a1, "--largest-shift-mm", "1")
     assert data["scales"][0]["points"] == 25 * 5
-    answer(capsys, "published", "published")
     data = answer(capsys, a1, files / "quick.nc")
     assert (data["only_measured"], data["only_simulated"]) == (["coil3"], [])
     assert data["points_left_out"] > 0
