@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from coilarray.paper.ellipse_model import EllipseModel
 
 
-PICTURES = (".png", ".svg", ".pdf")
 MARK = "[emulator] "
 """Start of every line about an emulated board."""
 
@@ -74,7 +73,7 @@ def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:
 
 def plot_option(what: str, name: str = "--plot") -> Any:
     """Return the option for a picture."""
-    return file_option((name,), f"Also draw {what}: .png, .svg or .pdf.", PICTURES)
+    return file_option((name,), f"Also draw {what}: .png, .svg or .pdf.", (".png", ".svg", ".pdf"))
 
 
 DesignArgument = Annotated[

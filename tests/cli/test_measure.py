@@ -4,17 +4,13 @@ import contextlib
 import io
 import json
 import shutil
-import sqlite3
-import time
 
 import numpy as np
 import pytest
 from support import recorded_boards, refusals
 from support.command_line import runner, successes, toml_file
 
-from coilarray import load_design
 from coilarray.cli.board import measure as measure_command
-from coilarray.cli.board import options as board_options
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
@@ -188,18 +184,6 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
 
 
-def test_resume_of_a_campaign(board, grid, campaign, tmp_path, capsys):
-    """Positions that are taken back out of a recording are the ones that are measured again."""
-    scan_info(capsys, campaign, "--out", tmp_path / "before.nc")
-    with contextlib.closing(sqlite3.connect(campaign)) as connection:
-        recorded_boards.take_back(connection, "place IN (0, 5, 11)")
-    assert campaign_record(capsys, *board, *grid, "--out", campaign, "--resume")["scans"] == 24 + 6
-    scan_info(capsys, campaign, "--out", tmp_path / "after.nc")
-    before, after = (load_part(tmp_path / f"{name}.nc") for name in ("before", "after"))
-    np.testing.assert_allclose(after.delta, before.delta, atol=2e-6)  # the noise of two readings, four deviations
-    assert int((after.delta != before.delta).any("state").sum()) <= 3
-
-
 def test_never_overwritten(board, grid, campaign, tmp_path, capsys):
     before = campaign.read_bytes()
     line = measure_refused(capsys, *board, "--out", campaign)
@@ -345,14 +329,3 @@ def test_calibration(campaign, tmp_path, capsys):
     line = scan_info_refused(capsys, campaign, "--series", "--out", scaled, "--calibration", constants)
     assert "--calibration is for the response" in line
     assert "no.toml" in scan_info_refused(capsys, campaign, "--out", scaled, "--calibration", tmp_path / "no.toml")
-
-
-def test_real_time(board):
-    design, _, wiring = board
-    options = board_options.BoardOptions(wiring=str(wiring), rate=50)
-    with board_options.opened_board(options, load_design(design), real_time=True) as (opened, settings):
-        before = time.monotonic()
-        for _ in range(10):
-            opened.reader.scan()
-        # a paced clock makes up for the time since the opening, by a few scans on a busy machine
-        assert time.monotonic() - before > 5 * settings.period()
