@@ -1,25 +1,401 @@
-"""``coilarray check`` and ``coilarray export``."""
+"""``coilarray init``, with the questions that it asks, ``check`` and ``export``."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.compute.files import write_text
+from coilarray.compute.display_units import number_text
+from coilarray.compute.files import write_text, writing
 from coilarray.compute.table import Column, Table, text_table
+from coilarray.compute.threads import Progress
 from coilarray.design.export import SUFFIXES, Format
-from coilarray.errors import DesignError, OutputError
+from coilarray.errors import BoardError, CoilarrayError, DesignError, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
+    from coilarray.circuit.converter_limits import Limit
+    from coilarray.design.model import Design, DesignFile
+    from coilarray.fabrication.board import BoardCopper
+    from coilarray.fabrication.tracing import TracedArray, Tracing
     from coilarray.geometry import Margin
+
+
+def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
+    """Ask for a new design's choices, and check each answer."""
+    from coilarray.design import fabs
+    from coilarray.studies.create import LONG_SHAPES, Choices, read_arrangement
+
+    chosen: dict[str, Any] = {}
+
+    def ask(question: str, default: str, key: str, **words: dict[str, str]) -> None:
+        """Ask until the answer is a word or possible choice."""
+        while True:
+            answer = typer.prompt(question, default=default).strip()
+            if (found := words.get(answer.replace(" ", "_"))) is not None:
+                chosen.update(found)
+                return
+            try:
+                value = float(answer) if key in ("inductance_uH", "pitch_mm") else answer
+                checked = Choices(**in_si({**chosen, key: value}))
+                _ = checked.arrangement, checked.layers_of_fab  # which check coils and board house
+            except (ValueError, CoilarrayError) as error:
+                typer.echo(f"  {error}")
+            else:
+                chosen[key] = value
+                return
+
+    typer.echo("A new design. Press Return for the value in brackets.")
+    ask("Coils: 1, 6 (a row), 4x4 (columns by rows), 3-hex or 7-hex", str(Choices.coils), "coils")
+    ask(f"Shape: {', '.join(shapes)}", Choices.shape, "shape")
+    sides = "Width x height" if chosen["shape"] in LONG_SHAPES else "Width"
+    usual = "x".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(shape=chosen["shape"]).sides))
+    ask(f"{sides} of a coil in mm", usual, "size_mm")
+    ask("Inductance in µH, or as many turns as fit", "fit", "inductance_uH", fit={})
+    if read_arrangement(chosen["coils"]).lattice != "single":
+        how = "Pitch in mm, side by side, or decoupled by overlap"
+        ask(how, "side by side", "pitch_mm", side_by_side={}, decoupled={"overlap": "decoupled"})
+    ask(f"Leads of all coils to a connector at an edge: none, {', '.join(edges)}", "none", "connector", none={})
+    ask(f"Board house: any, {', '.join(fabs.names())}", "any", "fab", any={})
+    chosen["elastomer"] = typer.confirm("A magnetic elastomer on the board", default=Choices.elastomer)
+    return chosen
+
+
+def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
+    """Return choices by the names of `coilarray.new_design`, in SI."""
+    from coilarray.design.keys import key_in_si
+    from coilarray.studies.create import read_size
+
+    choices = {}
+    for key, value in chosen.items():
+        name, scale = key_in_si(key)
+        choices[name] = read_size(value) if key == "size_mm" else value if scale == 1 else value * scale
+    return choices
+
+
+Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
+Overlap = Literal["none", "decoupled"]
+Side = Literal["right", "top", "left", "bottom"]
+Part = Literal["ADG714", "ADG738", "ADG739"]
+_NO_FAB = (
+    "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
+    "board house."
+)
+_MET = 5e-3  # of the wanted inductance: as near as is not worth a word
+_HELPS = {
+    ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
+    ("frequency over self-resonance", "high"): "; a larger --capacitance-pF lowers it",
+    ("R_p", "low"): "; larger coils, more inductance or less capacitance raise it",
+    ("R_p", "high"): "; a larger --capacitance-pF lowers it",
+    ("amplitude with the smallest drive current", "high"): "; a larger --capacitance-pF lowers it",
+    ("quality factor", "low"): "; larger coils and less capacitance raise it",
+}
+"""Remedies for a converter's broken limit, by name and side."""
+
+
+def init(
+    file: Annotated[Path, typer.Argument(metavar="NAME", help="File to write, .toml.")] = Path("design.toml"),
+    coils: Annotated[
+        str | None,
+        typer.Option(help="1, 6 (a row), 4x4 (columns by rows), 3-hex (a triangle), 7-hex or 19-hex; 3 by default."),
+    ] = None,
+    shape: Annotated[Shape | None, typer.Option(help="Shape of the coils; hexagon by default.")] = None,
+    size_mm: Annotated[
+        str | None,
+        typer.Option(
+            help="Width of a coil's copper, of a hexagon across flats, of a circle the diameter at which its outer "
+            "edge starts, 16 by default; width and height of a rectangle or racetrack, 20x12 by default."
+        ),
+    ] = None,
+    inductance_uH: Annotated[
+        float | None, typer.Option("--inductance-uH", help="Inductance to find turns and trace for.")
+    ] = None,
+    layers: Annotated[
+        int | None, typer.Option(help="Copper layers of the board; by default those of --fab, or as many as needed.")
+    ] = None,
+    fab: Annotated[
+        str | None, typer.Option(metavar="PROFILE", help="Board house to keep the limits of (check --list-fabs).")
+    ] = None,
+    pitch_mm: Annotated[
+        float | None, typer.Option(help="Distance of neighbours; side by side with room for terminals by default.")
+    ] = None,
+    overlap: Annotated[
+        Overlap | None, typer.Option(help="decoupled: neighbours overlap until they do not couple.")
+    ] = None,
+    frequency_MHz: Annotated[
+        float | None, typer.Option("--frequency-MHz", help="Frequency to choose the tank's capacitance for.")
+    ] = None,
+    capacitance_pF: Annotated[
+        float | None,
+        typer.Option("--capacitance-pF", help="Capacitance of the tank; chosen for the converter by default."),
+    ] = None,
+    connector: Annotated[
+        Side | None, typer.Option(help="Edge of the board to which the leads of all coils run.")
+    ] = None,
+    switches: Annotated[
+        Part | None,
+        typer.Option(help="Part of the switches that select the coils; ideal ones, without resistance, by default."),
+    ] = None,
+    elastomer: Annotated[
+        bool | None,
+        typer.Option(
+            "--elastomer/--no-elastomer", help="A magnetic elastomer on the board, and what presses on it; by default."
+        ),
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--from", help="Bundled design to copy, or board to import: .kicad_pcb, or Gerber files (.zip or folder)."
+        ),
+    ] = None,
+    nets: Annotated[
+        str | None, typer.Option(help="Nets of a board that are coils, as A,B; by default every net with turns.")
+    ] = None,
+    stackup: Annotated[
+        str | None, typer.Option(metavar="DESIGN", help="Design whose [stackup] is taken for that of a board.")
+    ] = None,
+    force: shared.Force = False,
+    as_json: shared.AsJson = False,
+) -> None:
+    """Write a commented design file from a few choices.
+
+    Turns, trace, layers, pitch, terminals and the tank's capacitance are found such that the board
+    house can make the board and an LDC1614 can read it. On a terminal, without any choice, the
+    choices are asked for. Everything else has the same default as in Python (coilarray.new_design).
+
+    Of a board (--from) each coil must be a net that runs over tracks and vias from one end to the
+    other without a branch.
+
+    Example: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12
+
+    Example: coilarray init flower.toml --coils 7-hex --overlap decoupled --inductance-uH 18
+
+    Example: coilarray init strip.toml --coils 6 --connector bottom
+
+    Example: coilarray init power.toml --coils 1 --shape circle --size-mm 40 --no-elastomer
+
+    Example: coilarray init starter.toml --from starter
+
+    Example: coilarray init board.toml --from board.kicad_pcb --nets coil1,coil2
+    """
+    from coilarray.design import bundled
+
+    with writing(file):
+        if file.is_dir() and (file.suffix or file.name in ("", "..")):
+            raise OutputError(f"{file} is a folder; name a file in it.")
+    target = file if file.suffix else file.with_suffix(".toml")
+    shared.check_file("NAME", target, (".toml",))
+    shared.require_new(target, force=force)
+    given = {
+        "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
+        "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz,
+        "capacitance_pF": capacitance_pF, "connector": connector, "switches": switches, "elastomer": elastomer,
+    }  # fmt: skip
+    chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    if source is not None and chosen:
+        raise DesignError("--from takes a design or a board as it is; it cannot be given with other choices.")
+    is_board = False
+    if source is not None and source not in bundled.names():
+        path = Path(source)
+        try:
+            is_board = path.suffix.lower() in (".kicad_pcb", ".zip") or path.is_dir()
+        except OSError:  # which the board's reader tells
+            is_board = True
+    if not is_board and (nets is not None or stackup is not None):
+        raise DesignError("--nets and --stackup are for --from with a board.")
+    lines: list[str | Table]
+    data: dict[str, Any]
+    if source is not None and is_board:
+        lines, data = _import(Path(source), nets, stackup, target)
+    elif source is not None:
+        if source not in bundled.names():
+            raise DesignError(
+                f"there is no bundled design {source!r}, nor a board of that name (.kicad_pcb, .zip or a folder); "
+                f"there are {', '.join(bundled.names())}."
+            )
+        write_text(target, bundled.read(source))
+        lines, data = [f"wrote {target}"], {}
+    else:
+        from coilarray.design.write import design_names, save_design
+        from coilarray.studies.create import new_design
+
+        if not chosen and sys.stdin.isatty() and sys.stdout.isatty():
+            chosen = ask_for_choices(get_args(Shape), get_args(Side))
+        with shared.progress_bar("layers, winding, pitch, terminals and tank"):
+            made = new_design(design_names([target.stem])[target.stem], **in_si(chosen))
+        with shared.progress_bar("states") as progress:
+            notes = _described(made, chosen, progress)  # with what is refused before it is written
+        save_design(made, target)
+        title = made.design.title
+        lines, data = [f"wrote {target}: {title}", *notes], {"title": title, "notes": notes}
+    quoted = shlex.quote(str(target))
+    lines.append(f"next: coilarray check {quoted}, coilarray report {quoted}")
+    shared.print_result({"design": str(target), **data}, as_json=as_json, lines=lines)
+
+
+def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) -> list[str]:
+    """Say what has been found."""
+    import numpy as np
+
+    from coilarray.circuit.coupling import design_inductance, scan_design
+    from coilarray.electromagnetics.resistance import dc_resistance
+    from coilarray.geometry.array import copper_words
+    from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling
+
+    design, values = file.design, file.values
+    scan = scan_design(design, elastomer=False, accuracy="screen", progress=progress)
+    coil = f"coils.{next(iter(file.document['coils']))}"
+    turns, trace, gap, on = (
+        values[f"{coil}.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm", "winding_layers")
+    )
+    L = np.diag(design_inductance(design, accuracy="screen")[0]) * 1e6
+    span = f"{L.min():.4g}" if L.max() - L.min() < 5e-4 * L.max() else f"{L.min():.4g} to {L.max():.4g}"
+    asked = ""
+    if "inductance_uH" in chosen:
+        wanted = chosen["inductance_uH"]
+        off = float(np.abs(L / wanted - 1).max()) > _MET
+        asked = f" ({wanted:g} wanted{_why_not_met(design) if off else ''})"
+    size = " × ".join(f"{side * 1e3:g}" for side in dict.fromkeys(Choices(**in_si(chosen)).sides))
+    copper = copper_words(design.array.unrouted.placements[0].coil)
+    most = int(scan.ac_resistance.values.argmax())  # the coil with the largest resistance
+    R, at_MHz = float(scan.ac_resistance[most]), float(scan.attrs["ac_resistance_frequency_Hz"]) * 1e-6
+    ratio = R / float(dc_resistance(design.array)[most])
+    lines = [
+        f"coil: {size} mm{copper}, {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
+        f"inductance: {span} µH{asked}",
+        f"resistance: {R:.3g} ohm at {at_MHz:.4g} MHz, {ratio:.2g} times that of direct current",
+    ]
+    if len(design.array.names) > 1:
+        near = neighbour_coupling(design)
+        worst = near[np.abs(near).argmax()]
+        k = number_text(worst, 4, "+")
+        lines.append(f"pitch: {values['array.pitch_mm']:g} mm; largest coupling of neighbours {k}")
+    low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
+    f = low if low == high else f"{low} to {high}"
+    C, beside_q = values["circuit.capacitance_pF"], design.circuit.switches.beside_q
+    tuned = f" ({chosen['frequency_MHz']:g} wanted)" if "frequency_MHz" in chosen else ""
+    standard = (
+        ""
+        if "frequency_MHz" not in chosen or is_standard(design.circuit.capacitance)
+        else "; no standard value (E24) comes within 1 % of that"
+    )
+    lines.append(f"tank: {C:g} pF, {f} MHz{tuned}, Q {float(scan.quality_factor.min()):.3g}{beside_q}{standard}")
+    x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
+    lines.append(
+        f"board: {x_max - x_min:.4g} × {y_max - y_min:.4g} mm, {len(design.array.stackup.names)} copper layers; "
+        f"every limit of {values['fab.profile']} is kept"
+    )
+    left_out = scan.attrs["left_out"]
+    converter = _read_by_converter(broken_limits(scan), len(scan.state), whole=not left_out)
+    return [*lines, *shared.left_out_lines(left_out), converter]
+
+
+def _why_not_met(design: Design) -> str:
+    """Describe why coils do not have the wanted inductance."""
+    if design.array.routing is not None:
+        return " without the leads to the connector"
+    if len({place.layers for place in design.array.placements}) > 1:
+        return "; met on the topmost layers, and other distances on the others"
+    return "; the nearest that whole turns, and traces that can be made, give"
+
+
+def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whole: bool) -> str:
+    """Describe whether an LDC1614 can read the coils."""
+    if not broken:
+        kept = "every limit of an LDC1614 is kept"
+        return f"converter: {kept if whole else f'as far as these numbers go, {kept}'}"
+    state, limit = broken[0]
+    too = "low" if limit.value < limit.low else "high"
+    which = state if states == 1 else f"{len({name for name, _ in broken})} of {states} coils, as {state}"
+    helps = _HELPS.get((limit.name.partition(" (")[0], too), "")
+    return f"WARNING: an LDC1614 cannot read {which}: {limit.words}{helps}"
+
+
+def _import(
+    board: Path, nets: str | None, stackup: str | None, target: Path
+) -> tuple[list[str | Table], dict[str, Any]]:
+    """Write the design of an existing board, and return lines and JSON."""
+    from coilarray.design.model import Design, parse_design
+    from coilarray.design.write import design_text
+    from coilarray.fabrication.tracing import trace_coils, traced_array
+
+    copper = _read(board, stackup)
+    wanted = None if nets is None else [net.strip() for net in nets.split(",") if net.strip()]
+    if wanted == []:
+        raise BoardError(f"{board}: --nets must name at least one net; got {nets!r}.")
+    tracing = trace_coils(copper, wanted)
+    traced = traced_array(copper, tracing.coils)
+    design = Design(traced.array, name=board.stem, source=f"imported from {board.name}")
+    text = design_text(design, traced.assumed)
+    parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
+    write_text(target, text)
+    records = _records(tracing, traced)
+    notes = [*traced.notes, _NO_FAB]
+    headers = ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y")
+    title = f"coils of {board.name}; lengths in mm, turns anticlockwise positive"
+    rows = []
+    for record in records:
+        widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
+        width = widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}"
+        turns = " ".join(number_text(pole["turns"], 2) for pole in record["poles"])
+        where = (number_text(record[key] * 1e3, 3) for key in ("x_m", "y_m"))
+        words = (record["name"], record["net"] or "–", record["shape"], " ".join(record["layers"]), turns)
+        rows.append((*words, f"{record['length_m'] * 1e3:.1f}", width, str(record["vias"]), *where))
+    lines: list[str | Table] = [text_table(headers, rows, title)]
+    lines += ["\nnets with tracks that are not coils"] if tracing.left_out else []
+    lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
+    lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
+    lines += [*(f"note: {note}" for note in notes), f"wrote {target}"]
+    return lines, {
+        "board": str(board),
+        "coils": records,
+        "left_out": tracing.left_out,
+        "assumed": traced.assumed,
+        "notes": notes,
+    }
+
+
+def _read(board: Path, stackup: str | None) -> BoardCopper:
+    from coilarray.design.model import load_design
+    from coilarray.fabrication.gerber_reader import read_gerbers
+    from coilarray.fabrication.kicad_reader import read_kicad
+
+    try:
+        board.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise BoardError(f"{board}: there is no such file or folder.") from None
+    except OSError as error:
+        raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
+    layers = None if stackup is None else load_design(stackup).array.stackup
+    return (read_kicad if board.suffix.lower() == ".kicad_pcb" else read_gerbers)(board, layers)
+
+
+def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
+    """Return the known properties of every coil, in SI."""
+    from coilarray.design.write import design_names, shape_names
+
+    names = design_names(traced.array.names)
+    return [
+        {
+            "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
+            "turns": coil.turns, "poles": [asdict(pole) for pole in coil.poles], "length_m": coil.length,
+            "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
+            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y,
+        }
+        for coil, placement, shape in zip(
+            tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
+        )
+    ]  # fmt: skip
 
 
 _SAME = 9  # decimals of m or of a ratio, to which layers that are drawn alike have the same

@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 import typer
 import typer.core
 
-from coilarray.cli import compute, design, help, init, paper, position, studies, view
+from coilarray.cli import compute, design, help, paper, position, studies, view
 from coilarray.cli.board import live, measure, recordings
 from coilarray.cli.shared import drop_output
 from coilarray.compute.files import keep_results
@@ -91,7 +91,7 @@ _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THRE
 
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {
     "Design": {
-        "init": init.init, "check": design.check, "export": design.export, "view": view.view, "studio": view.studio,
+        "init": design.init, "check": design.check, "export": design.export, "view": view.view, "studio": view.studio,
     },
     "Compute": {
         "report": compute.report, "impedance": compute.impedance, "response": compute.response,
