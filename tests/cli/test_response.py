@@ -14,7 +14,6 @@ from coilarray import load_design
 from coilarray.design.bundled import read
 from coilarray.elastomer.contact import indent
 from coilarray.errors import ElastomerError
-from coilarray.report.response_tables import indentation_table, response_table
 from coilarray.response.map import Imperfections, response_map
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "own_store")]
@@ -78,9 +77,15 @@ def test_positions_are_those_on_the_board(capsys, monkeypatch):
 def test_json_tells_the_peaks_and_the_file_is_the_dataset_of_the_library(capsys, expected, starter):
     data = answer(capsys, *SMALL, "--out", "r.nc", "--plot", "r.svg")
     assert (data["design_hash"], data["file"]) == (starter.digest, "r.nc")
+    rows = data["response"]
+    assert [row["state"] for row in rows] == ["coil1", "coil2", "coil3"]
+    delta = expected.delta.values[0, 0]
     # the same computation once more
-    assert data["response"] == [pytest.approx(row, rel=1e-9) for row in response_table(expected).records()]
-    assert [row["peak_delta"] for row in data["response"]] == pytest.approx(expected.delta.values[0, 0].max(axis=0))
+    np.testing.assert_allclose([row["peak_delta"] for row in rows], delta.max(axis=0), rtol=1e-9)
+    np.testing.assert_allclose([row["lowest_delta"] for row in rows], delta.min(axis=0), rtol=1e-9)
+    assert [row["peak_x_m"] for row in rows] == [X[k] for k in delta.argmax(axis=0)]
+    assert {row["peak_y_m"] for row in rows} == {0.0}
+    assert [row["depth_m"] for row in rows] == pytest.approx([0.3e-3] * 3, rel=1e-12)
     with xr.open_dataset("r.nc", engine="h5netcdf") as saved:
         assert set(saved.variables) == set(expected.variables)
         for name in expected.data_vars:
@@ -216,9 +221,13 @@ def test_the_table_of_a_dent_is_that_of_the_library(capsys):
     assert data["design_hash"] == design.digest
     assert (data["indenter"], data["base"]) == ("hemisphere", "bonded")
     rows = data["dents"]
+    np.testing.assert_allclose([row["depth_m"] for row in rows], [0.3e-3, 0.6e-3], rtol=1e-12)
     # the same computation once more
-    assert rows == [pytest.approx(row, rel=1e-9) for row in indentation_table(expected).records()]
     np.testing.assert_allclose([row["force_N"] for row in rows], expected.force, rtol=1e-9)
+    np.testing.assert_allclose([row["contact_radius_m"] for row in rows], expected.contact_radius, rtol=1e-9)
+    for sheet in ("base", "magnetic"):
+        on_axis = expected.displacement_z.sel(interface=sheet).isel(r=0)
+        np.testing.assert_allclose([row[f"{sheet}_displacement_m"] for row in rows], on_axis, rtol=1e-9)
     # the tip has gone as deep as it should: to the mean gap of the innermost hat of pressure
     np.testing.assert_allclose([row["magnetic_displacement_m"] for row in rows], [-0.3e-3, -0.6e-3], rtol=1e-3)
     assert all(-row["magnetic_displacement_m"] > -row["base_displacement_m"] > 0 for row in rows)
