@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LARGEST, GeometryError
+from coilarray.geometry.pose import Pose
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,6 +29,8 @@ SMALLEST = 1 / LARGEST
 CHORD = 1e-3
 """Deviation of straight pieces from a coil's largest arc, over half its size, by default."""
 _STRAIGHT = 1e-6  # rad: less is not a bend
+_VERTICAL = 1e-9  # sine of the angle to z, below which a segment is vertical
+_ALONG = 1e-6  # sine of the angle between width and segment, below which no direction is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +38,12 @@ class Conductor:
     """Current path of straight segments, each a rectangular bar.
 
     A bar runs from vertex to vertex. Its width lies in the x-y plane across the segment, for a
-    vertical segment along x. Its thickness is perpendicular to both. A width and thickness of zero
-    stand for a thin filament.
+    vertical segment along x, unless `across` says otherwise. Its thickness is perpendicular to
+    both. A width and thickness of zero stand for a thin filament.
 
     Raises GeometryError if there are fewer than two vertices, values that are not finite or beyond
-    1e30 m, a segment of length zero, a negative width, or a bar with a width and no thickness.
+    1e30 m, a segment of length zero, a negative width, a bar with a width and no thickness, or a
+    width along its segment.
 
     Parameters
     ----------
@@ -53,6 +57,9 @@ class Conductor:
         thickness.
     name : str
         Name shown in messages and results.
+    across : array_like, shape (n, 3) or (3,), optional
+        Direction of the width of every segment. Only its part perpendicular to the segment counts.
+        Afterwards it holds unit vectors.
 
     Examples
     --------
@@ -66,6 +73,7 @@ class Conductor:
     thicknesses: FloatArray
     areas: FloatArray
     name: str
+    across: FloatArray
 
     def __init__(
         self,
@@ -74,6 +82,7 @@ class Conductor:
         thicknesses: npt.ArrayLike = 0.0,
         areas: npt.ArrayLike | None = None,
         name: str = "path",
+        across: npt.ArrayLike | None = None,
     ) -> None:
         try:
             points = np.array(vertices, dtype=np.float64, order="C")
@@ -106,6 +115,7 @@ class Conductor:
         if ((sizes["widths"] > 0) != (sizes["thicknesses"] > 0)).any():
             raise GeometryError(f"widths and thicknesses of {name} must be both zero or both positive.")
         sizes.setdefault("areas", sizes["widths"] * sizes["thicknesses"])
+        sizes["across"] = _lateral(np.diff(points, axis=0) / lengths[:, None], across, name)
         for key, array in {"vertices": points, **sizes}.items():
             array.setflags(write=False)
             object.__setattr__(self, key, array)
@@ -126,17 +136,83 @@ class Conductor:
         """
         along = np.diff(self.vertices, axis=0) / self.lengths[:, None]
         bend = np.linalg.norm(np.diff(along, axis=0), axis=1)
-        section = np.column_stack((self.widths, self.thicknesses, self.areas))
+        section = np.column_stack((self.widths, self.thicknesses, self.areas, np.round(self.across / _STRAIGHT)))
         first = np.append(True, (bend > _STRAIGHT) | (np.diff(section, axis=0) != 0).any(axis=1))
         if first.all():
             return self
         vertices = self.vertices[np.append(first, True)]
-        return Conductor(vertices, self.widths[first], self.thicknesses[first], self.areas[first], self.name)
+        sizes = self.widths[first], self.thicknesses[first], self.areas[first]
+        return Conductor(vertices, *sizes, self.name, self.across[first])
+
+    def posed(self, pose: Pose, name: str | None = None) -> Conductor:
+        """Return the path where a pose takes it.
+
+        Parameters
+        ----------
+        pose : Pose
+            Turn and shift.
+        name : str, optional
+            Another name.
+
+        Returns
+        -------
+        Conductor
+            The moved path.
+        """
+        sizes = self.widths, self.thicknesses, self.areas
+        return Conductor(pose.apply(self.vertices), *sizes, name or self.name, self.across @ pose.rotation.T)
+
+    @property
+    def area(self) -> FloatArray:
+        """Area of the turns in m² as a vector, shape (3,), its moment per ampere.
+
+        The path is closed by a straight line. A flat coil has its turns times their mean area along
+        its normal, positive for a counter-clockwise current.
+        """
+        closed = np.vstack((self.vertices, self.vertices[:1])) - self.vertices[0]
+        return np.asarray(0.5 * np.cross(closed[:-1], closed[1:]).sum(axis=0))
+
+    @property
+    def centre(self) -> FloatArray:
+        """Mean of the path along its length in m, shape (3,)."""
+        middles = (self.vertices[1:] + self.vertices[:-1]) / 2
+        return np.asarray(np.average(middles, axis=0, weights=self.lengths))
 
     @property
     def is_filament(self) -> bool:
         """Whether any segment has no cross-section."""
         return bool((self.widths == 0).any())
+
+
+def _lateral(along: FloatArray, across: npt.ArrayLike | None, name: str) -> FloatArray:
+    """Return unit vectors across segments of directions `along` (n, 3)."""
+    if across is None:
+        lateral = np.column_stack((-along[:, 1], along[:, 0], np.zeros(len(along))))
+        lateral[np.linalg.norm(lateral, axis=1) < _VERTICAL] = (1.0, 0.0, 0.0)
+    else:
+        try:
+            lateral = np.array(np.broadcast_to(np.asarray(across, dtype=np.float64), along.shape))
+        except (TypeError, ValueError):
+            message = f"across of {name} must be one direction of three numbers or {len(along)}, one a segment."
+            raise GeometryError(message) from None
+        with np.errstate(invalid="ignore"):
+            size = np.linalg.norm(lateral, axis=1, keepdims=True)
+            lateral = lateral / np.where(size > 0, size, 1.0)
+            lateral -= (lateral * along).sum(axis=1, keepdims=True) * along
+    size = np.linalg.norm(lateral, axis=1, keepdims=True)
+    wrong = ~(size[:, 0] > _ALONG)
+    if wrong.any():
+        raise GeometryError(
+            f"across of {name} must be finite and not along its segment; segment {int(np.argmax(wrong))} has "
+            f"{np.asarray(across).reshape(-1, 3)[-1 if np.ndim(across) == 1 else int(np.argmax(wrong))].tolist()}."
+        )
+    lateral /= size
+    if across is not None:  # on one side along the whole path, as the corners between its bars expect
+        normals = np.cross(along, lateral)
+        lateral *= np.cumprod(np.append(1.0, np.where((normals[1:] * normals[:-1]).sum(axis=1) < 0, -1.0, 1.0)))[
+            :, None
+        ]
+    return lateral
 
 
 class CurrentPaths(ABC):

@@ -48,6 +48,7 @@ MUTUAL_NEAR_WIDTHS = 1003.0  # the same between two paths: (1/1000)² is 1e-6 of
 # Of two paths, and of one path. Screening leaves out 1/(12·15²) = 4e-5 of a pair, 5e-3 of
 # overlapping coils.
 _NEAR_WIDTHS = {"full": (MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS), "screen": (4.0, 15.0)}
+_SAME_SIDE = 1e-9  # 1 − cosine of the angle of two widths; smaller angles are none
 _SAME_SIZE = 1e-12  # of the largest; sizes of bars that differ by less are equal
 _FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks on any number of cores
 _TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with a part of another path, of its own path, or itself
@@ -173,13 +174,8 @@ def segment_table(conductor: Conductor) -> FloatArray:
     steps = np.diff(vertices, axis=0)
     length = np.linalg.norm(steps, axis=1)
     u = steps / length[:, None]
-    lateral = np.column_stack((-u[:, 1], u[:, 0], np.zeros(len(u))))
-    across = np.linalg.norm(lateral, axis=1)
-    vertical = across < 1e-9
-    lateral[vertical], across[vertical] = (1.0, 0.0, 0.0), 1.0
-    lateral /= across[:, None]
     return np.ascontiguousarray(
-        np.column_stack((vertices[:-1], u, length, lateral, conductor.widths, conductor.thicknesses))
+        np.column_stack((vertices[:-1], u, length, conductor.across, conductor.widths, conductor.thicknesses))
     )
 
 
@@ -228,7 +224,7 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
         columns = np.column_stack((table[:, :3], table[:, 6:7], table[:, 10:12]))
         end = conductor.vertices[-1] - conductor.vertices[0]
         steps = np.round(np.append(columns.ravel(), end) / quantum) + 0.0  # widths may be more than an integer holds
-        keys.append((quantum, steps.tobytes()))
+        keys.append((quantum, steps.tobytes() + (np.round(table[:, 7:10], 6) + 0.0).tobytes()))
     examples, of_path = first_of_each(keys)
     return [_Shape(tables[k], float(quanta[k]), conductors[k].is_filament) for k in examples], of_path
 
@@ -355,7 +351,7 @@ def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
     chosen = [
         np.ascontiguousarray(np.column_stack((parts[k][:, :3] - parts[k][0, :3], parts[k][:, 3:]))) for k in distinct
     ]
-    height = np.array([np.ptp(points[k][:, 2]) for k in distinct])
+    height = np.array([np.ptp(points[k][:, 2]) if not parts[k][:, 9].any() else np.inf for k in distinct])
     upright = np.array([not table[:, 3:5].any() for table in chosen])
     return PathParts(chosen, height <= steps[distinct], upright, first, number, mirror, sign, origin)
 
@@ -391,7 +387,8 @@ def _image(table: FloatArray, other: FloatArray, quantum: float) -> tuple[FloatA
             continue
         steps, other_steps = points - points[0], others[order] - others[order][0]
         for mirror in _MIRRORS:
-            if (np.abs(mirror * steps - other_steps) <= quantum).all():
+            alike = np.abs((mirror * table[:, 7:10] * other[order, 7:10]).sum(axis=1)) > 1.0 - _SAME_SIDE
+            if (np.abs(mirror * steps - other_steps) <= quantum).all() and alike.all():
                 return mirror, sign
     return None
 
@@ -503,7 +500,7 @@ def _pair_sum(
         whole = partial(series_sum, table, second, shift, of_first, of_second, False, near_widths, *rules)
         return lambda start, stop: float(whole())
     # of a flat part above its copy, rows i, j relate as j, i
-    flat = not table[:, 5].any() and not np.ptp(table[:, 2])
+    flat = not table[:, [5, 9]].any() and not np.ptp(table[:, 2])
     straight = flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
     return above if table is other and straight else between
 

@@ -44,6 +44,7 @@ THICK = 6.2  # widths of distance beyond which thickness does not count for bars
 TOUCHING = 0.47  # widths of distance within which bars at an angle meet
 # sin² of the angle of bars that share their lateral direction (a spiral's turns tilt by 3e-3)
 PARALLEL_SIN2 = 4e-4
+ALIGNED = 0.98  # least cosine of the angle between the widths of parallel bars that share them
 _SHORT = 30.7  # widths; the corners of longer sides change a single turn by less than 1e-5
 _WIDE_ANGLE = 0.97  # cosine of 14°; below it both kinks of a corner are nearly one
 _WIDE_NODES, _WIDE_LAYERS = 8, 6  # most nodes of a wide corner, 6 · 8 · 3 · 8 · 6 · 2 in all
@@ -159,6 +160,14 @@ def _lateral(a: FloatArray) -> Vector:
 def _same_side(a: FloatArray, b: FloatArray) -> float:
     """Return 1 if the lateral directions of two bars agree, else −1."""
     return 1.0 if dot(_lateral(a), _lateral(b)) > 0.0 else -1.0
+
+
+@kernel
+def _aligned(a: FloatArray, b: FloatArray, cosine: float) -> bool:
+    """Check whether two bars are parallel, of equal section, and their widths as well."""
+    if 1.0 - cosine * cosine >= PARALLEL_SIN2 or a[10] != b[10] or a[11] != b[11]:
+        return False
+    return abs(dot(_lateral(a), _lateral(b))) > ALIGNED
 
 
 @kernel
@@ -341,8 +350,8 @@ def _offsets(
     if distance >= near_widths * size:
         return 1
     parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
-    level = apart[2] == 0.0 and a[5] == 0.0 and b[5] == 0.0
-    if parallel and a[10] == b[10] and a[11] == b[11]:
+    level = apart[2] == 0.0 and a[5] == 0.0 and b[5] == 0.0 and a[9] == 0.0 and b[9] == 0.0
+    if _aligned(a, b, cosine):
         if distance > NODE_PAIR * size:
             offset = _two_node_offset(a, b)
             for axis in range(3):
@@ -417,7 +426,7 @@ def _collect(
     s, across, sides = 0.0, (0.0, 0.0, 0.0), 1
     cosine = dot(_along(a), _along(b))
     if distance < near_widths * size:
-        if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
+        if _aligned(a, b, cosine):
             if distance < NODE_PAIR * size:
                 return -1
             sides, across = 2, _two_node_offset(a, b)

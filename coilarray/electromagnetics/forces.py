@@ -1,0 +1,123 @@
+"""Force and torque on current paths in the field of coils and magnets."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.electromagnetics.field import Source, as_conductors, magnetic_field
+from coilarray.errors import GeometryError, require_finite
+
+_COARSE, _FINE = np.polynomial.legendre.leggauss(3), np.polynomial.legendre.leggauss(5)
+_TOLERANCE = 1e-7  # of the sum of all |dF|; largest difference of the two rules over all pieces
+_MOST_HALVINGS = 12  # of a segment; more are needed only where a path meets the source of the field
+
+
+class Magnet(Protocol):
+    """Source of a static field, as every source of magpylib is."""
+
+    def getB(self, points: npt.NDArray[np.float64]) -> Any:  # noqa: N802 (of magpylib)
+        """Return the flux density in T at points (n, 3) in m, shape (n, 3)."""
+
+
+def forces(
+    on: Source,
+    of: Source | Magnet,
+    currents: npt.ArrayLike = 1.0,
+    source_currents: npt.ArrayLike = 1.0,
+    *,
+    about: npt.ArrayLike = (0.0, 0.0, 0.0),
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the force in N and the torque in N·m on current paths.
+
+    Parameters
+    ----------
+    on : Array, Conductor, polyline or sequence of them
+        Paths on which the force acts, see `coilarray.electromagnetics.field.as_conductors`.
+    of : the same, or an object with ``getB``
+        Other current paths, or a magnet of magpylib, whose field acts.
+    currents : array_like, shape (paths,) or scalar
+        Currents in A of the paths `on`.
+    source_currents : array_like, shape (paths,) or scalar
+        Currents in A of the paths `of`. A magnet has none.
+    about : array_like, shape (3,)
+        Point in m about which the torque is taken.
+
+    Returns
+    -------
+    force : ndarray, shape (paths, 3)
+        Force on every path in N.
+    torque : ndarray, shape (paths, 3)
+        Torque on every path in N·m.
+
+    Raises
+    ------
+    GeometryError
+        A path that meets the source of the field, or currents of another shape or not finite.
+
+    Notes
+    -----
+    F = I ∫ dl × B along the centre lines. Segments are halved until two Gauss rules agree to 1e-7
+    of the sum of |dF|. Thin filaments stand for both sides, so that the force between traces nearer
+    than a few widths is approximate. With alternating currents of equal phase, effective values
+    give the mean force.
+
+    Examples
+    --------
+    >>> loop = [[np.cos(t), np.sin(t), 0] for t in np.linspace(0, 2 * np.pi, 181)]
+    >>> above = [[x, y, 0.5] for x, y, z in loop]
+    >>> force, torque = forces([above], [loop])
+    >>> round(float(force[0, 2]) * 1e6, 3)
+    -2.069
+    """
+    paths = as_conductors(on)
+    flowing = np.asarray(currents, dtype=np.float64)
+    if flowing.shape not in ((), (len(paths),)):
+        raise GeometryError(f"currents must be one number or {len(paths)}, one a path; got shape {flowing.shape}.")
+    require_finite("currents", *flowing.ravel().tolist())
+    centre = np.asarray(about, dtype=np.float64)
+    if centre.shape != (3,) or not np.isfinite(centre).all():
+        raise GeometryError(f"about must be a finite point x, y, z; got shape {centre.shape}.")
+    start = np.vstack([path.vertices[:-1] for path in paths])
+    step = np.vstack([np.diff(path.vertices, axis=0) for path in paths])
+    path_of = np.repeat(np.arange(len(paths)), [len(path.lengths) for path in paths])
+
+    def field(points: FloatArray) -> FloatArray:
+        """Flux density in T at points (n, 3)."""
+        if hasattr(of, "getB"):
+            return np.asarray(of.getB(points), dtype=np.float64).reshape(-1, 3)
+        return magnetic_field(of, points, source_currents)
+
+    force, torque = np.zeros((len(paths), 3)), np.zeros((len(paths), 3))
+    scale = 0.0
+    for _ in range(_MOST_HALVINGS + 1):
+        fine, moment = _sums(field, start, step, _FINE, centre)
+        coarse, _ = _sums(field, start, step, _COARSE, centre)
+        scale = max(scale, float(np.linalg.norm(fine, axis=1).sum()))
+        apart = np.linalg.norm(fine - coarse, axis=1)
+        agree = apart <= _TOLERANCE * scale / len(start)
+        _add(force, path_of[agree], fine[agree])
+        _add(torque, path_of[agree], moment[agree])
+        if agree.all():
+            return force * np.reshape(flowing, (-1, 1)), torque * np.reshape(flowing, (-1, 1))
+        start, step, path_of = start[~agree], step[~agree] / 2, path_of[~agree]
+        start, step, path_of = np.vstack((start, start + step)), np.tile(step, (2, 1)), np.tile(path_of, 2)
+    raise GeometryError(f"{paths[int(path_of[0])].name} meets the source of the field, where the force is infinite.")
+
+
+def _sums(
+    field: Any, start: FloatArray, step: FloatArray, rule: tuple[FloatArray, FloatArray], about: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Integrate dl × B and r × (dl × B) over pieces by a Gauss rule, (n, 3) each."""
+    nodes, weights = rule
+    points = start[:, None] + 0.5 * (1.0 + nodes)[:, None] * step[:, None]
+    density = np.cross(step[:, None], field(points.reshape(-1, 3)).reshape(points.shape))
+    density *= 0.5 * weights[:, None]
+    return density.sum(axis=1), np.cross(points - about, density).sum(axis=1)
+
+
+def _add(total: FloatArray, path_of: IntArray, values: FloatArray) -> None:
+    np.add.at(total, path_of, values)

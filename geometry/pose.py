@@ -1,0 +1,140 @@
+"""Pose of a board in space."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.errors import LARGEST, GeometryError
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Turn about the axes and shift of a board.
+
+    The board is turned about the fixed axes x, y and z, in this order, each through its own origin,
+    and then shifted.
+
+    Parameters
+    ----------
+    x, y, z : float
+        Shift in m.
+    turn : tuple of float
+        Angles about x, y and z in rad, counter-clockwise seen from the tip of the axis.
+
+    Raises
+    ------
+    GeometryError
+        Values that are not three finite angles and finite shifts up to 1e30 m.
+
+    Examples
+    --------
+    >>> import math
+    >>> facing = Pose(z=8e-3, turn=(math.pi, 0.0, 0.0))
+    >>> facing.apply([[1e-3, 2e-3, 0.0]]).round(6).tolist()
+    [[0.001, -0.002, 0.008]]
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if len(self.turn) != 3 or not all(math.isfinite(angle) for angle in self.turn):
+            raise GeometryError(f"a pose must have three finite angles about x, y and z; got {self.turn} rad.")
+        if not all(abs(value) <= LARGEST for value in (self.x, self.y, self.z)):
+            raise GeometryError(
+                f"a pose must have finite shifts, up to {LARGEST:g} m; got ({self.x:g}, {self.y:g}, {self.z:g}) m."
+            )
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """Matrix (3, 3) that turns column vectors."""
+        matrix = np.eye(3)
+        for axis, angle in enumerate(self.turn):
+            c, s = _exact_cosine(angle), _exact_cosine(angle - math.pi / 2)
+            i, k = (axis + 1) % 3, (axis + 2) % 3
+            turn = np.eye(3)
+            turn[[i, i, k, k], [i, k, i, k]] = c, -s, s, c
+            matrix = turn @ matrix
+        matrix.setflags(write=False)
+        return matrix
+
+    @property
+    def shift(self) -> FloatArray:
+        """Shift in m, shape (3,)."""
+        return np.array([self.x, self.y, self.z])
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the board stays parallel to the x-y plane."""
+        return bool(abs(self.rotation[2, 2]) == 1.0)
+
+    def apply(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points where the pose takes them.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points of the board in m.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            The points in space, in m.
+        """
+        return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.shift)
+
+    def undo(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points of space in the frame of the board.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in space in m.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            The same points in the board's own coordinates, in m.
+        """
+        return np.asarray((np.asarray(points, dtype=np.float64) - self.shift) @ self.rotation)
+
+    def after(self, other: Pose) -> Pose:
+        """Return the pose of a board that is first moved by `other`.
+
+        Parameters
+        ----------
+        other : Pose
+            Pose that is applied first.
+
+        Returns
+        -------
+        Pose
+            Both poses in one.
+        """
+        matrix = self.rotation @ other.rotation
+        about_y = math.asin(min(1.0, max(-1.0, -float(matrix[2, 0]))))
+        if abs(matrix[2, 0]) < 1 - _LEVEL:
+            about_x, about_z = math.atan2(matrix[2, 1], matrix[2, 2]), math.atan2(matrix[1, 0], matrix[0, 0])
+        else:  # turns about x and z are the same turn there
+            about_x, about_z = 0.0, math.atan2(-matrix[0, 1], matrix[1, 1])
+        x, y, z = self.apply(other.shift).tolist()
+        return Pose(x, y, z, (about_x, about_y, about_z))
+
+
+_LEVEL = 1e-12  # of the sine of the turn about y, where x and z coincide
+
+
+def _exact_cosine(angle: float) -> float:
+    """Cosine that is exact at multiples of a right angle."""
+    quarters = angle / (math.pi / 2)
+    if abs(quarters - round(quarters)) < 1e-12:
+        return (1.0, 0.0, -1.0, 0.0)[round(quarters) % 4]
+    return math.cos(angle)
