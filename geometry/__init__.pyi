@@ -4,6 +4,8 @@ from .array import Lattice as Lattice
 from .array import Placement as Placement
 from .array import lattice as lattice
 from .array import lattice_array as lattice_array
+from .bend import Bend as Bend
+from .bend import Zone as Zone
 from .bodies import MATERIAL_SOURCES as MATERIAL_SOURCES
 from .bodies import MATERIALS as MATERIALS
 from .bodies import Ball as Ball

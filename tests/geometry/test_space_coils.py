@@ -48,6 +48,7 @@ def ring_inductance(radius, wire):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("diameter", "length", "turns", "wire"), [
     (20e-3, 40e-3, 40, 0.5e-3), (50e-3, 20e-3, 10, 1e-3), (10e-3, 15e-3, 30, 0.3e-3),
 ])  # fmt: skip
@@ -78,6 +79,7 @@ def test_pairs_have_the_field_of_their_formulas():
     assert (steep[2] - steep[0]) / 4e-3 == pytest.approx(gradient, rel=6e-5)
 
 
+@pytest.mark.slow
 def test_wound_pairs_are_mirror_images():
     for pair, sign in ((helmholtz_pair(30e-3, 1e-3, 5), 1), (maxwell_pair(30e-3, 1e-3, 5), -1)):
         L = inductance_matrix(pair)
@@ -95,6 +97,7 @@ def test_saddle():
     assert np.abs(field[1:]).max() < 1e-12 * field[0]
 
 
+@pytest.mark.slow
 def test_toroid_and_rogowski_coil():
     R, a, N = 20e-3, 5e-3, 60
     linked = MU_0 * N * (R - math.sqrt(R**2 - a**2))
@@ -165,6 +168,7 @@ def test_turns_are_about_fixed_axes_in_order():
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(st.tuples(ANGLES, ANGLES, ANGLES))
 def test_inductance_knows_no_direction(turn):
@@ -182,6 +186,7 @@ def test_a_width_along_its_segment_is_refused():
         Conductor([[0, 0, 0], [1, 0, 0], [1, 1, 0]], 0.1, 0.01, across=[0, 1, 0])
 
 
+@pytest.mark.slow
 def test_area_is_the_flux_of_a_distant_dipole():
     """A = µ0/4π m × r/r³ far away: the moment by the path's own potential."""
     coil = helix([(0, 0), (4e-3, 0), (4e-3, 3e-3), (0, 3e-3)], 2.4, 0.4e-3, 0.2e-3)

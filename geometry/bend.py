@@ -1,0 +1,256 @@
+"""Flexible boards bent about lines in their plane.
+
+The neutral plane keeps its lengths: it becomes a cylinder, a cone, or cylinders with flat parts
+between. Points above it move along the normal of the bent surface.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.errors import LARGEST, GeometryError, require_finite, require_positive
+from coilarray.geometry.conductor import Conductor
+
+_STEP = 0.03  # rad of a bend along one chord, at most: 1/24 of its square is 4e-5 of a length
+_TOUCH = 1e-12  # m; zones that overlap by less are beside each other
+_SAGITTA = 2e-5  # of a path's extent, between a chord and the bent surface
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Bent strip of a board.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the neutral plane in m. Positive radii bend the edges down, negative ones up.
+    at : float
+        Distance of the strip's middle line from the origin in m, across the axis of the bend.
+    width : float
+        Width of the strip in m. By default all of the board.
+
+    Raises
+    ------
+    GeometryError
+        A radius of zero, a width that is not positive, or values that are not finite.
+    """
+
+    radius: float
+    at: float = 0.0
+    width: float = math.inf
+
+    def __post_init__(self) -> None:
+        require_finite("radius and place of a bend", self.radius, self.at)
+        if not 1 / LARGEST < abs(self.radius):
+            raise GeometryError(f"radius of a bend must not be zero; got {self.radius} m.")
+        if self.width != math.inf:
+            require_positive("width of a bend", self.width)
+
+
+@dataclass(frozen=True)
+class Bend:
+    """Bend of a flexible board.
+
+    Parameters
+    ----------
+    zones : tuple of Zone
+        Bent strips across the axis, which do not overlap.
+    axis : float
+        Direction in rad of the lines about which the board is bent, from the x axis.
+    neutral : float
+        Height in m of the plane that keeps its lengths.
+    apex : float or None
+        Distance in m along the axis from the origin to the apex of a cone, positive or negative.
+        The single zone then covers the board, and its radius holds at the origin. None for
+        cylinders.
+
+    Raises
+    ------
+    GeometryError
+        No zones, zones that overlap, a cone of several zones or with its apex at the origin, or
+        values that are not finite.
+
+    Examples
+    --------
+    >>> finger = Bend((Zone(8e-3),))
+    >>> finger.surface([[0.0, 8e-3 * math.pi / 2, 0.0]]).round(9).tolist()
+    [[0.0, 0.008, -0.008]]
+    """
+
+    zones: tuple[Zone, ...]
+    axis: float = 0.0
+    neutral: float = 0.0
+    apex: float | None = None
+
+    def __post_init__(self) -> None:
+        require_finite("axis and neutral plane of a bend", self.axis, self.neutral)
+        if not self.zones:
+            raise GeometryError("a bend must have at least one zone; got none.")
+        spans = sorted((zone.at - zone.width / 2, zone.at + zone.width / 2) for zone in self.zones)
+        for (low, high), (start, stop) in pairwise(spans):
+            if high - start > _TOUCH:
+                raise GeometryError(
+                    f"zones of a bend must not overlap; the one from {low * 1e3:g} to {high * 1e3:g} mm meets the one "
+                    f"from {start * 1e3:g} to {stop * 1e3:g} mm."
+                )
+        if self.apex is not None:
+            require_finite("apex of a bend", self.apex)
+            if len(self.zones) > 1 or self.zones[0].width != math.inf or not abs(self.apex) > 1 / LARGEST:
+                raise GeometryError("a cone must be one zone without a width, and its apex away from the origin.")
+
+    def surface(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points of the flat board where the bend takes them.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points in m.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            The points of the bent board, in m.
+        """
+        flat = np.asarray(points, dtype=np.float64)
+        place, _, normal = self._neutral_surface(flat.reshape(-1, 3) @ self._frame.T)
+        height = flat.reshape(-1, 3)[:, 2:] - self.neutral
+        return np.asarray((place + height * normal) @ self._frame + (0.0, 0.0, self.neutral)).reshape(flat.shape)
+
+    def turned(self, points: npt.ArrayLike, directions: npt.ArrayLike) -> FloatArray:
+        """Return directions at points of the flat board as they are on the bent board.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3)
+            Points in m.
+        directions : array_like, shape (n, 3)
+            Directions, lengths of which are kept.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Directions on the bent board.
+        """
+        _, along, normal = self._neutral_surface(np.asarray(points, dtype=np.float64) @ self._frame.T)
+        ways = np.asarray(directions, dtype=np.float64) @ self._frame.T
+        across = np.cross(normal, along)
+        return np.asarray((ways[:, :1] * along + ways[:, 1:2] * across + ways[:, 2:] * normal) @ self._frame)
+
+    def bent(self, path: Conductor) -> Conductor:
+        """Return a current path of the flat board on the bent board.
+
+        Segments are cut into chords, and widths stay tangential to the surface.
+
+        Parameters
+        ----------
+        path : Conductor
+            Path on the flat board.
+
+        Returns
+        -------
+        Conductor
+            Path on the bent board.
+        """
+        steps = np.diff(path.vertices, axis=0)
+        curvature = self._largest_curvature(path.vertices)
+        longest = min(_STEP / curvature, math.sqrt(8 * _SAGITTA * np.ptp(path.vertices, axis=0).max() / curvature))
+        pieces = np.maximum(1, np.ceil(np.abs(steps @ self._frame[1]) / longest)).astype(np.int64)
+        row = np.repeat(np.arange(len(pieces)), pieces)
+        number = np.arange(len(row)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        starts = path.vertices[row] + (number / pieces[row])[:, None] * steps[row]
+        middles = starts + (0.5 / pieces[row])[:, None] * steps[row]
+        vertices = self.surface(np.vstack((starts, path.vertices[-1:])))
+        across = self.turned(middles, path.across[row])
+        return Conductor(vertices, path.widths[row], path.thicknesses[row], path.areas[row], path.name, across)
+
+    @property
+    def least_radius(self) -> float:
+        """Smallest radius of the neutral plane in m at the origin's distance from the apex."""
+        return min(abs(zone.radius) for zone in self.zones)
+
+    @property
+    def _frame(self) -> FloatArray:
+        """Unit vectors along the axis, across it, and upwards, as rows."""
+        c, s = math.cos(self.axis), math.sin(self.axis)
+        return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def _largest_curvature(self, points: FloatArray) -> float:
+        """Largest curvature in 1/m over points (n, 3)."""
+        if self.apex is None:
+            return 1 / self.least_radius
+        nearest = float(np.abs(points @ self._frame[0] - self.apex).min())
+        return abs(self.apex) / (self.least_radius * max(nearest, 1e-9 * abs(self.apex)))
+
+    def _neutral_surface(self, local: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Places on the bent neutral plane, its direction along the axis and its normal, (n, 3) each.
+
+        Coordinates are along the axis, across it, and upwards.
+        """
+        if self.apex is not None:
+            return self._cone(local)
+        across, up, angle = _bent_line(self.zones, local[:, 1])
+        along = np.tile((1.0, 0.0, 0.0), (len(local), 1))
+        normal = np.column_stack((np.zeros(len(local)), np.sin(angle), np.cos(angle)))
+        return np.column_stack((local[:, 0], across, up)), along, normal
+
+    def _cone(self, local: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the same for a cone, whose generators meet at the apex."""
+        assert self.apex is not None
+        radius = self.zones[0].radius
+        # normal curvature at the distance ρ from the apex: 1/(ρ tan β), and the angle about the cone's axis α/sin β
+        slope = math.atan(abs(radius) / abs(self.apex))
+        away = -np.sign(self.apex)
+        from_apex = np.column_stack((away * (local[:, 0] - self.apex), local[:, 1]))
+        rho, alpha = np.hypot(*from_apex.T), np.arctan2(from_apex[:, 1], from_apex[:, 0])
+        if (rho <= 1e-9 * abs(self.apex)).any():
+            raise GeometryError("the apex of a cone must lie beyond the copper.")
+        phi, bend = alpha / math.sin(slope), float(np.sign(radius))
+        c, s = np.cos(phi), np.sin(phi)
+        sine, cosine = math.sin(slope), math.cos(slope)
+        # the generator through the origin stays where it is: the cone's axis is tilted by β against it
+        ahead = rho * (cosine**2 + sine**2 * c)
+        down = rho * sine * cosine * (1 - c)
+        place = np.column_stack((self.apex + away * ahead, rho * sine * s, -bend * down))
+        outwards = np.column_stack((away * (cosine**2 + sine**2 * c), sine * s, -bend * sine * cosine * (1 - c)))
+        around = np.column_stack((-away * sine * s, c, -bend * cosine * s))
+        # the direction of the axis, between the generator and the circle through each point
+        along = np.cos(alpha)[:, None] * outwards - np.sin(alpha)[:, None] * around
+        return place, away * along, away * np.cross(outwards, around)
+
+
+def _bent_line(zones: Sequence[Zone], s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Place across and up, and angle downwards, of points `s` of a line that is bent in zones.
+
+    At s = 0 the line keeps its place and its direction.
+    """
+    ends = [zone.at + side * zone.width / 2 for zone in zones for side in (-1, 1)]
+    knots = np.array([end for end in ends if math.isfinite(end)])
+    across, up, angle = np.zeros_like(s), np.zeros_like(s), np.zeros_like(s)
+    for side in (1.0, -1.0):
+        way, edges = side * s, side * knots
+        edges = np.concatenate(([0.0], np.sort(edges[edges > 0]), [np.inf]))
+        y, z, turn = 0.0, 0.0, 0.0
+        for low, high in pairwise(edges.tolist()):
+            middle = side * (low + min(high, low + 1.0)) / 2
+            curvature = next((1 / zone.radius for zone in zones if abs(middle - zone.at) < zone.width / 2), 0.0)
+            here = (way >= low) & (way < high) & ((side > 0) | (way > 0))
+            at_y, up[here], turned = _arc(y, z, turn, curvature, way[here] - low)
+            across[here], angle[here] = side * at_y, side * turned
+            if math.isfinite(high):
+                y, z, turn = (float(value[0]) for value in _arc(y, z, turn, curvature, np.array([high - low])))
+    return across, up, angle
+
+
+def _arc(y: float, z: float, turn: float, curvature: float, length: FloatArray) -> tuple[FloatArray, ...]:
+    """Follow an arc from a place and direction over lengths in m."""
+    angle = turn + curvature * length
+    half = 0.5 * curvature * length
+    chord = length * np.sinc(half / np.pi)
+    return y + chord * np.cos(turn + half), z - chord * np.sin(turn + half), angle
