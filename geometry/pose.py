@@ -55,7 +55,7 @@ class Pose:
 
     @cached_property
     def rotation(self) -> FloatArray:
-        """Matrix (3, 3) that turns column vectors."""
+        """Dimensionless matrix that turns column vectors, shape (3, 3)."""
         matrix = np.eye(3)
         for axis, angle in enumerate(self.turn):
             c, s = _exact_cosine(angle), _exact_cosine(angle - math.pi / 2)
