@@ -240,8 +240,9 @@ def helmholtz_pair(
 ) -> tuple[Conductor, Conductor]:
     """Place two coils a radius apart, for a homogeneous field.
 
-    At their middle the field is (4/5)^(3/2) µ0 N I/R, and its second derivative is zero. Parameters,
-    result and errors are of `loop_pair`.
+    At their middle the field is (4/5)^(3/2) µ0 N I/R, and its second derivative is zero. The
+    `radius` R in m, the diameter of the `wire` in m, the number N of `turns`, `segments`, `name`,
+    result and errors are as in `loop_pair`.
 
     Examples
     --------
@@ -258,8 +259,9 @@ def maxwell_pair(
 ) -> tuple[Conductor, Conductor]:
     """Place two opposed coils √3 radii apart, for an even gradient.
 
-    At their middle dBz/dz is 48/49 √(3/7) µ0 N I/R², and its second derivative is zero. Parameters,
-    result and errors are of `loop_pair`.
+    At their middle dBz/dz is 48/49 √(3/7) µ0 N I/R², and its second derivative is zero. The
+    `radius` R in m, the diameter of the `wire` in m, the number N of `turns`, `segments`, `name`,
+    result and errors are as in `loop_pair`.
     """
     return loop_pair(radius, math.sqrt(3) * radius, wire, turns, opposed=True, segments=segments, name=name)
 
@@ -306,7 +308,8 @@ def rogowski(
     """Wind a wire on a ring and lead it back within the turns.
 
     The way back removes the loop of the ring itself, so that only currents through the ring induce
-    a voltage: M = µ0 N (R − √(R² − a²)). Parameters and errors are of `toroid`.
+    a voltage: M = µ0 N (R − √(R² − a²)). The `radius` R and `section_radius` a in m, the number N of
+    `turns`, the diameter of the `wire` in m, `segments`, `name` and errors are as in `toroid`.
 
     Returns
     -------

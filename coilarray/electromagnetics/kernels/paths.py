@@ -84,9 +84,9 @@ def add_node_sums(
         sums[m] += total
 
 
-_NODES, _WEIGHTS = np.zeros((2, MOST_NODES + 1, MOST_NODES))  # Gauss rules on [−1, 1], n nodes in row n
+NODES, WEIGHTS = np.zeros((2, MOST_NODES + 1, MOST_NODES))  # Gauss rules on [−1, 1], n nodes in row n
 for _n in range(1, MOST_NODES + 1):
-    _NODES[_n, :_n], _WEIGHTS[_n, :_n] = np.polynomial.legendre.leggauss(_n)
+    NODES[_n, :_n], WEIGHTS[_n, :_n] = np.polynomial.legendre.leggauss(_n)
 
 
 def least_distances(log_tolerance: float) -> FloatArray:
@@ -264,10 +264,10 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
     count = 0
     for k in range(n):
         for m in range(n):
-            s, t = 0.5 * a[10] * _NODES[n, k], 0.5 * b[10] * _NODES[n, m]
+            s, t = 0.5 * a[10] * NODES[n, k], 0.5 * b[10] * NODES[n, m]
             for side in range(sides):
                 h = half * (1.0 - 2.0 * side)
-                _set_offset(rule, count, _WEIGHTS[n, k] * _WEIGHTS[n, m], s, a, t, b, h)
+                _set_offset(rule, count, WEIGHTS[n, k] * WEIGHTS[n, m], s, a, t, b, h)
                 count += 1
     return count
 
@@ -295,7 +295,7 @@ def _corner_rule(
         if half <= 0.0:
             continue
         for k in range(n):
-            s = bounds[outer] + half * (1.0 + _NODES[n, k])
+            s = bounds[outer] + half * (1.0 + NODES[n, k])
             one, two = min(max(s * ratio, -other), other), min(max(s / ratio, -other), other)
             cuts = (-other, min(one, two), max(one, two), other)
             for piece in range(3):
@@ -303,13 +303,13 @@ def _corner_rule(
                 if width <= 0.0:
                     continue
                 for m in range(n):
-                    t = cuts[piece] + width * (1.0 + _NODES[n, m])
-                    weight = half * _WEIGHTS[n, k] * width * _WEIGHTS[n, m]
+                    t = cuts[piece] + width * (1.0 + NODES[n, m])
+                    weight = half * WEIGHTS[n, k] * width * WEIGHTS[n, m]
                     for c in range(n_z):
-                        z = 0.5 * (1.0 + _NODES[n_z, c])
+                        z = 0.5 * (1.0 + NODES[n_z, c])
                         for side in range(1 if level else 2):
                             h = thickness * z * (1.0 - 2.0 * side)
-                            _set_offset(rule, count, weight * _WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h)
+                            _set_offset(rule, count, weight * WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h)
                             count += 1
     return count
 
@@ -395,7 +395,7 @@ def bar_pair(
     for k in range(count):
         q = (apart[0] + rule[k, 1], apart[1] + rule[k, 2], apart[2] + rule[k, 3])
         if nodes > 0:
-            value = filament_pair_far(u, a[6], q, v, b[6], _NODES[nodes, :nodes], _WEIGHTS[nodes, :nodes])
+            value = filament_pair_far(u, a[6], q, v, b[6], NODES[nodes, :nodes], WEIGHTS[nodes, :nodes])
         else:
             value = filament_pair(u, a[6], q, v, b[6])
         total += rule[k, 0] * value
@@ -436,9 +436,9 @@ def _collect(
         of_second = moved(apart, 1.0 if side % 2 == 0 else -1.0, across)
         start = moved(of_second, -s if side < 2 else s, _lateral(a))
         for k in range(nodes):
-            along = 0.5 * b[6] * (1.0 + _NODES[nodes, k])
+            along = 0.5 * b[6] * (1.0 + NODES[nodes, k])
             batch[0, count], batch[1, count], batch[2, count] = moved(start, along, _along(b))
-            batch[3, count] = cosine / sides * 0.5 * b[6] * _WEIGHTS[nodes, k]
+            batch[3, count] = cosine / sides * 0.5 * b[6] * WEIGHTS[nodes, k]
             count += 1
     return count
 
