@@ -145,14 +145,14 @@ def _subcircuit(network: Network, title: str) -> str:
     )
 
 
-def plain_names(names: Sequence[str]) -> tuple[str, ...]:
+def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ...]:
     """Return distinct names of letters, digits and underscores.
 
     They differ in more than case. Every other character becomes ``_``.
     """
     given = list(names)
-    if not given:
-        raise ValueError("names must be one or more; got 0.")
+    if not given or (count is not None and len(given) != count):
+        raise ValueError(f"names must be {count or 'one or more'}; got {len(given)}.")
     taken: set[str] = set()
     result: list[str] = []
     for name in given:
@@ -195,7 +195,7 @@ def spice_subcircuit(
     short: drive it by a current source, and short it through a resistance.
     """
     L, R = checked_network(inductance, resistance)
-    coils = plain_names(names)
+    coils = plain_names(names, len(L))
     between = np.broadcast_to(np.asarray(0.0 if mutual_capacitance is None else mutual_capacitance), L.shape)
     between = between - np.diag(np.diag(between))
     C = np.broadcast_to(0.0 if capacitance is None else capacitance, (len(L),)) - between.sum(axis=1) / 6
@@ -274,7 +274,7 @@ def touchstone(
         raise ValueError(f"at least one frequency is needed, as one row; got shape {f.shape}.")
     if not (np.isfinite(f).all() and f[0] >= 0 and (np.diff(f) > 0).all()):
         raise ValueError("frequencies must be finite, not negative and rising.")
-    ports = plain_names(names)
+    ports = plain_names(names, Z.shape[1])
     target = Path(path)
     if target.suffix.lower() != f".s{len(ports)}p":
         raise OutputError(f"a Touchstone file of {len(ports)} ports must end in .s{len(ports)}p; got {target.name}.")

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from support.active_coil import active_coil
 from support.coil_paths import random_matrix
 
@@ -21,6 +23,42 @@ def test_two_coils():
     # reflected impedance ω² M²/(R2 + jωL2), Terman 1943
     Z = 10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (17 + 1j * OMEGA * 40e-6)
     assert state.impedance == pytest.approx(Z, rel=1e-14)
+
+
+@settings(max_examples=40)
+@given(st.integers(2, 7), st.integers(0, 10**6), st.floats(0, 50), st.floats(0, 50))
+def test_identities(n, seed, resistance, short):
+    L = random_matrix(n, seed)
+    state = active_coil(L, resistance, 0, F, short_resistance=short)
+    # grounded neighbours take inductance and add loss
+    assert state.apparent_inductance <= L[0, 0] * (1 + 1e-14)
+    assert state.effective_resistance >= resistance * (1 - 1e-12)
+    # the parts add up
+    assert L[0, 0] + state.contributions.sum() == pytest.approx(state.apparent_inductance, rel=1e-12)
+    # power: what the source gives is what the resistances take
+    power = resistance * abs(state.currents[0]) ** 2 + ((resistance + short) * np.abs(state.currents[1:]) ** 2).sum()
+    assert state.effective_resistance == pytest.approx(power, rel=1e-10, abs=1e-9)
+    # Kirchhoff in every passive loop
+    voltages = 1j * OMEGA * L @ state.currents + (resistance + short) * state.currents
+    assert np.abs(voltages[1:]).max() <= 1e-12 * np.abs(voltages[0])
+
+
+def test_ideal_shorts_of_many_coils():
+    L = random_matrix(6, 3)
+    # by Schur's complement, the inverse of the whole matrix
+    assert active_coil(L, 0.0, 2, F).apparent_inductance == pytest.approx(1 / np.linalg.inv(L)[2, 2], rel=1e-12)
+
+
+def test_open_coils_do_nothing():
+    L = random_matrix(4, 1)
+    state = active_coil(L, 3.0, 1, F, ["open"] * 4)
+    assert state.apparent_inductance == pytest.approx(L[1, 1], rel=1e-15)
+    assert state.currents.tolist() == [0, 1, 0, 0]
+    # a short behind a huge resistance is as good as open
+    assert active_coil(L, 3.0, 1, F, short_resistance=1e12).apparent_inductance == pytest.approx(L[1, 1], rel=1e-9)
+    one = active_coil(L, 3.0, 1, F, ["short", "short", "open", "open"])
+    assert one.apparent_inductance == pytest.approx(L[1, 1] - L[0, 1] ** 2 * (OMEGA**2 * L[0, 0]) / (
+        9 + (OMEGA * L[0, 0]) ** 2), rel=1e-13)  # fmt: skip
 
 
 def test_couple_is_where_the_converter_oscillates():

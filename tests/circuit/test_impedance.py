@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from coilarray import couple_design, dc_resistance, load_design, parse_design
 from coilarray.circuit.coupling import (
+    close_channels,
     couple,
     design_circuit,
     part_switches,
@@ -98,6 +99,14 @@ def test_resonance_belongs_to_tank_and_coil(design, scan):
     assert float(scan.frequency[0]) == pytest.approx(float(scan.frequency[2]), rel=1e-3)
 
 
+def test_a_plan_of_each_coil_in_turn_has_the_numbers_of_the_coupling(design, scan):
+    coupling = couple_design(design)
+    assert coupling.attrs["left_out"] == ""
+    for name in ("frequency", "effective_inductance", "effective_resistance", "quality_factor"):
+        np.testing.assert_array_equal(scan[name].values, coupling[name].values)
+    np.testing.assert_array_equal(scan.current_real.values, coupling.current_real.values)
+
+
 def test_the_ideal_stands_beside_the_true_circuit(design):
     true, ideal = couple_design(design), couple_design(design, ideal=True)
     assert ideal.attrs["left_out"] == "alternating-current resistance of the copper; stray capacitances and inductances"
@@ -108,6 +117,12 @@ def test_the_ideal_stands_beside_the_true_circuit(design):
         terminations_of(design), design.circuit.short_resistance,
     )  # fmt: skip
     np.testing.assert_array_equal(plain.frequency.values, ideal.frequency.values)
+
+
+def test_the_network_is_computed_once(design):
+    network = design_circuit(design)
+    assert design_circuit(load_design("starter")) is network
+    assert design_circuit(replace(design, sheets=())) is not network
 
 
 def test_many_coils_without_the_copper_of_others(design, monkeypatch):
@@ -192,6 +207,21 @@ def test_the_part_of_the_switches_is_shown_beside_a_design_that_does_not_count_i
     # more capacitance across the coil, to first order: f ∝ 1/√C; the winding's own, left out, is at most 2 % of it
     wholes = [one.circuit.switches.across_coil for one in (design, counted)]
     np.testing.assert_allclose(shown.part_frequency / scan.frequency, (wholes[0] / wholes[1]) ** 0.5, rtol=0.01)
+
+
+def test_progress(design):
+    seen = []
+    scan_design(design, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1][0] == seen[-1][1]
+    seen.clear()
+    sweep_design(design, [1e5, 2e5, 3e5], progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_close_channels():
+    found = close_channels(["a", "b", "c"], [1.0e6, 1.029e6, 1.031e6])
+    assert [(a, b) for a, b, _ in found] == [("b", "c"), ("a", "b")]
+    assert close_channels(["a"], [1e6]) == []
 
 
 @pytest.mark.parametrize("frequencies", [[], [0.0], [-1.0], [1e6, 1e6], [2e6, 1e6], [np.nan], [[1e6]]])

@@ -86,6 +86,14 @@ def test_impedance_in_closed_form(circuit, state, Z):
     assert solve_state(circuit, state, F).impedance == pytest.approx(Z, rel=1e-12)
 
 
+def test_open_and_one_end():
+    circuit = network(L2, 10.0)
+    for others in ("open", "ground one end", "ground other end"):
+        result = solve_state(circuit, measure("a", others=others), F)
+        assert result.apparent_inductance == pytest.approx(50e-6, rel=1e-12)
+        assert abs(result.currents[1]) < 1e-12
+
+
 def test_an_open_coil_with_capacitance_is_not_passive():
     C = 100e-12
     result = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), F)

@@ -26,8 +26,10 @@ from coilarray.circuit.converter_limits import (
 from coilarray.circuit.coupling import resonators, scan_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of
 from coilarray.circuit.noise_budget import noise_budget
+from coilarray.compute.workers import open_executor
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches
+from coilarray.design.write import as_file
 from coilarray.errors import GoalError
 from coilarray.geometry import Plate
 from coilarray.localize.forward import forward_model
@@ -39,8 +41,10 @@ from coilarray.report.tables import drive_table, limit_table, sigma_table
 from coilarray.response.target import ranges_of, target_map
 from coilarray.studies.create import broken_limits
 from coilarray.studies.optimize.derive import derive_goal, keeping_rules
+from coilarray.studies.optimize.goal import best_points
 from coilarray.studies.quantities import evaluate
-from coilarray.studies.sweep import parse_axis
+from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
+from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
 
 STEEL = ca.MATERIALS["steel"]
 PROBE = """
@@ -168,12 +172,56 @@ def test_a_plate_that_stays_breaks_the_same_limit_as_a_target(probe, mapped):
 
 
 @pytest.mark.slow
-def test_a_coil_that_a_plate_drives_above_10_megahertz_is_not_read():
-    found = target_map(parse_design(f"{PROBE}[circuit]\ncapacitance_pF = 100\n"), accuracy="screen")
-    at = found.isel(x=0, y=0, state=0)
-    assert float(at.frequency[0]) > 10e6 > float(at.frequency[-1])
-    np.testing.assert_array_equal(at.readable, (at.frequency <= 10e6) & (at.parallel_resistance >= 1e3))
-    assert int(at.broken_limit[0]) == BROKEN.index("frequency")
+def test_a_row_of_coils_under_a_disc_is_not_read_above_10_megahertz():
+    """Square coils of 12 mm, 100 pF, under a steel disc: at 0.2 mm a coil oscillates above 10 MHz."""
+    text = (
+        PROBE.partition("[coils.c]")[0]
+        .replace("35, 35, 35, 35", "35, 35")
+        .replace('"L1", "L2", "L3", "L4"', '"L1", "L2"')
+        .replace("0.2, 1.1, 0.2", "1.53")
+        .replace("4.5, 4.5, 4.5", "4.5")
+    )
+    design = parse_design(
+        text
+        + """
+[coils.square]
+shape = "polygon"
+sides = 4
+outer_across_flats_mm = 12
+turns_per_layer = 10
+winding_layers = 2
+trace_width_mm = 0.1524
+gap_mm = 0.17
+first_corner_deg = 45
+[coils.square.via]
+drill_mm = 0.254
+pad_mm = 0.55
+plating_um = 25
+[array]
+lattice = "linear"
+columns = 2
+coil = "square"
+pitch_mm = 15
+layers = [["L1", "L2"]]
+[board]
+margin_mm = 2
+[target]
+shape = "disc"
+diameter_mm = 11
+thickness_mm = 0.3
+material = "stainless_steel"
+distances_mm = [0.2, 0.5, 1, 2]
+[circuit]
+capacitance_pF = 100
+"""
+    )
+    found = target_map(design, x=[-7.5e-3], y=[0.0], accuracy=0.5)
+    at = found.isel(x=0, y=0)
+    assert float(at.frequency[0, 0]) > 10e6
+    over = (at.frequency > 10e6) | (at.parallel_resistance < 1e3)
+    np.testing.assert_array_equal(at.readable, ~over)
+    assert int(at.broken_limit[0, 0]) == BROKEN.index("frequency")
+    assert at.readable[:, 1].all()  # the other coil is far away
     assert any("sensor frequency" in line for line in verdicts(None, (), found))
     assert not bool(np.isfinite(found.distance_deviation[0, 0]))
 
@@ -238,6 +286,29 @@ def test_goals_of_what_is_read_ask_for_a_converter_that_reads_it():
     assert "converter_unread ≤ 0" not in bounds("maximize frequency_MHz[coil1]", free)
     assert "converter_unread ≤ 0" not in bounds("maximize inductance_uH[coil1]", design)
     assert bounds("minimize converter_unread", design) == bounds("minimize converter_unread", free)
+
+
+@pytest.mark.slow
+def test_what_no_converter_reads_is_never_the_best_point_of_a_sweep():
+    axis, wish = parse_axis("circuit.capacitance_pF=20,60,100"), "maximize frequency_MHz[coil1]"
+    file = as_file(with_tank(60))
+    goal = derive_goal([wish], file, [axis]).goal
+    plan = plan_sweep(file, [axis], goal.quantities, accuracy="screen")
+    with open_executor() as pool:
+        (best,) = best_points(plan, run_sweep(plan, pool), goal)
+    assert best.changes == {"circuit.capacitance_pF": 60}  # 20 pF make 14.7 MHz
+
+
+@pytest.mark.slow
+def test_drawn_boards_that_no_converter_reads_are_bad():
+    errors = Tolerances(
+        {"etch": Spread(board=10e-6)},
+        limits=(Limit("frequency_MHz[coil1]", at_least=1.0), Limit("inductance_uH[coil1]", 1.0)),
+    )
+    found = analyse(with_tank(51.2), errors, samples=8)
+    share = float((found.value.sel(output="frequency_MHz[coil1]") <= 10.0).mean())  # of the boards
+    assert 0.0 < share < 1.0
+    np.testing.assert_array_equal(found.sample_yield, [share, 1.0, share])
 
 
 SIZES = st.floats(1e-6, 0.5)

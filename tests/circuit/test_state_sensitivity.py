@@ -76,6 +76,16 @@ def test_delta_is_the_slope_of_the_resonance(seed, which):
     assert delta == pytest.approx(list(slopes(network(L, R), PLANS[which], change)), rel=1e-6, abs=1e-5)
 
 
+def test_many_changes_at_once():
+    L, R, random = coils(3)
+    change = 1e-9 * random.normal(size=(2, 5, 4, 4))
+    states = state_sensitivity(network(L, R), PLANS["some open"])
+    assert states.measured.tolist() == [0, 3, 3]
+    delta = states.delta(change)
+    assert delta.shape == (2, 5, 3)
+    assert delta[1, 2] == pytest.approx(states.delta(change[1, 2]), rel=1e-12)
+
+
 STRAYS = Switches(2.5, 13e-12, 30e-12, 50e-12, 20e-9)
 
 

@@ -117,6 +117,13 @@ def test_strips_mirrored_are_strips_doubled():
     np.testing.assert_allclose(both, 2 * half, rtol=1e-10)  # the same sums, split
 
 
+def test_a_shift_of_all_strips_changes_nothing():
+    medium = LayeredMedium((0.1e-3,), (1, 4.5, 2))
+    x, w = np.array([0.0, 0.3, 0.1]) * MM, np.array([0.2, 0.1, 0.3]) * MM
+    first, second = (strip_capacitance(medium, [0, 0, 1], x + d, w, period=1 * MM) for d in (0, 0.37e-3))
+    np.testing.assert_allclose(first, second, rtol=1e-10)
+
+
 def test_convergence_with_the_basis():
     medium, w = LayeredMedium((0.1e-3,), (1, 4.5, 1)), [0.3e-3] * 2
     values = [strip_capacitance(medium, [0, 1], [0, 0], w, period=5e-4, basis=b, cutoff=2e7)[0, 0] for b in (1, 3, 9)]
@@ -244,6 +251,15 @@ def test_rays_images_and_basis_are_converged(monkeypatch):
 
 
 @pytest.mark.slow
+def test_oblique_cuts_see_the_perpendicular_distances(monkeypatch):
+    """Rays cut a square at different angles; the row of strips must be the same."""
+    array = _one(2, Spiral(4, 16e-3, 20, 0.15e-3, 0.15e-3))
+    five = _winding(array).total
+    monkeypatch.setattr(module, "_RAYS", (4, 4, 0.0))
+    assert _winding(array).total == pytest.approx(five, rel=0.02)  # other samples of the ends
+
+
+@pytest.mark.slow
 def test_bundled_board():
     C = coil_capacitance(load_design("gast2020").array)
     assert ((C.coil_capacitance > 10e-12) & (C.coil_capacitance < 60e-12)).all()
@@ -279,6 +295,16 @@ def test_coils_above_each_other_have_the_capacitance_of_their_area():
     expected = (dodecagon - (2 * hexagon - dodecagon) * hole) / (hexagon * (1 - hole))
     # 2 %: the overlap of two hexagons 30° apart is a dodecagon; likewise, nearly, for the holes
     assert turned / straight == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_matrix_is_that_of_the_overlap_alone():
+    np.testing.assert_array_equal(coil_capacitance(_pair(shift=(20e-3, 0))).capacitance.values, 0)
+    first = coil_capacitance(_pair(shift=(10e-3, 0))).capacitance.values[0, 1]
+    mirrored = coil_capacitance(_pair(shift=(-10e-3, 0), turn=math.pi)).capacitance.values[0, 1]
+    # 2 %: a hexagon is its own image under half a turn, its spiral is not: half a pitch at the edge
+    assert first == pytest.approx(mirrored, rel=0.02)
+    assert first < 0
 
 
 @pytest.mark.slow

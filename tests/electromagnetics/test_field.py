@@ -8,6 +8,7 @@ import itertools
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import mpmath
 import numpy as np
@@ -59,6 +60,19 @@ def test_circular_loop_converges_with_second_order():
     errors = [np.abs(magnetic_field([polygon(n, 1.0)], points) - exact).max() for n in (128, 256, 512)]
     # inscribed polygons: second order, nearly reached where sides are shorter than the distance to the wire
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.02)
+
+
+def test_dipole_far_away():
+    points = 1e4 * np.array([[0.3, 0.2, 0.9], [1, 0, 0], [-0.5, 0.5, -0.1]])
+    r = np.linalg.norm(points, axis=1)[:, None]
+    square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0]]) / 2
+    moment = np.array([0, 0, 1.0])  # A m²
+    dipole = MU_0 / (4 * np.pi) * (3 * points * (points @ moment)[:, None] / r**5 - moment / r**3)
+    # the quadrupole of a square vanishes: the correction is (size/distance)² = 1e-8; the sum of four nearly opposite
+    # segments keeps 1e-16 · (distance/size)² = 1e-8 of its value
+    np.testing.assert_allclose(magnetic_field([square], points), dipole, rtol=1e-7, atol=1e-7 * np.abs(dipole).max())
+    A = MU_0 / (4 * np.pi) * np.cross(moment, points) / r**3
+    np.testing.assert_allclose(vector_potential([square], points), A, rtol=1e-7, atol=1e-7 * np.abs(A).max())
 
 
 @pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-6, 1e-9])
@@ -125,6 +139,20 @@ def test_divergence_and_curl():
     np.testing.assert_allclose(dB, np.swapaxes(dB, 1, 2), atol=1e-8 * scale)
 
 
+def test_circulation_is_the_enclosed_current():
+    # a circle of 96 points around one side: the rule converges geometrically, 0.6^96 < 1e-20
+    angle = 2 * np.pi * np.arange(96) / 96
+    middle, direction = 0.5 * (TRIANGLE[0] + TRIANGLE[1]), TRIANGLE[1] - TRIANGLE[0]
+    u = np.cross(direction, [0, 0, 1])
+    u /= np.linalg.norm(u)
+    v = np.cross(direction / np.linalg.norm(direction), u)
+    radius = 0.2
+    points = middle + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v))
+    tangent = -np.outer(np.sin(angle), u) + np.outer(np.cos(angle), v)
+    B = magnetic_field([TRIANGLE], points, currents=2.5)
+    assert (B * tangent).sum() * 2 * np.pi * radius / 96 == pytest.approx(2.5 * MU_0, rel=1e-12)
+
+
 def test_flux_is_the_circulation_of_the_potential_and_the_mutual_inductance():
     other = np.array([[0.1, 0.1, 0.5], [0.7, 0.1, 0.5], [0.7, 0.9, 0.6], [0.1, 0.9, 0.6], [0.1, 0.1, 0.5]])
     nodes, weights = np.polynomial.legendre.leggauss(24)
@@ -156,6 +184,15 @@ def test_many_conductors_currents_and_blocks():
     np.testing.assert_array_equal(magnetic_field(paths, points[777], currents), together[777])
     assert magnetic_field(paths, points.reshape(40, 50, 3), currents).shape == (40, 50, 3)
     assert magnetic_field(paths, np.zeros((0, 3))).shape == (0, 3)
+
+
+@compiled
+def test_two_threads_at_once():
+    points = np.random.default_rng(0).uniform(-2, 2, (60000, 3))
+    alone = magnetic_field([TRIANGLE], points)
+    with ThreadPoolExecutor(4) as pool:
+        for B in pool.map(lambda _: magnetic_field([TRIANGLE], points), range(8)):
+            np.testing.assert_array_equal(B, alone)
 
 
 @compiled
@@ -211,9 +248,13 @@ def test_progress_counts_up():
     (([TRIANGLE], "here"), "points must be numbers"),
     (([TRIANGLE], [1, 2, 3], 1e300), "currents must be finite and at most"),
     (([TRIANGLE], [1, 2, 3], "much"), "currents must be one number or 1"),
+    (([TRIANGLE * 1e200], [1, 2, 3]), "vertices of path 1 must be at most"),
     (([TRIANGLE], [1, 2, 3], [1, 2]), r"currents must be one number or 1, one a path; got shape \(2,\)"),
     (([TRIANGLE], [1, 2, 3], np.inf), "currents must be finite"),
     (([], [1, 2, 3]), "at least one current path"),
+    (([[[0, 0, 0]]], [1, 2, 3]), "vertices of path 1 must have shape"),
+    (([[[0, 0, 0], [0, 0, 0]]], [1, 2, 3]), "segment 0 of path 1 has length zero"),
+    (([[[0, 0, 0], [1, np.nan, 0]]], [1, 2, 3]), "vertex 1 is not"),
 ])  # fmt: skip
 def test_bad_input(arguments, message):
     with pytest.raises(GeometryError, match=message):

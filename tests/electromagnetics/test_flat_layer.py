@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
+from scipy.special import j0, j1
 from support.first_assumed import first_assumed
 from support.patience import lasting
 from support.references import polygon, rows
 
-from coilarray import couple_design, inductance_matrix, load_design, mutual_inductance
+from coilarray import couple_design, inductance_matrix, load_design, magnetic_field, mutual_inductance
 from coilarray.constants import MU_0
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
@@ -51,6 +53,26 @@ def test_reference(row):
     assert order == pytest.approx(2, abs=0.1)  # inscribed polygons; the next term of the series moves it by less
     # 1e-8: the third term of the series, with sides shorter than the distances
     assert pytest.approx(float(row["dM_images_nH"]), rel=1e-8) == M * 1e9
+
+
+FERRITE = (10e-3, 10e-3, 8e-3, 0.3e-3, 150.0, 0.0)
+FAR = (6e-3, 6e-3, 20e-3, 1e-3, 2000.0, 40e-3)  # many images, far beside
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("a", "b", "Z", "t", "mu_r", "d"), [FERRITE, (4e-3, 9e-3, 5e-3, 3e-3, 1.05, 7e-3), FAR])
+def test_hankel_integrals(a, b, Z, t, mu_r, d):
+    beta = (mu_r - 1) / (mu_r + 1)
+
+    def integrand(k):
+        fall = math.exp(-2 * k * t)
+        return j1(k * a) * j1(k * b) * j0(k * d) * math.exp(-k * Z) * beta * (1 - fall) / (1 - beta**2 * fall)
+
+    # beyond k = 45/Z the exponential is 3e-20
+    value, error = quad(integrand, 0, 45 / Z, limit=2000, epsrel=1e-12, epsabs=0)
+    M, _ = _of_circles(a, b, Z / 2, Z / 2, t, mu_r, d)
+    assert pytest.approx(MU_0 * np.pi * a * b * value, rel=1e-8) == M
+    assert error < 1e-9 * abs(value)
 
 
 @pytest.mark.lowest
@@ -180,6 +202,18 @@ def test_directions_by_dipoles(first, second):
     assert pytest.approx(field @ moments[1], abs=1e-5 * np.linalg.norm(field) * np.linalg.norm(moments[1])) == M
 
 
+def test_image_meets_the_boundary_conditions():
+    loop = np.vstack((_box(), _box()[:1]))  # closed
+    slab = Slab(1e-3, THICK, 2.7)
+    image = [flat_layer.mirrored(path, slab.lower) for path in as_conductors([loop])]
+    points = np.array([[1e-3, 2e-3, 1e-3], [-6e-3, 4e-3, 1e-3], [20e-3, -9e-3, 1e-3]])
+    own, mirrored = magnetic_field([loop], points), magnetic_field(image, points)
+    below, above = own + slab.reflection * mirrored, (1 + slab.reflection) * own
+    scale = 1e-12 * abs(own).max()  # rounding
+    np.testing.assert_allclose(below[:, 2], above[:, 2], atol=scale)  # B across the face
+    np.testing.assert_allclose(below[:, :2], above[:, :2] / 2.7, atol=scale)  # µ0 H along it
+
+
 def test_infinite_permeability_is_one_image():
     paths, mirrored = ([polygon(6, 8e-3, z), polygon(6, 8e-3, z, centre=(9e-3, 0))] for z in (-1e-3, 13e-3))
     change = layer_inductance(paths, [BASE, Sheet("magnetic", 2e-3, 1e300)])
@@ -219,6 +253,19 @@ def test_positive_definite_for_any_closed_shapes(seeds, z, thickness, mu_r):
     assert np.linalg.eigvalsh(change).min() > 0
 
 
+@pytest.mark.slow
+@settings(max_examples=5)
+@given(st.floats(0, 6.28), st.floats(-0.05, 0.05), st.floats(0.2, 5.0))
+def test_rotation_translation_and_scale(angle, x, scale):
+    paths = [_box(), polygon(5, 8e-3, -2e-3)]
+    moved = [np.add(Rotation.from_euler("z", angle).apply(path), [x, 2 * x, 0]) * scale for path in paths]
+    stack = [Sheet("base", 1e-3), MAGNETIC]
+    scaled = [Sheet(sheet.name, sheet.thickness * scale, sheet.relative_permeability) for sheet in stack]
+    change = layer_inductance(paths, stack)
+    # other directions of k, other panels: 1e-11
+    np.testing.assert_allclose(layer_inductance(moved, scaled), scale * change, rtol=1e-10, atol=1e-10 * change.max())
+
+
 def test_pieces_and_directions_add_up():
     whole = _box()
     pieces = [whole[:3], whole[2:5], whole[4:]]
@@ -228,6 +275,19 @@ def test_pieces_and_directions_add_up():
     change, turned = layer_inductance([HEXAGON, b], STACK), layer_inductance([HEXAGON, b[::-1]], STACK)
     np.testing.assert_allclose(turned, change * [[1, -1], [-1, 1]], rtol=1e-12)  # rounding
     assert change[0, 1] > 0  # two loops in one sense on one axis
+
+
+@pytest.mark.slow
+def test_closer_thicker_and_stronger_sheets_add_more():
+    for stacks in (
+        [[Sheet("base", z), MAGNETIC] for z in (8e-3, 4e-3, 2e-3, 0.5e-3, 0.05e-3)],
+        [[BASE, Sheet("magnetic", t, 2.7)] for t in (0.1e-3, 1e-3, 3e-3, 30e-3, 1.0)],
+        [[BASE, Sheet("magnetic", 2e-3, mu_r)] for mu_r in (1.0, 1.1, 2.0, 20.0, 2e4)],
+    ):
+        assert (np.diff([layer_inductance([HEXAGON], stack)[0, 0] for stack in stacks]) > 0).all()
+    # a half space of infinite permeability adds the whole image, and no sheet more
+    image = mutual_inductance([HEXAGON], [polygon(6, 8e-3, 13e-3)])[0, 0]
+    assert layer_inductance([HEXAGON], [BASE, Sheet("magnetic", 30e-3, 2e4)])[0, 0] < image
 
 
 def test_sheet_on_the_copper():
@@ -273,6 +333,13 @@ def test_effect_on_the_reference_board():
     relative = layer_inductance(closed, STACK) / change[:2, :2] - 1
     # what the docstring says of open ends, to the digits given there
     assert relative[0] == pytest.approx([-0.0010, -0.0033], abs=5e-5)
+
+
+def test_equal_shapes_share_a_spectrum(monkeypatch):
+    shapes, whole = [], flat_layer._transform
+    monkeypatch.setattr(flat_layer, "_transform", lambda shape, *rest: shapes.append(id(shape)) or whole(shape, *rest))
+    layer_inductance(load_design("starter").array, STACK)
+    assert len(set(shapes)) == 1
 
 
 SEVERAL = r"must lie on each other and have one .*got 'a' .*, 'c' "

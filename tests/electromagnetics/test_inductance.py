@@ -4,16 +4,20 @@ Who checks whom: closed forms and other programs in test_references.py; here the
 over both cross-sections, and the identities that every inductance matrix obeys.
 """
 
+from dataclasses import replace
+
 import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from support.coil_paths import at_height
 from support.references import polygon
 
 from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
 from coilarray.constants import MU_0
+from coilarray.electromagnetics import neumann
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral
@@ -99,6 +103,25 @@ def test_a_cut_trace_has_the_inductance_of_the_whole():
     assert self_inductance(cut)[0] == pytest.approx(self_inductance(BAR)[0], rel=1e-9)
 
 
+def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
+    array = load_design("starter").array
+    summed = []
+    for name in ("_own_sum", "_pair_sum"):
+        original = getattr(neumann, name)
+        monkeypatch.setattr(neumann, name, lambda *rest, sum_=original: summed.append(sum_) or sum_(*rest))
+    monkeypatch.setattr(neumann, "_BLOCKS_A_PAIR", 1)
+    monkeypatch.setattr(neumann, "MOST_NODES", 0)  # none by equivalent currents
+    reused = inductance_matrix(array)
+    # alone: a layer and the via with itself, and the two layers; neighbours: the upper layers, which lie as the lower
+    # ones and as those of the neighbours on the other side, and on either side the two other pairs and the vias; next
+    # but one: the upper layers, the two other pairs, the vias
+    assert len(summed) == 3 + (1 + 2 * 3) + 4
+    # the same coils an offset of 1 nm away share nothing
+    paths = [replace(c, vertices=np.add(c.vertices, [0, 0, 1e-9 * k * k])) for k, c in enumerate(array.conductors())]
+    # a shift of 1 nm changes neighbours' M by about 1e-6
+    np.testing.assert_allclose(inductance_matrix(paths), reused, rtol=3e-6)
+
+
 def test_direction_and_order():
     a, b = hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3))
     M = mutual_inductance(a, b)[0, 0]
@@ -110,6 +133,18 @@ def test_direction_and_order():
 
 
 shifts = st.floats(-0.02, 0.02)
+
+
+@pytest.mark.slow
+@settings(max_examples=25)
+@given(st.floats(0, 6.28), shifts, shifts, shifts)
+def test_rotation_and_translation(angle, x, y, z):
+    paths = [hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3)), hexagon(5e-3, -1e-3, (-7e-3, 2e-3))]
+    L = inductance_matrix(paths)
+    turn = Rotation.from_euler("z", angle)
+    moved = [replace(p, vertices=np.add(turn.apply(p.vertices.copy()), [x, y, z])) for p in paths]
+    # rounding of coordinates; the choice between rules may fall otherwise at its edge, where they agree to 1e-7
+    np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 0.3, 1e6])
@@ -217,6 +252,9 @@ def test_wide_trace_against_the_current_sheet_limit():
     (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 overlap"),
     (lambda: rectangular_bars((1, 0, 1)), "length, width and thickness of a bar must be positive"),
     (lambda: rectangular_bars((1, 1, 1), offset=(np.nan, 0, 0)), "offset between two bars must be finite"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1.0, 0.0), "both zero or both positive"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], [1.0, 2.0], 1.0), "widths of path must be one number or 1"),
     (lambda: inductance_matrix(hexagon(), accuracy="fast"), "accuracy must be one of full, screen; got 'fast'"),
     (lambda: mutual_inductance(hexagon(), hexagon(z=1e-3), accuracy="fast"), "accuracy must be one of full"),
     (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [0.5, 1, 1.5], [2, 4, 6]), "overlap on one line"),
@@ -225,6 +263,9 @@ def test_wide_trace_against_the_current_sheet_limit():
     (lambda: rectangular_bars((1, 1e-200, 1)), "length, width and thickness of a bar must be positive"),
     (lambda: rectangular_bars((1, 1)), "length, width and thickness of a bar must be positive"),
     (lambda: rectangular_bars((1, 1, 1), offset=(0, 0, 1e200)), "offset between two bars must be finite"),
+    (lambda: Conductor([[0, 0, 0], [1e200, 0, 0]]), "vertices of path must be at most"),
+    (lambda: Conductor([[0, 0, 0], [1e-60, 0, 0]]), "segment 0 of path has length zero"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1e-200, 1.0), "widths of path must be zero or 1e-30 to"),
 ])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(GeometryError, match=message):

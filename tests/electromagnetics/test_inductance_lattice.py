@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.coil_paths import spiral_path
 
-from coilarray import Conductor, inductance_matrix, load_design
+from coilarray import Conductor, inductance_matrix, load_design, mutual_inductance
 from coilarray.electromagnetics.kernels.paths import mutual_sum
 from coilarray.electromagnetics.neumann import (
     MOST_NODES,
@@ -97,6 +97,19 @@ def test_widths_of_small_windings_count_from_afar(widths, apart):
         assert abs(centre_lines - exact) > 2.5e-7 * both[0, 0]  # which the lines alone would leave out
 
 
+def test_a_flat_path_needs_one_node_across():
+    square = Conductor([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]])
+    far = Conductor(square.vertices + np.array([0.03, 0.01, 0.0]))
+    assert needed(square, far)[1] == 1
+    # three nodes a side would do for 1e-3; 16 nodes leave rounding
+    assert by_nodes(square, far, 16, 1) == pytest.approx(by_segments(square, far), rel=1e-9)
+
+
+def test_overlapping_boxes_are_never_interpolated():
+    for shift in ((0, 0, 0), (PITCH, 0, 0), (0, 0, 1e-3), (20e-3, 0, 0)):
+        assert needed(ORIGIN, moved(shift)).max() > MOST_NODES
+
+
 def _lattice(rows):
     """Hexagonal, on three heights so that no neighbours share copper."""
     return [
@@ -120,3 +133,13 @@ def test_matrix_of_a_lattice():
             # 3e-8 for what is far, 1e-9 for what is near: the two ways round differ by the rules along segments
             near_widths = MUTUAL_NEAR_WIDTHS if needed(coils[i], coils[j]).max() > MOST_NODES else 0.0
             assert M[i, j] == pytest.approx(by_segments(coils[i], coils[j], near_widths), abs=3e-8 * L)
+
+
+@pytest.mark.slow
+def test_turned_copies():
+    rng = np.random.default_rng(4)
+    coils = [moved((30e-3 * k, 28e-3 * m, 0), rng.uniform(0, 6)) for k in range(3) for m in range(3)]
+    M = inductance_matrix(coils, allow_overlaps=True)  # leads cross turns beside them
+    # turning a path changes its self-inductance by the rules' error alone
+    np.testing.assert_allclose(np.diag(M), L, rtol=1e-6)
+    np.testing.assert_allclose(mutual_inductance(coils[:2], coils[2:]), M[:2, 2:], atol=3e-8 * L)

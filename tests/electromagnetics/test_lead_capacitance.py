@@ -155,6 +155,15 @@ def test_capacitance_grows_steadily_with_the_leads():
         assert float(C.turn_to_turn[0]) == pytest.approx(float(found[0].turn_to_turn[0]), rel=1e-3)
 
 
+def test_a_short_lead_adds_next_to_nothing():
+    winding = square_turns(8, 5.0, 0.5)
+    parts = []
+    for length in (0.3, 0.1, 0.03):
+        parts.append(own([[(-5, 5), *winding], [winding[-1], (winding[-1][0], winding[-1][1] - length)]]))
+    assert parts[0] > parts[1] > parts[2] > 0
+    assert parts[0] < 0.01e-12
+
+
 @pytest.mark.parametrize("lines", [ACROSS, leads_of(10.0)], ids=["across", "beside"])
 def test_rays_ribbons_and_pieces_are_converged(lines, monkeypatch):
     base = own(lines)

@@ -8,11 +8,12 @@ import csv
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.references import FOLDER
 
 from coilarray.electromagnetics.inductance import inductance_matrix
-from coilarray.geometry import Array, Placement, PlatedHole, RoundedSpiral, Spiral, Stackup
+from coilarray.geometry import Array, Conductor, Placement, PlatedHole, RoundedSpiral, Spiral, Stackup
 
 TWO_LAYERS = Stackup(("top", "bot"), (35e-6, 35e-6), (0.53e-3,), (4.5,))  # of 0.6 mm, from the file's header
 
@@ -48,3 +49,26 @@ def test_measured_coils(row):
     tolerance = 0.01 if row["shape"] == "square" else 0.012
     found = inductance(spiral, tuple(row["layers"].split("+")))
     assert found == pytest.approx(float(row["measured_inductance_uH"]), rel=tolerance)
+
+
+def test_a_square_is_its_path_and_near_the_current_sheet():
+    size, w, gap, turns = 40e-3, 0.9e-3, 0.15e-3, 9
+    pitch, a = w + gap, (size - w) / 2
+    line = [(a, -a)]
+    for k in range(turns):
+        b = a - k * pitch
+        line += [(b, b), (-b, b), (-b, -b), (b - pitch, -b)]
+    path = Conductor(np.column_stack((line, np.zeros(len(line)))), w, 30e-6)
+    expected = float(inductance_matrix([path])[0, 0]) * 1e6
+    assert expected == pytest.approx(3.924, abs=5e-4)  # digits of another program
+    one = Stackup(("L1",), (30e-6,), (), ())
+    for spiral in (
+        RoundedSpiral(size, size, turns, w, gap),
+        Spiral(4, size, turns, w, gap, 0.7),
+        Spiral(4, size, turns, w, gap, winding="cw"),
+    ):
+        assert inductance(spiral, ("L1",), one) == pytest.approx(expected, rel=1e-9)  # rounding of near bars
+    inner = size - 2 * (turns * w + (turns - 1) * gap)
+    fill, mean = (size - inner) / (size + inner), (size + inner) / 2
+    sheet = 4e-7 * math.pi * turns**2 * mean * 1.27 / 2 * (math.log(2.07 / fill) + 0.18 * fill + 0.13 * fill**2)
+    assert expected == pytest.approx(sheet * 1e6, rel=0.01)  # 3.945 µH; the formula is good to some per cent

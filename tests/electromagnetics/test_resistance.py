@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import round_spiral
+from scipy.spatial.transform import Rotation
+from support.boards import one_coil, round_spiral
 from support.coil_paths import spiral_path
 from support.parallel_traces import parallel_traces
 from support.references import rows
@@ -137,6 +138,12 @@ def test_only_sizes_in_skin_depths_count(scale, frequency, conductivity):
     assert unit == pytest.approx(first.normal_field_loss / RESISTIVITY_COPPER, rel=1e-9)
 
 
+def test_width_and_thickness_change_places():
+    flat, upright = cross_section(W, T, 5e6), cross_section(T, W, 5e6)
+    assert upright.resistance_ratio == pytest.approx(flat.resistance_ratio, rel=1e-9)  # same mesh turned, rounding
+    assert upright.normal_field_loss == pytest.approx(flat.lateral_field_loss, rel=1e-9)
+
+
 def reference_bundle(row):
     n, levels = int(row["n_traces"]), [float(z) * 1e-3 for z in row["z_list_mm"].split(";")]
     width, thickness, pitch = (float(row[f"{key}_mm"]) * 1e-3 for key in ("w", "t", "pitch"))
@@ -159,6 +166,14 @@ def test_parallel_traces_reference(row):
 
 
 @pytest.mark.slow
+def test_one_parallel_trace_is_the_single_trace():
+    for f in (1e6, 1e7, 3e7):
+        alone = parallel_traces(W, T, 0.0, 0.0, 2.0, f)
+        # meshes of 48 and 30 cells; the coarser one costs 4e-3 at 30 MHz
+        np.testing.assert_allclose(alone.loss_ratio, cross_section(W, T, f).resistance_ratio, rtol=5e-3)
+
+
+@pytest.mark.slow
 def test_basis_tolerance(monkeypatch):
     x, z = np.tile(np.arange(6) * 0.25e-3, 2), np.repeat([0.0, 0.15e-3], 6)
     found = []
@@ -170,6 +185,15 @@ def test_basis_tolerance(monkeypatch):
         module._section.cache_clear()
     # gaps of a quarter width, where the Taylor series of the basis is stretched most
     np.testing.assert_allclose(*found, rtol=2e-3)
+
+
+@pytest.mark.slow
+def test_opposite_currents_crowd_and_mirror():
+    f = 5e6
+    same, opposite = (parallel_traces(W, T, [0, 0], [0, 0.1e-3], [1, s], f) for s in (1, -1))
+    # the facing go-and-return pair spreads its current over the faces; the pair in phase pushes it to the edges
+    assert same.loss_ratio[0] > opposite.loss_ratio[0] > 1
+    assert same.loss_ratio[0] == pytest.approx(same.loss_ratio[1], rel=1e-9)  # mirror images, rounding
 
 
 @pytest.fixture(scope="module")
@@ -187,6 +211,19 @@ def test_direct_current_limit(board):
     excess = resistance_matrix(board[:2], [1e4, 2e4]).resistance.values - np.diag(dc_resistance(board[:2]))
     # eddy reaction is of order (w/δ)⁴/500 = 1e-5 at 20 kHz; rounding of R against its excess: 1e-16/1e-6
     np.testing.assert_allclose(excess[1] / excess[0], 4.0, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_neither_place_nor_order_of_the_coils_matters(board):
+    R = resistance_matrix(board[:4], 1.7e6).resistance.values[0]
+    # traces that are wider by 1e-12 share nothing with the others that was computed before
+    moved = [
+        Conductor(coil.vertices + np.array([0.1, -0.2, 0.3]), coil.widths * (1 + 1e-12), coil.thicknesses, coil.areas)
+        for coil in board[:4]
+    ]
+    again = resistance_matrix(moved[::-1], 1.7e6).resistance.values[0]
+    # places of 0.3 m are rounded to 5e-17 m, 1e-12 of the distances between turns
+    np.testing.assert_allclose(again[::-1, ::-1], R, rtol=0, atol=1e-10 * R.max())
 
 
 @pytest.mark.slow
@@ -266,6 +303,20 @@ def test_loss_induced_in_an_open_neighbour():
     assert both[0, 0] - alone == pytest.approx(induced, rel=1e-3)
 
 
+@pytest.mark.slow
+@settings(max_examples=8)
+@given(st.floats(0.2, 5.0), st.floats(0.0, 6.0), st.floats(-1.0, 1.0))
+def test_scaled_turned_and_moved_coil(scale, angle, shift):
+    path = spiral_path(Spiral(6, 8e-3, 5, 0.2e-3, 0.1e-3))
+    turned = Rotation.from_euler("z", angle).apply(scale * path.vertices)
+    moved = Conductor(turned + shift, scale * path.widths, scale * path.thicknesses)
+    f = np.array([3e5, 4e6])
+    first, second = resistance_matrix(path, f), resistance_matrix(moved, f / scale**2)
+    assert (first.model == second.model).all()
+    # coordinates differ by roundings, and lengths in units of the width are rounded to 1e-8
+    np.testing.assert_allclose(scale * second.resistance.values, first.resistance.values, rtol=1e-6)
+
+
 @pytest.mark.parametrize("path", [
     spiral_path(Spiral(6, 12e-3, 4, 0.2e-3, 0.05e-3)),
     spiral_path(Spiral(4, 30e-3, 3, 1e-3, 0.2e-3)),
@@ -287,6 +338,17 @@ def test_vias_keep_their_direct_resistance():
     np.testing.assert_allclose(R, RESISTIVITY_COPPER * 1e-3 / 1e-8, rtol=1e-14)  # no part of it depends on f
 
 
+@pytest.mark.parametrize("trace_width", [0.5e-3, 0.55e-3])
+def test_where_a_round_winding_starts_changes_nothing(trace_width):
+    """A line through the centre crosses its two halves alike and in opposite directions: only one half counts."""
+    resistances = []
+    for direction in (0.0, 1.0, np.pi / 2):
+        coil = round_spiral(20e-3, 6, trace_width, 0.2e-3, direction=direction).coil()
+        (path,) = one_coil(coil).conductors()
+        resistances.append(float(resistance_matrix(path, 3.6e6).resistance[0, 0, 0]))
+    np.testing.assert_allclose(resistances, resistances[0], rtol=1e-9)  # coordinates differ by roundings
+
+
 @pytest.mark.parametrize(("out", "past"), [(5e-3, 5e-3), (5e-3, 80e-3), (5e-3, -80e-3)])
 def test_leads_do_not_change_the_winding(out, past):
     """However far leads go out and past the turns, the winding keeps its losses."""
@@ -300,11 +362,25 @@ def test_leads_do_not_change_the_winding(out, past):
     np.testing.assert_allclose(led.resistance.values.ravel() - leads, alone.resistance.values.ravel(), rtol=5e-4)
 
 
+def test_straight_wire():
+    wire = Conductor([[0, 0, 0], [0, 1e-2, 0]], W, T)
+    result = resistance_matrix(wire, [5e6, 2e7])
+    assert (result.model == "section filaments").all()
+    # alone its factor is 1
+    expected = cross_section(W, T, [5e6, 2e7]).resistance_ratio
+    np.testing.assert_allclose(result.resistance[:, 0, 0] / result.dc_resistance[0], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("solve", [lambda f: cross_section(W, T, f), lambda f: resistance_matrix(BAR, [1e6, f])])
+def test_bad_frequency(solve, frequency):
+    with pytest.raises(ValueError, match=r"frequency must be positive and finite; got"):
+        solve(frequency)
+
+
 @pytest.mark.parametrize(("call", "message"), [
     *((lambda rho=rho: cross_section(W, T, 1e6, rho), "resistivity must be positive") for rho in (0.0, -1.0, np.nan)),
     *((lambda rho=rho: resistance_matrix(BAR, 1e6, rho), "resistivity must be") for rho in (0.0, -1.0, np.nan)),
-    *((lambda f=f: cross_section(W, T, f), "frequency must be positive and finite") for f in (0.0, np.nan, np.inf)),
-    (lambda: resistance_matrix(BAR, [1e6, -1.0]), "frequency must be positive and finite"),
     (lambda: cross_section(-1.0, T, 1e6), "width of a trace must be positive and finite"),
     (lambda: cross_section(1.0, T, 1e8), "at most 300 skin depths"),
     (lambda: resistance_matrix(BAR.vertices, 1e6), "path 1 has segments without a cross-section"),
@@ -314,4 +390,4 @@ def test_leads_do_not_change_the_winding(out, past):
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message) as caught:
         call()
-    assert isinstance(caught.value, GeometryError) == ("frequenc" not in message)
+    assert isinstance(caught.value, GeometryError) == ("frequencies" not in message)

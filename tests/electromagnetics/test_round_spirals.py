@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import ellipe, ellipk
-from support.boards import one_coil, round_spiral
+from support.boards import many_layers, one_coil, round_spiral
 
 from coilarray import inductance_matrix
 from coilarray.constants import MU_0
-from coilarray.geometry import RoundedSpiral
+from coilarray.geometry import Placement, RoundedSpiral
+from coilarray.geometry.array import Array
 
 W, T = 0.2e-3, 35e-6
 # ln of the geometric mean distance of the section of a trace from itself (Grover 1946, ch. 3)
@@ -101,3 +102,17 @@ def test_pieces_of_arcs(spiral):
     # measured: 8e-6 for the circle, 1.1e-5 for the rounded rectangle, 7e-5 for the wide trace, 1e-4 for the hexagon
     assert default == pytest.approx(fine, rel=1.1e-4)
     assert abs(default - fine) < abs(coarse - fine)
+
+
+def test_a_turned_board_has_the_same_inductances():
+    upper, lower = (replace(ARCS[name], leads=None).coil() for name in ("rounded", "hexagon"))
+
+    def board(turn):
+        c, s = math.cos(turn), math.sin(turn)
+        places = (
+            Placement("A", upper, ("L1", "L2"), 0.0, 0.0, turn),
+            Placement("B", lower, ("L3", "L4"), 8e-3 * c, 8e-3 * s, turn),
+        )
+        return inductance_matrix(Array(many_layers(4), places))
+
+    np.testing.assert_allclose(board(0.7), board(0.0), rtol=1e-7)  # of far pairs; measured

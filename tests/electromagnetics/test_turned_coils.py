@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import VIA, many_layers, round_spiral
+from support.boards import VIA, many_layers, round_spiral, square_turns
 
 from coilarray import Circuit, Switches, couple_design, load_design, scan_design
 from coilarray.design.model import Design
@@ -128,3 +128,14 @@ def test_turned_board_between_a_plate_and_a_sheet(angle):
 
     for one, other in zip(solved(angle), solved(0.0), strict=True):
         np.testing.assert_allclose(one, other, rtol=ROUNDING)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turns", [3, 6])
+def test_a_winding_is_the_same_from_its_other_end(turns):
+    line = 1e-3 * np.array(square_turns(turns, 8.0, 1.0))
+    forward, backward = (path_coil([points], 0.3e-3, 0.3e-3, VIA) for points in (line, line[::-1]))
+    places = ((0.0, 0.0), (31e-3, 4e-3))
+    expected, found = (numbers((coil, coil), places, (0.0, 0.0), (0, 1), 1) for coil in (forward, backward))
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(np.abs(one), np.abs(other), rtol=ROUNDING)
