@@ -154,7 +154,7 @@ class Dent:
         return np.array([*low, *heights, heights[-1] + zone])
 
     def anchored(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
-        """Displacement (…, n) in m of the `anchors`, or a radial derivative."""
+        """Displacement in m of the `anchors` at a `radius` in m, or a radial derivative, shape (…, n)."""
         moved = self.faces(radius, derivative)[..., list(self.contrasts)]
         still = np.zeros((*radius.shape, 1))
         below = [still] if self.heights[self.contrasts[0]] > 0 else []

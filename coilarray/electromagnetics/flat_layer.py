@@ -102,7 +102,7 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     """Compute the change of inductance (paths, paths) by flat sheets in H.
 
     It is symmetric, to be added to the matrix without sheets, and zero if no sheet is magnetic. The
-    current paths, also thin filaments, lie below the magnetic sheet. The `sheets` go upwards from
+    paths of the `source`, also thin filaments, lie below the magnetic sheet. The `sheets` go upwards from
     z = 0, wide against the coils, with at most one magnetic region (`magnetic_slab`). A second
     region, or a path that reaches into it (a thin filament: or touches it), raises an
     ElastomerError. The `accuracy` is that of `coilarray.inductance_matrix`, where ``screen`` errs

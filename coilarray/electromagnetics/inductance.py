@@ -111,13 +111,22 @@ def rectangular_bars(
 
 
 def self_inductance(source: Source) -> FloatArray:
-    """Compute the self-inductances (paths,) of current paths in H.
+    """Compute the self-inductance of every current path in H.
 
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        Current paths. A segment without a cross-section, whose self-inductance is infinite, raises
-        a GeometryError.
+        See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
+
+    Returns
+    -------
+    ndarray, shape (paths,)
+        Self-inductances in H.
+
+    Raises
+    ------
+    GeometryError
+        A thin filament, whose self-inductance is infinite.
     """
     conductors = as_conductors(source)
     each = np.arange(len(conductors))

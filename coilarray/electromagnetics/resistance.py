@@ -45,17 +45,25 @@ _isolated_modes = lru_cache(maxsize=256)(sections.isolated_modes)
 
 
 def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
-    """Compute the direct-current resistances (paths,) in Ω.
-
-    They are ρ Σ length/area over the segments from vertex to vertex. Corners count by the centre
-    line.
+    """Compute the direct-current resistance of every path in Ω.
 
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        Current paths. A segment without a conducting cross-section raises a GeometryError.
+        Current paths. Every segment needs a conducting cross-section.
     resistivity : float
-        Resistivity in Ω·m, positive and finite. By default copper at 20 °C.
+        Resistivity in Ω·m. By default copper at 20 °C.
+
+    Returns
+    -------
+    ndarray, shape (paths,)
+        Resistances in Ω: ρ Σ length/area over the segments from vertex to vertex. Corners count by
+        the centre line.
+
+    Raises
+    ------
+    GeometryError
+        A segment without a cross-section, or a resistivity that is not positive and finite.
 
     Examples
     --------

@@ -43,7 +43,13 @@ class RawSample:
 
 @dataclass(frozen=True)
 class RawScan:
-    """One pass over all states."""
+    """One pass over all states.
+
+    `sequence` is counted by the board since the stream began. `time` is the start in s by the
+    board's clock, and `received` the arrival in s since the epoch. `configuration`
+    is `ScanSettings.hash`, `boot` changes when the board restarts, and `samples` are in the order of
+    the states.
+    """
 
     sequence: int  # counted by the board since the stream began
     time: float  # of its start in s by the board's clock
@@ -55,7 +61,12 @@ class RawScan:
 
 @dataclass(frozen=True)
 class Identity:
-    """Identity of the board at a port."""
+    """Identity of the board at a port.
+
+    `kind` is a description such as "XMC 2Go, firmware 1.0". Outputs tell if it is `emulated`.
+    `manufacturer` and `device` are registers of the converter. `boot` is the number of the board's
+    session.
+    """
 
     kind: str  # such as "XMC 2Go, firmware 1.0"
     emulated: bool
@@ -204,7 +215,10 @@ class StateReading:
 
 @dataclass(frozen=True)
 class ScanReading:
-    """One scan with the readings of its states."""
+    """One scan with the readings of its `states`.
+
+    `sequence`, `time`, `received` and `boot` are copied from its `RawScan`. `temperature` is in °C.
+    """
 
     sequence: int  # as in its `RawScan`, like the next three
     time: float

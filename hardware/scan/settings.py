@@ -242,7 +242,7 @@ class ScanSettings:
         return self.fin_divider if state.fin_divider is None else state.fin_divider
 
     def period(self, bus_rate: float = BUS_RATE) -> float:
-        """Shortest time between scans in s, with a clock of the I²C bus in Hz."""
+        """Shortest time between scans in s, with an I²C clock of `bus_rate` in Hz."""
         time = self.state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
             return max(self.again_us * 1e-6, time.result + time.control)
@@ -298,7 +298,7 @@ class ScanSettings:
         return b"".join(parts)
 
     def state_time(self, bus_rate: float = BUS_RATE) -> StateTime:
-        """Return the times of a state, or of all channels, with a clock of the I²C bus in Hz."""
+        """Return the times of a state, or of all channels, with an I²C clock of `bus_rate` in Hz."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
         settle = sum(settle_time(settle, reference) for _, settle in counts)
         if self.wired:

@@ -38,7 +38,7 @@ _LETTER_OF_PITCH = 0.2  # height over the distance of neighbours; names of six l
 def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
     """Draw the copper of one layer in mm.
 
-    Each coil has its own colour and its name. Holes and the edge of the board are drawn too. Raises
+    Each coil of the `array` has its own colour and its name. Holes and the edge of the board are drawn too. Raises
     GeometryError if the board has no such layer.
     """
     array.stackup.index(layer)
@@ -52,7 +52,7 @@ def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
 
 @styled
 def plot_board(array: Array, ax: Axes | None = None) -> Axes:
-    """Draw all copper layers from above.
+    """Draw all copper layers of an `array` from above.
 
     The layers are translucent, with the names of the coils. This shows the board without rendering.
     """

@@ -93,7 +93,7 @@ def plot_ellipse_parameters(
 def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: EllipseModel | None = None) -> Figure:
     """Draw `plot_ellipse_parameters` of every coil of a model.
 
-    Each coil has its own panel. The parameters are as there.
+    Each coil has its own panel. The `fits`, the `model` and the `published` model are as there.
     """
     columns = min(len(model.coils), 3)
     rows = math.ceil(len(model.coils) / columns)
@@ -218,7 +218,8 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     """Draw the share of each cause in x0 over δ.
 
     The legend starts with the largest cause. Single neighbours are thin lines. Causes below a tenth
-    of the largest cause have no name. Parameters and errors are as in `plot_distortion`.
+    of the largest cause have no name. The `distortion`, the `state` and errors are as in
+    `plot_distortion`.
     """
     of = of_state(distortion, state)
     ax = ax or style.new_axes(6.5, 4.0)
@@ -243,7 +244,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
 
 @style.styled
 def distortion_figure(distortion: xr.Dataset) -> Figure:
-    """Draw `plot_distortion` and `plot_causes`, one row per coil."""
+    """Draw `plot_distortion` and `plot_causes` of a `distortion`, one row per coil."""
     states = distortion.state.values.tolist()
     figure = style.new_figure(12.5, 3.7 * len(states))
     axes = figure.subplots(len(states), 2, squeeze=False)
@@ -302,7 +303,7 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     """Draw `plot_identifiability` of all unknown quantities.
 
     These are x, y and, if it is unknown, the depth. Maps of a wide board stand below each other,
-    other maps side by side. The parameters are as there.
+    other maps side by side. The `bounds` and `outlines` are as there.
     """
     there = [name for name in _SIGMAS if name in bounds and np.isfinite(bounds[name].values).any()]
     if not there:
@@ -495,7 +496,7 @@ def posterior_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     """Draw the posterior of the unknowns.
 
     The diagonal has every unknown alone, and every pair is below it. Crosses are the fitted values.
-    The parameters are as in `calibration_figure`.
+    The `calibration` and the `combination` are as in `calibration_figure`.
     """
     of = calibration.isel(combination=combination)
     of = of.isel(unknown=np.flatnonzero(np.isfinite(of["value"].values)))

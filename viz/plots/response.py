@@ -213,7 +213,7 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     The maps are the response to the deepest dent or the nearest target. A response along a single
     line, or at a single position, is drawn as one curve per state instead. At most `MOST_MAPS`
     states are shown. If more states respond, the nearest to the middle of the map are chosen. The
-    parameters are as in `plot_response`, with any number of x and y.
+    `response` and the `outlines` are as in `plot_response`, with any number of x and y.
     """
     response = as_depths(response)
     names = response.state.values.tolist()
@@ -496,8 +496,8 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
 def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
     """Draw the deepest dent.
 
-    If there are several depths, the force over the depth is drawn below it. The parameters are as
-    in `plot_dent`.
+    If there are several depths, the force over the depth is drawn below it. The `indentation` and
+    the `indenter` are as in `plot_dent`.
     """
     width, height = _dent_size(indentation)
     heights = [height] if indentation.sizes["depth"] == 1 else [height, _FORCE_HEIGHT]

@@ -127,7 +127,7 @@ def analyse(
     cache: Store | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute the spread of quantities over boards with fabrication errors.
+    """Compute the spread of quantities over boards of a design with errors.
 
     `quantities` are by default of the tolerances, otherwise `default_quantities`, and of the
     limits. `samples` is the number of drawn boards, 0 or at least 8, with `seed` as in `draw`. The
