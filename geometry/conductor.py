@@ -200,18 +200,17 @@ def _lateral(along: FloatArray, across: npt.ArrayLike | None, name: str) -> Floa
             lateral = lateral / np.where(size > 0, size, 1.0)
             lateral -= (lateral * along).sum(axis=1, keepdims=True) * along
     size = np.linalg.norm(lateral, axis=1, keepdims=True)
-    wrong = ~(size[:, 0] > _ALONG)
-    if wrong.any():
+    wrong = np.flatnonzero(~(size[:, 0] > _ALONG))
+    if len(wrong):
+        given = np.broadcast_to(np.array(across, dtype=np.float64), along.shape)[wrong[0]].tolist()
         raise GeometryError(
-            f"across of {name} must be finite and not along its segment; segment {int(np.argmax(wrong))} has "
-            f"{np.asarray(across).reshape(-1, 3)[-1 if np.ndim(across) == 1 else int(np.argmax(wrong))].tolist()}."
+            f"across of {name} must be finite and not along its segment; segment {wrong[0]} has {tuple(given)}."
         )
     lateral /= size
     if across is not None:  # on one side along the whole path, as the corners between its bars expect
         normals = np.cross(along, lateral)
-        lateral *= np.cumprod(np.append(1.0, np.where((normals[1:] * normals[:-1]).sum(axis=1) < 0, -1.0, 1.0)))[
-            :, None
-        ]
+        turned = (normals[1:] * normals[:-1]).sum(axis=1) < 0
+        lateral *= np.cumprod(np.append(1.0, np.where(turned, -1.0, 1.0)))[:, None]
     return lateral
 
 

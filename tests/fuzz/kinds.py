@@ -54,7 +54,7 @@ from coilarray.hardware.record.recorded_response import recorded_response, recor
 from coilarray.hardware.record.recorder import file_temperature
 from coilarray.hardware.record.recording import open_recording, summarize_recording
 from coilarray.hardware.scan.settings import ScanSettings
-from coilarray.hardware.scan.wiring import WIRINGS, load_wiring, parse_wiring
+from coilarray.hardware.scan.wiring import load_wiring, parse_wiring
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate_all
 from coilarray.paper.distortion import DISTORTION
@@ -74,15 +74,15 @@ from fuzz import mutations as change
 class Kind:
     """One kind of file.
 
-    `examples` gives the contents of good files by name, or makes them in a folder. `read` answers for a file, or
-    raises a CoilarrayError. `wrong` says in what an answer contradicts itself, empty for nothing, and `gaps` whether
-    its numbers may be NaN. `keyed` kinds name a key in every error, and `sealed` kinds give no other answer than that
-    for the good file. `share` is the part of all cases.
+    `examples` makes good files in an empty folder. `read` answers for a file, or raises a CoilarrayError. `wrong` says
+    in what an answer contradicts itself, empty for nothing, and `gaps` whether its numbers may be NaN. `keyed` kinds
+    name a key in every error, and `sealed` kinds give no other answer than that for the good file. `share` is the part
+    of all cases.
     """
 
     name: str
     suffix: str
-    examples: Callable[[Path], Mapping[str, str | xr.Dataset] | list[Path]]
+    examples: Callable[[Path], Iterable[Path]]
     mutations: Sequence[change.Mutation]
     read: Callable[[Path], Any]
     wrong: Callable[[Any], str] = lambda answer: ""
@@ -91,22 +91,9 @@ class Kind:
     sealed: bool = False
     share: int = 1
 
-    def write_examples(self, folder: Path) -> list[Path]:
-        """Make the good files in an empty folder."""
-        contents = self.examples(folder)
-        if isinstance(contents, list):
-            return contents
-        for name, content in contents.items():
-            path = folder / f"{name}{self.suffix}"
-            if isinstance(content, str):
-                path.write_text(content, encoding="utf-8", newline="")
-            else:
-                save_dataset(content, path)
-        return sorted(folder.glob(f"*{self.suffix}"))
-
 
 _TEXT = (change.toml_changed, change.toml_changed, change.toml_changed, change.text_changed, change.bytes_changed)
-_NETCDF = (change.dataset_changed, change.dataset_changed, change.dataset_changed, change.bytes_changed)
+_NETCDF = (change.dataset_changed, change.dataset_changed, change.dataset_changed, change.bytes_changed, change.one_bit)
 
 
 def numbers_of(answer: Any) -> Iterable[float]:
@@ -133,6 +120,22 @@ def numbers_of(answer: Any) -> Iterable[float]:
             yield from numbers_of(value)
 
 
+def _written(folder: Path, suffix: str, texts: Mapping[str, str]) -> list[Path]:
+    paths = []
+    for name, text in texts.items():
+        paths.append(folder / f"{name}{suffix}")
+        paths[-1].write_text(text, encoding="utf-8", newline="")
+    return paths
+
+
+def _saved(folder: Path, **datasets: xr.Dataset) -> list[Path]:
+    paths = []
+    for name, dataset in datasets.items():
+        paths.append(folder / f"{name}.nc")
+        save_dataset(dataset, paths[-1])
+    return paths
+
+
 # designs
 
 
@@ -149,10 +152,17 @@ shape = "polygon"
 sides = 6
 outer_across_flats_mm = 8.0
 turns_per_layer = 3
+winding_layers = 2
 trace_width_mm = 0.2
 gap_mm = 0.2
-via = { drill_mm = 0.25, pad_mm = 0.5 }
-leads = { length_mm = 2.0, spacing_mm = 1.5, pad_mm = 1.0, drill_mm = 0.5 }
+[coils.a.via]
+drill_mm = 0.25
+pad_mm = 0.5
+[coils.a.leads]
+length_mm = 2.0
+spacing_mm = 1.5
+pad_mm = 1.0
+drill_mm = 0.5
 [array]
 lattice = "linear"
 coil = "a"
@@ -178,7 +188,18 @@ y_mm = [-4, 4]
 step_mm = 2.0
 [circuit]
 capacitance_pF = 330
+[fab]
+min_trace_mm = 0.1
+min_gap_mm = 0.1
+min_drill_mm = 0.2
+min_annular_ring_mm = 0.1
+min_edge_clearance_mm = 0.3
 """
+
+
+def _designs(folder: Path) -> list[Path]:
+    texts = {name: bundled.DESIGNS.read(name) for name in bundled.DESIGNS.names()}
+    return _written(folder, ".toml", {**texts, "two_coils": tomli_w.dumps(two_coils_document()), "small": SMALL})
 
 
 def _design(path: Path) -> Any:
@@ -186,6 +207,10 @@ def _design(path: Path) -> Any:
     margins = check_rules(file.design.array, file.design.rules)
     paths = [(one.vertices, one.widths, one.areas) for one in file.design.array.conductors()]
     return file.values, paths, [(one.rule, one.layer, one.value, one.limit) for one in margins]
+
+
+def _small_designs(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", {"small": SMALL})
 
 
 def _coupled(path: Path) -> Any:
@@ -249,7 +274,70 @@ def _small() -> Any:
     return parse_design_file(SMALL, "small")
 
 
+def _goal(path: Path) -> Any:
+    goal = parse_goal(GOALS.text(path), str(path))
+    return goal.model_dump(), axes_of(goal, _small())
+
+
+def _goals(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", _GOALS)
+
+
+def _tolerances(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", {"typical": typical_text()})
+
+
+def _tolerance(path: Path) -> Any:
+    found = load_tolerances(path)
+    return found, contributors(_small().design, found)
+
+
+def _plan(path: Path) -> Any:
+    return load_plan(path).model_dump()
+
+
+def _plans(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", {name: PLANS.read(name) for name in PLANS.names()})
+
+
 # the board
+
+
+def _wirings(folder: Path) -> list[Path]:
+    from coilarray.hardware.scan.wiring import WIRINGS
+
+    return _written(folder, ".toml", {"two": WIRING_TEXT, **{name: WIRINGS.read(name) for name in WIRINGS.names()}})
+
+
+def _wiring(path: Path) -> Any:
+    found = load_wiring(path)
+    return repr(found), settings_of(found).to_json()
+
+
+def _calibrations(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", {"board": f'checksum = "none"\n{calibration_to_toml(board_calibration())}'})
+
+
+def _sealed_calibrations(folder: Path) -> list[Path]:
+    save_calibration(board_calibration(), folder / "board.toml")
+    return [folder / "board.toml"]
+
+
+def _settings_files(folder: Path) -> list[Path]:
+    return _written(folder, ".json", {"two": settings_of(parse_wiring(WIRING_TEXT)).to_json()})
+
+
+def _settings(path: Path) -> Any:
+    return repr(ScanSettings.from_json(_text(path)))
+
+
+def _campaigns(folder: Path) -> list[Path]:
+    return _written(folder, ".json", {"grid": Campaign(x=(0.0, 1e-3), y=(0.0,), depths=(1e-3,), repeats=2).to_json()})
+
+
+def _campaign(path: Path) -> Any:
+    found = Campaign.from_json(_text(path))
+    return found, found.size, found.to_record()
 
 
 def _text(path: Path) -> str:
@@ -271,6 +359,16 @@ def _recording(path: Path) -> Any:
         return {key: value for key, value in summary.items() if key != "file"}, series, response
 
 
+def _streams(folder: Path) -> list[Path]:
+    with open_recording(stream_file(folder / "stream.sqlite", 12)) as recording:
+        return _written(folder, ".csv", {"stream": series_csv(recorded_series(recording))})
+
+
+def _temperatures(folder: Path) -> list[Path]:
+    slave = "91 01 4b 46 7f ff 0c 10 25 : crc=25 YES\n91 01 4b 46 7f ff 0c 10 25 t=25062\n"
+    return _written(folder, ".txt", {"kernel": "42375\n", "degrees": "21.5\n", "slave": slave})
+
+
 # responses
 
 
@@ -279,11 +377,11 @@ def _with_noise(dataset: xr.Dataset) -> xr.Dataset:
     return dataset.assign(delta_std=spread).assign_attrs(repeats=2, noise=1e-6, origin="board", emulated=0)
 
 
-def _responses(folder: Path) -> dict[str, xr.Dataset]:
+def _responses(folder: Path) -> list[Path]:
     common = (("drift_cause", "state"), np.full((2, 2), 1e-7))
     bells = response().assign(common_noise=common, base_inductance=("state", [5e-5, 5e-5]))
     bells = bells.assign_attrs(noise=1e-6, origin="coil1", origin_x=1e-3, origin_y=0.0, design_hash="abc")
-    return {"bells": bells, "published": published_map(), "measured": _with_noise(response())}
+    return _saved(folder, bells=bells, published=published_map(), measured=_with_noise(response()))
 
 
 def _positions(path: Path) -> Any:
@@ -292,6 +390,11 @@ def _positions(path: Path) -> Any:
     middle = model.delta((model.lower + model.upper) / 2)
     places = locate_all(model, [(0.9 * middle).tolist()]) if len(model.states) >= model.unknowns else []
     return model.x, model.y, model.depth, model.noise, model.common, model.errors, middle, repr(places)
+
+
+def _ellipses(path: Path) -> Any:
+    found = fit_ellipses(read_response(path))
+    return found, ellipse_model(found)
 
 
 @cache
@@ -306,16 +409,16 @@ def _comparison(path: Path) -> Any:
         return compare_responses(given, other)
 
 
-def _targets(folder: Path) -> dict[str, xr.Dataset]:
+def _targets(folder: Path) -> list[Path]:
     along = np.linspace(-6e-3, 6e-3, 5)
     single = target((1e-3, 2e-3, 4e-3))
     near = np.exp(-(np.add.outer(along**2, along**2) / 8e-3**2))[None, :, :, None]
     delta = single.delta.values * np.ones((1, 5, 5, 1)) * near
     wide = single.drop_dims(("y", "x")).assign_coords(y=along, x=along)
-    return {"target": wide.assign(delta=(("distance", "y", "x", "state"), delta))}
+    return _saved(folder, target=wide.assign(delta=(("distance", "y", "x", "state"), delta)))
 
 
-def _calibration_results(folder: Path) -> dict[str, xr.Dataset]:
+def _calibration_results(folder: Path) -> list[Path]:
     names = ["elastomer.0.youngs_modulus_kPa", "imperfections.depth_error_mm"]
     draws = np.random.default_rng(0).normal([55.0, 0.0], [2.0, 0.05], (1, 12, 2))
     data = {
@@ -324,7 +427,7 @@ def _calibration_results(folder: Path) -> dict[str, xr.Dataset]:
         "correlation": (("combination", "unknown", "other"), np.eye(2)[None]),
     }
     coords = {"combination": ["one"], "unknown": names, "other": names, "entries": ("unknown", names)}
-    return {"calibration": xr.Dataset(data, coords)}
+    return _saved(folder, calibration=xr.Dataset(data, coords))
 
 
 def _posterior(path: Path) -> Any:
@@ -333,9 +436,17 @@ def _posterior(path: Path) -> Any:
     return [(design.digest, errors) for design, errors in drawn], calibrated_imperfections(found)
 
 
+def _distortions(folder: Path) -> list[Path]:
+    return _saved(folder, distortion=made_up_distortion(load_design("gast2020"), ["coil1", "coil2"]))
+
+
 def _distortion(path: Path) -> Any:
     found = read_checked(path, DISTORTION)
     return [table(found).csv() for table in (cause_table, indenter_table, residual_table, distortion_table)]
+
+
+def _models(folder: Path) -> list[Path]:
+    return _written(folder, ".json", {"table_a1": model_to_json(published_model())})
 
 
 def _model(path: Path) -> Any:
@@ -345,6 +456,10 @@ def _model(path: Path) -> Any:
     except CoilarrayError as error:
         place = str(error)
     return model, place
+
+
+def _readings_files(suffix: str, text: str) -> Callable[[Path], list[Path]]:
+    return lambda folder: _written(folder, suffix, {"readings": text})
 
 
 def _readings(path: Path) -> Any:
@@ -365,10 +480,10 @@ def _readings(path: Path) -> Any:
 # boards of other programs
 
 
-def _kicad_boards(folder: Path) -> dict[str, str]:
+def _kicad_boards(folder: Path) -> list[Path]:
     spiral = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 1), (3, 1), (3, 3), (1, 3), (1, 2)]
     text = kicad_text(tracks(*spiral), tracks(*[(x + 8, y) for x, y in spiral], net="2"))
-    return {"two": text}
+    return _written(folder, ".kicad_pcb", {"two": text})
 
 
 def _gerber_zips(folder: Path) -> list[Path]:
@@ -386,7 +501,7 @@ def _imported(path: Path) -> Any:
     return [one.vertices for one in parse_design(text, "board").array.conductors()]
 
 
-_LINES = (change.text_changed, change.bytes_changed, change.cut)
+_LINES = (change.text_changed, change.bytes_changed, change.lines_changed, change.cut)
 _CSV = (change.text_changed, change.text_changed, change.bytes_changed)
 _DATABASE = (change.database_changed, change.database_changed, change.bytes_changed)
 _ZIP = (change.zip_changed, change.zip_changed, change.bytes_changed)
@@ -394,64 +509,30 @@ _OF_CSV = "coil1,coil2,coil3\n2.1e-4,1.7e-3,1.6e-4\n1e-4,1e-4,1e-4\n"
 _READING = '{"coil1": 2.1e-4, "coil2": 1.7e-3, "coil3": 1.6e-4}'
 _JSON = (change.json_changed, change.json_changed, change.text_changed, change.bytes_changed)
 
-
-def _stream(folder: Path) -> dict[str, str]:
-    with open_recording(stream_file(folder / "stream.sqlite", 12)) as recording:
-        return {"stream": series_csv(recorded_series(recording))}
-
-
-def _sealed_calibration(folder: Path) -> list[Path]:
-    save_calibration(board_calibration(), folder / "board.toml")
-    return [folder / "board.toml"]
-
-
-def _named(files: Any) -> dict[str, str]:
-    """Texts of bundled files by name."""
-    return {name: files.read(name) for name in files.names()}
-
-
-_SLAVE = "91 01 4b 46 7f ff 0c 10 25 : crc=25 YES\n91 01 4b 46 7f ff 0c 10 25 t=25062\n"
-
 KINDS = (
-    Kind("design", ".toml",
-         lambda _: {**_named(bundled.DESIGNS), "two_coils": tomli_w.dumps(two_coils_document()), "small": SMALL},
-         _TEXT, _design, keyed=True, share=6),
-    Kind("coupling of a design", ".toml", lambda _: {"small": SMALL}, _TEXT[:1], _coupled, _uncoupled, keyed=True),
-    Kind("goal", ".toml", lambda _: _GOALS, _TEXT,
-         lambda path: ((goal := parse_goal(GOALS.text(path), str(path))).model_dump(), axes_of(goal, _small())),
-         keyed=True, share=2),
-    Kind("tolerances", ".toml", lambda _: {"typical": typical_text()}, _TEXT,
-         lambda path: ((found := load_tolerances(path)), contributors(_small().design, found)), keyed=True, share=2),
-    Kind("calibration plan", ".toml", lambda _: _named(PLANS), _TEXT,
-         lambda path: load_plan(path).model_dump(), keyed=True, share=2),
-    Kind("wiring", ".toml", lambda _: {"two": WIRING_TEXT, **_named(WIRINGS)}, _TEXT,
-         lambda path: (repr(found := load_wiring(path)), settings_of(found).to_json()), keyed=True, share=2),
-    Kind("board calibration", ".toml",
-         lambda _: {"board": f'checksum = "none"\n{calibration_to_toml(board_calibration())}'},
-         _TEXT, load_calibration, keyed=True, share=2),
-    Kind("board calibration, sealed", ".toml", _sealed_calibration, _LINES, load_calibration, sealed=True),
-    Kind("scan settings", ".json", lambda _: {"two": settings_of(parse_wiring(WIRING_TEXT)).to_json()}, _JSON,
-         lambda path: repr(ScanSettings.from_json(_text(path))), keyed=True),
-    Kind("campaign plan", ".json",
-         lambda _: {"grid": Campaign(x=(0.0, 1e-3), y=(0.0,), depths=(1e-3,), repeats=2).to_json()}, _JSON,
-         lambda path: ((found := Campaign.from_json(_text(path))), found.size, found.to_record())),
+    Kind("design", ".toml", _designs, _TEXT, _design, keyed=True, share=6),
+    Kind("coupling of a design", ".toml", _small_designs, _TEXT[:1], _coupled, _uncoupled, keyed=True),
+    Kind("goal", ".toml", _goals, _TEXT, _goal, keyed=True, share=2),
+    Kind("tolerances", ".toml", _tolerances, _TEXT, _tolerance, keyed=True, share=2),
+    Kind("calibration plan", ".toml", _plans, _TEXT, _plan, keyed=True, share=2),
+    Kind("wiring", ".toml", _wirings, _TEXT, _wiring, keyed=True, share=2),
+    Kind("board calibration", ".toml", _calibrations, _TEXT, load_calibration, keyed=True, share=2),
+    Kind("board calibration, sealed", ".toml", _sealed_calibrations, _LINES, load_calibration, sealed=True),
+    Kind("scan settings", ".json", _settings_files, _JSON, _settings, keyed=True),
+    Kind("campaign plan", ".json", _campaigns, _JSON, _campaign),
     Kind("recording", ".sqlite", _recordings, _DATABASE, _recording, gaps=True, share=4),
-    Kind("temperature", ".txt", lambda _: {"kernel": "42375\n", "degrees": "21.5\n", "slave": _SLAVE}, _CSV,
-         file_temperature),
+    Kind("temperature", ".txt", _temperatures, _CSV, file_temperature),
     Kind("response, positions", ".nc", _responses, _NETCDF, _positions, share=3),
-    Kind("response, ellipses", ".nc", _responses, _NETCDF,
-         lambda path: ((found := fit_ellipses(read_response(path))), ellipse_model(found)), gaps=True, share=3),
+    Kind("response, ellipses", ".nc", _responses, _NETCDF, _ellipses, gaps=True, share=3),
     Kind("response, comparison", ".nc", _responses, _NETCDF, _comparison, gaps=True, share=3),
     Kind("target map", ".nc", _targets, _NETCDF, _positions),
     Kind("calibration result", ".nc", _calibration_results, _NETCDF, _posterior),
-    Kind("distortion", ".nc",
-         lambda _: {"distortion": made_up_distortion(load_design("gast2020"), ["coil1", "coil2"])},
-         _NETCDF, _distortion),
-    Kind("ellipse model", ".json", lambda _: {"table_a1": model_to_json(published_model())}, _JSON, _model, share=2),
-    Kind("readings, CSV of a stream", ".csv", _stream, _LINES, _readings, sealed=True),
-    Kind("readings, CSV", ".csv", lambda _: {"readings": _OF_CSV}, _CSV, _readings),
-    Kind("readings, JSON lines", ".jsonl", lambda _: {"readings": f"{_READING}\n[1, 2, 3]\n"}, _CSV, _readings),
+    Kind("distortion", ".nc", _distortions, _NETCDF, _distortion),
+    Kind("ellipse model", ".json", _models, _JSON, _model, share=2),
+    Kind("readings, CSV of a stream", ".csv", _streams, _LINES, _readings, sealed=True),
+    Kind("readings, CSV", ".csv", _readings_files(".csv", _OF_CSV), _CSV, _readings),
+    Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", f"{_READING}\n[1, 2, 3]\n"), _CSV, _readings),
     Kind("KiCad board", ".kicad_pcb", _kicad_boards, _CSV, _imported, share=2),
     Kind("Gerber archive", ".zip", _gerber_zips, _ZIP, _imported, share=2),
 )  # fmt: skip
-"""Every kind."""
+"""Every kind, in the order of the table."""

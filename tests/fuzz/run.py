@@ -1,4 +1,4 @@
-"""Cases of mutated files, and the judgement of what their readers answer.
+"""Cases of mutated files in worker processes, each with bounds of time and memory, and the table of their outcomes.
 
 A case is a kind and a number; with `SEED` they decide which example is mutated and how. Its outcome is one of
 
@@ -6,7 +6,7 @@ A case is a kind and a number; with `SEED` they decide which example is mutated 
 - same: an answer equal to that for the file as it was
 - changed: another answer, all of whose numbers are finite and which no check of its kind contradicts
 - traceback: any other exception, a warning that is not ours included, or a refusal that is not one clear line
-- hang: more than 20 s of processor time
+- hang: more than 20 s of processor time, or a worker that does not end
 - silent: an answer with a number that is not finite where none may be missing, one that contradicts itself, and
   another one than before for a text file with a checksum
 
@@ -15,18 +15,24 @@ What a file says in place of what it said cannot be told from a good file withou
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import math
+import multiprocessing
+import os
 import re
+import resource
 import signal
 import sys
+import tempfile
+import time
 import tomllib
 import traceback
 import warnings
-import zlib
-from collections.abc import Iterator
-from dataclasses import is_dataclass
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -36,19 +42,24 @@ import xarray as xr
 
 from coilarray.design.keys import Table
 from coilarray.errors import CoilarrayError, UnusualValueWarning
-from fuzz.kinds import Kind, numbers_of
+from fuzz import mutations
+from fuzz.kinds import KINDS, Kind, numbers_of
 
 SEED = 23
 """Of every case; fixed before the first run."""
 
-GOOD = ("refused", "same", "changed")
-"""Outcomes that are as they should be."""
+OUTCOMES = ("refused", "same", "changed", "tracebacks", "hangs", "silent")
+"""Columns of the table after the number of cases."""
 
 SECONDS = 20.0
 """Processor time after which a case is a hang."""
 
 LONGEST_MESSAGE = 300
 """Characters of an error, without the path of the file."""
+
+_WALL_SECONDS = 600.0  # without any end: a loop in C that takes no signal, or a worker that died
+_MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
+
 
 _NO_KEYS = (
     "not valid TOML",
@@ -66,11 +77,22 @@ class HangError(BaseException):
     """The case took too long; no handler of the package may keep it."""
 
 
-class Bench:
-    """Reads cases; `folder` keeps the examples and the file of the case."""
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a case: one of `OUTCOMES`, and one line or a traceback that says why."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    kind: str
+    number: int
+    outcome: str
+    said: str
+    seconds: float
+
+
+class Bench:
+    """Reads cases in this process; `folder` keeps the examples, `own` the file of the case."""
+
+    def __init__(self, folder: Path, own: Path | None = None) -> None:
+        self._folder, self._own = folder, own or folder
         self._examples: dict[str, list[Path]] = {}
         self._answers: dict[Path, str] = {}
 
@@ -78,26 +100,36 @@ class Bench:
         """Good files of a kind, made once."""
         if kind.name not in self._examples:
             folder = self._folder / re.sub(r"\W+", "_", kind.name)
-            folder.mkdir()
-            self._examples[kind.name] = kind.write_examples(folder)
+            if folder.is_dir():
+                self._examples[kind.name] = sorted(folder.glob(f"*{kind.suffix}"))
+            else:
+                folder.mkdir()
+                self._examples[kind.name] = sorted(kind.examples(folder))
         return self._examples[kind.name]
 
     def mutated(self, kind: Kind, number: int) -> tuple[Path, bytes]:
         """The example of a case, and its bytes after the mutation."""
-        random = np.random.default_rng([SEED, zlib.crc32(kind.name.encode()), number])
+        random = np.random.default_rng([SEED, mutations.seed_of(kind.name), number])
         examples = self.examples(kind)
         path = examples[int(random.integers(len(examples)))]
         mutation = kind.mutations[int(random.integers(len(kind.mutations)))]
         return path, mutation(random, path.read_bytes())
 
-    def run(self, kind: Kind, number: int) -> tuple[str, str]:
-        """Read one mutated file; the outcome, and one line or a traceback that says why."""
+    def run(self, name: str, number: int) -> Outcome:
+        """Read one mutated file and judge the answer."""
+        kind = kind_of(name)
         example, data = self.mutated(kind, number)
-        return self.judge(kind, data, self.answer_to(kind, example))
+        try:
+            whole = self._answer_to(kind, example)
+        except Exception:
+            return Outcome(name, number, "tracebacks", f"of the good {example.name}: {traceback.format_exc()}", 0.0)
+        begun = time.process_time()
+        outcome, said = self.judge(kind, data, whole)
+        return Outcome(name, number, outcome, said, time.process_time() - begun)
 
     def judge(self, kind: Kind, data: bytes, whole: str = "") -> tuple[str, str]:
         """Read bytes as a file of a kind; the outcome, and what is said of it."""
-        path = self._folder / f"case{kind.suffix}"
+        path = self._own / f"case{kind.suffix}"
         path.write_bytes(data)
         unraisable: list[str] = []
         sys.unraisablehook = lambda one: unraisable.append(repr(one.exc_value))  # what would go to standard error
@@ -128,10 +160,10 @@ class Bench:
         problem = problem or ("another answer, in spite of the checksum" if kind.sealed and whole else "")
         return ("silent", problem) if problem else ("changed", "")
 
-    def answer_to(self, kind: Kind, example: Path) -> str:
+    def _answer_to(self, kind: Kind, example: Path) -> str:
         """Digest of the answer to a good file."""
         if example not in self._answers:
-            case = self._folder / f"case{kind.suffix}"
+            case = self._own / f"case{kind.suffix}"
             case.write_bytes(example.read_bytes())
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
@@ -142,6 +174,11 @@ class Bench:
                 raise AssertionError(f"the good {kind.name} {example.name}: {problem}")
             self._answers[example] = digest(answer)
         return self._answers[example]
+
+
+def kind_of(name: str) -> Kind:
+    """The kind of a name."""
+    return next(kind for kind in KINDS if kind.name == name)
 
 
 def _stop(*_: object) -> None:
@@ -237,3 +274,84 @@ def _plain(answer: Any) -> str:
     if isinstance(answer, list | tuple):
         return "[" + ", ".join(map(_plain, answer)) + "]"
     return repr(answer)
+
+
+_BENCH: list[Bench] = []  # of a worker
+
+
+def _begin(folder: str) -> None:
+    """Limit the memory of a worker, and give it a folder of its own."""
+    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    _BENCH.append(Bench(Path(folder), Path(tempfile.mkdtemp(dir=folder))))
+
+
+def _run(case: tuple[str, int]) -> Outcome:
+    return _BENCH[0].run(*case)
+
+
+def cases(count: int, kinds: Sequence[Kind] = KINDS, first: int = 0) -> Iterator[tuple[str, int]]:
+    """Give the cases of a run: to every kind its share of the count, numbered from `first`."""
+    total = sum(kind.share for kind in kinds)
+    for kind in kinds:
+        for number in range(math.ceil(count * kind.share / total)):
+            yield kind.name, first + number
+
+
+def run_cases(wanted: Sequence[tuple[str, int]], workers: int) -> list[Outcome]:
+    """Run cases in processes; where none ends for `_WALL_SECONDS`, those that are left count as hangs."""
+    done: list[Outcome] = []
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(Path(folder))
+        for name in dict.fromkeys(name for name, _ in wanted):
+            bench.examples(kind_of(name))
+        with multiprocessing.get_context("spawn").Pool(workers, _begin, (folder,)) as pool:
+            running = pool.imap_unordered(_run, wanted)
+            try:
+                while len(done) < len(wanted):
+                    done.append(running.next(_WALL_SECONDS))
+                    if done[-1].outcome in OUTCOMES[3:]:  # a long run may be broken off
+                        sys.stderr.write(f"{done[-1].outcome} {done[-1].kind} {done[-1].number}\n")
+            except multiprocessing.TimeoutError:
+                ended = {(one.kind, one.number) for one in done}
+                left = [case for case in wanted if case not in ended]
+                done += [Outcome(*case, "hangs", f"none ended in {_WALL_SECONDS:g} s", 0.0) for case in left]
+    return done
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """One row a kind, and their sum."""
+    counts = {kind.name: Counter(one.outcome for one in outcomes if one.kind == kind.name) for kind in KINDS}
+    rows = [("kind", "cases", *OUTCOMES)]
+    for name, found in [*counts.items(), ("all", sum(counts.values(), Counter()))]:
+        if found:
+            rows.append((name, str(found.total()), *(str(found[one]) for one in OUTCOMES)))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return "\n".join(
+        " | ".join(
+            cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the cases of a command line and print the table; 1 where one of its last three columns is not 0."""
+    parser = argparse.ArgumentParser(
+        prog="python tests/fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cases", type=int, default=2000, help="number of cases, shared among the kinds (2000)")
+    parser.add_argument("--kind", action="append", help="only this kind; may be repeated")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of every kind (0)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (one a core)")
+    parser.add_argument("--show", type=int, default=40, help="how many bad cases are shown (40)")
+    given = parser.parse_args(argv)
+    kinds = [kind for kind in KINDS if given.kind is None or any(part in kind.name for part in given.kind)]
+    outcomes = run_cases(list(cases(given.cases, kinds, given.first)), given.workers)
+    bad = [one for one in outcomes if one.outcome in OUTCOMES[3:]]
+    for one in sorted(bad, key=lambda one: (one.kind, one.number))[: given.show]:
+        lines = one.said.strip().splitlines() or [""]
+        places = [line.strip() for line in lines if line.strip().startswith('File "') and "coilarray" in line]
+        where = f" ({places[-1].split('/')[-1]})" if places else ""
+        sys.stdout.write(f"{one.outcome} {one.kind} {one.number}: {lines[-1][:400]}{where}\n")
+    sys.stdout.write(table(outcomes) + "\n")
+    return 1 if bad else 0

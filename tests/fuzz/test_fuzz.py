@@ -1,20 +1,17 @@
-"""A short run over every kind of file; COILARRAY_FUZZ=20000+600 is the number of cases and, if given, of the first."""
-
-import math
-import os
+"""A short run over every kind of file; ``python tests/fuzz --cases 20000`` is the long one."""
 
 import pytest
 
-pytest.importorskip("resource", reason="limits of time as Unix has them")
+pytest.importorskip("resource", reason="limits of time and memory as Unix has them")
 
 from coilarray.errors import CoilarrayError
 from fuzz import run as module
 from fuzz.kinds import KINDS, Kind
 from fuzz.mutations import bytes_changed
-from fuzz.run import GOOD, Bench, names_key
+from fuzz.run import OUTCOMES, Bench, cases, names_key, run_cases, table
 
-# by default a quarter of a minute of processor time in all
-COUNT, _, FIRST = os.environ.get("COILARRAY_FUZZ", f"{3 * sum(kind.share for kind in KINDS)}").partition("+")
+CASES = 3
+"""Of a kind, times its share: a quarter of a minute of processor time in all."""
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +23,9 @@ def bench(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_mutated_files_are_refused_or_read(bench, kind):
-    """Of every kind its share of the cases."""
-    count, first = math.ceil(int(COUNT) * kind.share / sum(one.share for one in KINDS)), int(FIRST or 0)
-    found = {number: bench.run(kind, number) for number in range(first, first + count)}
-    bad = {number: said for number, (outcome, said) in found.items() if outcome not in GOOD}
-    assert not bad
+    """The first cases of the long run."""
+    bad = [one for k in range(CASES * kind.share) if (one := bench.run(kind.name, k)).outcome not in OUTCOMES[:3]]
+    assert not bad, bad[0]
     assert bench.mutated(kind, 0) == bench.mutated(kind, 0)  # a case is decided by its number
 
 
@@ -82,3 +77,13 @@ def test_what_is_judged(bench, monkeypatch, read, outcome, said, more):
 def test_what_names_a_key(message, named):
     data = b'[coils.a]\ngap_mm = 1\n[array]\npitch_mm = 2\n[[elastomer]]\nname = "base"\nthickness_mm = 2\n'
     assert names_key(f"file.toml: {message}", data) == named
+
+
+@pytest.mark.slow
+def test_the_table_counts_every_case():
+    wanted = list(cases(6, [kind for kind in KINDS if kind.name in ("goal", "temperature")]))
+    rows = [[cell.strip() for cell in line.split("|")] for line in table(run_cases(wanted, 1)).splitlines()]
+    assert rows[0] == ["kind", "cases", *OUTCOMES]
+    assert [row[0] for row in rows[1:]] == ["goal", "temperature", "all"]
+    assert int(rows[-1][1]) == len(wanted) == sum(map(int, rows[-1][2:]))
+    assert rows[-1][-3:] == ["0", "0", "0"]
