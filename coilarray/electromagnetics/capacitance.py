@@ -143,7 +143,7 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
     """Compute the self-resonance 1/(2π √(LC)) of coils in Hz.
 
-    The `inductance` is in H, the own `capacitance` in F.
+    The `inductance` is in H, the own `capacitance` in F, both scalar or of one shape.
 
     >>> round(float(self_resonance(57e-6, 18e-12)) / 1e6, 2)
     4.97

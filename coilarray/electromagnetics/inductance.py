@@ -116,7 +116,7 @@ def self_inductance(source: Source) -> FloatArray:
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
+        See `coilarray.electromagnetics.field.as_conductors`. Every segment needs a cross-section.
 
     Returns
     -------
