@@ -19,6 +19,8 @@ from coilarray.errors import LARGEST, GeometryError, require_finite, require_pos
 from coilarray.geometry.conductor import Conductor
 
 _STEP = 0.03  # rad of a bend along one chord, at most: 1/24 of its square is 4e-5 of a length
+_MOST_PIECES = 1e6
+_LEAST_LEFT = 1e-3  # of a length on the neutral plane, which is left at a height inside the bend
 _TOUCH = 1e-12  # m; zones that overlap by less are beside each other
 _SAGITTA = 2e-5  # of a path's extent, between a chord and the bent surface
 
@@ -121,6 +123,12 @@ class Bend:
         flat = np.asarray(points, dtype=np.float64)
         place, _, normal = self._neutral_surface(flat.reshape(-1, 3) @ self._frame.T)
         height = flat.reshape(-1, 3)[:, 2:] - self.neutral
+        for zone in self.zones:
+            if (1 + height / zone.radius <= _LEAST_LEFT).any():
+                raise GeometryError(
+                    f"a bend of {zone.radius * 1e3:g} mm must be larger than the heights inside it; they reach "
+                    f"{float(np.abs(height).max()) * 1e3:g} mm from the neutral plane."
+                )
         return np.asarray((place + height * normal) @ self._frame + (0.0, 0.0, self.neutral)).reshape(flat.shape)
 
     def turned(self, points: npt.ArrayLike, directions: npt.ArrayLike) -> FloatArray:
@@ -159,9 +167,19 @@ class Bend:
             Path on the bent board.
         """
         steps = np.diff(path.vertices, axis=0)
+        if not isinstance(path, Conductor):
+            raise GeometryError(f"path must be a Conductor, as in coil.conductors(); got {path!r:.60}.")
         curvature = self._largest_curvature(path.vertices)
         longest = min(_STEP / curvature, math.sqrt(8 * _SAGITTA * np.ptp(path.vertices, axis=0).max() / curvature))
-        pieces = np.maximum(1, np.ceil(np.abs(steps @ self._frame[1]) / longest)).astype(np.int64)
+        # on a cone every direction but the generator's own is bent
+        way = np.abs(steps @ self._frame[1]) if self.apex is None else np.linalg.norm(steps, axis=1)
+        count = np.maximum(1, np.ceil(way / longest))
+        if count.sum() > _MOST_PIECES:
+            raise GeometryError(
+                f"a bend of {1e3 / curvature:g} mm must need at most {_MOST_PIECES:g} chords; "
+                f"{path.name} takes {count.sum():.3g}."
+            )
+        pieces = count.astype(np.int64)
         row = np.repeat(np.arange(len(pieces)), pieces)
         number = np.arange(len(row)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
         starts = path.vertices[row] + (number / pieces[row])[:, None] * steps[row]
@@ -209,8 +227,8 @@ class Bend:
         away = -np.sign(self.apex)
         from_apex = np.column_stack((away * (local[:, 0] - self.apex), local[:, 1]))
         rho, alpha = np.hypot(*from_apex.T), np.arctan2(from_apex[:, 1], from_apex[:, 0])
-        if (rho <= 1e-9 * abs(self.apex)).any():
-            raise GeometryError("the apex of a cone must lie beyond the copper.")
+        if (from_apex[:, 0] <= 1e-9 * abs(self.apex)).any():
+            raise GeometryError(f"the apex of a cone must lie beyond the copper; it is at {self.apex * 1e3:g} mm.")
         phi, bend = alpha / math.sin(slope), float(np.sign(radius))
         c, s = np.cos(phi), np.sin(phi)
         sine, cosine = math.sin(slope), math.cos(slope)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,19 +47,18 @@ class Pose:
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if len(self.turn) != 3 or not all(math.isfinite(angle) for angle in self.turn):
-            raise GeometryError(f"a pose must have three finite angles about x, y and z; got {self.turn} rad.")
-        if not all(abs(value) <= LARGEST for value in (self.x, self.y, self.z)):
-            raise GeometryError(
-                f"a pose must have finite shifts, up to {LARGEST:g} m; got ({self.x:g}, {self.y:g}, {self.z:g}) m."
-            )
+        shift = (self.x, self.y, self.z)
+        if not (isinstance(self.turn, Sequence) and len(self.turn) == 3 and all(map(_is_number, self.turn))):
+            raise GeometryError(f"a pose must have three finite angles about x, y and z; got {self.turn!r} rad.")
+        if not all(_is_number(value) and abs(value) <= LARGEST for value in shift):
+            raise GeometryError(f"a pose must have finite shifts, up to {LARGEST:g} m; got {shift!r} m.")
 
     @cached_property
     def rotation(self) -> FloatArray:
         """Dimensionless matrix that turns column vectors, shape (3, 3)."""
         matrix = np.eye(3)
         for axis, angle in enumerate(self.turn):
-            c, s = _exact_cosine(angle), _exact_cosine(angle - math.pi / 2)
+            c, s = _cosine_and_sine(angle)
             i, k = (axis + 1) % 3, (axis + 2) % 3
             turn = np.eye(3)
             turn[[i, i, k, k], [i, k, i, k]] = c, -s, s, c
@@ -120,7 +120,7 @@ class Pose:
             Both poses in one.
         """
         matrix = self.rotation @ other.rotation
-        about_y = math.asin(min(1.0, max(-1.0, -float(matrix[2, 0]))))
+        about_y = math.atan2(-matrix[2, 0], math.hypot(matrix[0, 0], matrix[1, 0]))
         if abs(matrix[2, 0]) < 1 - _LEVEL:
             about_x, about_z = math.atan2(matrix[2, 1], matrix[2, 2]), math.atan2(matrix[1, 0], matrix[0, 0])
         else:  # turns about x and z are the same turn there
@@ -129,12 +129,19 @@ class Pose:
         return Pose(x, y, z, (about_x, about_y, about_z))
 
 
-_LEVEL = 1e-12  # of the sine of the turn about y, where x and z coincide
+_LEVEL = 1e-14  # of the sine of the turn about y, where x and z coincide
+_MANY = 1e3  # right angles, beyond which an angle's own rounding is larger than what counts as one
 
 
-def _exact_cosine(angle: float) -> float:
-    """Cosine that is exact at multiples of a right angle."""
+def _cosine_and_sine(angle: float) -> tuple[float, float]:
+    """Cosine and sine that are exact at multiples of a right angle."""
     quarters = angle / (math.pi / 2)
-    if abs(quarters - round(quarters)) < 1e-12:
-        return (1.0, 0.0, -1.0, 0.0)[round(quarters) % 4]
-    return math.cos(angle)
+    if abs(quarters) < _MANY and abs(quarters - round(quarters)) < 1e-12:
+        whole = (1.0, 0.0, -1.0, 0.0)
+        return whole[round(quarters) % 4], whole[(round(quarters) - 1) % 4]
+    return math.cos(angle), math.sin(angle)
+
+
+def _is_number(value: object) -> bool:
+    """Check for a finite real number."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)

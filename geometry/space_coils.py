@@ -19,9 +19,15 @@ from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.pose import Pose
 
 SEGMENTS = 72
-"""Segments of a whole turn, by default: L is right to 5e-4 for wires below a tenth of the diameter."""
+"""Segments of a whole turn, by default.
+
+L of a ring is right to 6e-4 for wires below a tenth of its radius. Turns that lie closer than a wire's
+diameter apart add up to 1 % of L, thick wires near each other up to 1e-3 of M.
+"""
 # Geometric mean distance of a circle from itself over its diameter, and of a square over its side.
 _ROUND, _SQUARE = 0.5 * math.exp(-0.25), 0.4470491559
+_COUNTS = ("turns", "segments")
+_MOST = 1e5  # turns, and segments of a turn
 _CLOSED = 1e-9  # of a profile's size; a first and last point that are nearer are one
 
 
@@ -62,7 +68,10 @@ def helix(
     >>> round(float(frame.lengths.sum()) * 1e3, 1)
     84.1
     """
-    corners = np.asarray(profile, dtype=np.float64)
+    try:
+        corners = np.asarray(profile, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise GeometryError(f"profile of {name} must be points x, y; got {profile!r:.60}.") from None
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
         raise GeometryError(f"profile of {name} must be three or more finite points x, y; got shape {corners.shape}.")
     if np.linalg.norm(corners[0] - corners[-1]) <= _CLOSED * np.ptp(corners, axis=0).max():
@@ -70,6 +79,8 @@ def helix(
     if not shapely.LinearRing(corners).is_simple:
         raise GeometryError(f"profile of {name} must not cross itself.")
     _require(name, turns=turns, pitch=pitch, wire=wire, segments=segments)
+    if turns < 1 / segments:
+        raise GeometryError(f"turns of {name} must be at least one segment, {1 / segments:.3g}; got {turns:g}.")
     corners = np.vstack((corners, corners[:1]))
     sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     pieces = np.maximum(1, np.round(segments * sides / sides.sum()))
@@ -120,7 +131,7 @@ def solenoid(
     >>> round(float(self_inductance(coil)[0]) * 1e6, 2)
     12.84
     """
-    _require(name, diameter=diameter, length=length, turns=turns, wire=wire)
+    _require(name, diameter=diameter, length=length, turns=turns, wire=wire, segments=segments)
     if turns > 1 and wire > length / turns:
         raise GeometryError(f"wire of {name} must fit the pitch of {length / turns * 1e3:g} mm; got {wire * 1e3:g} mm.")
     return helix(_circle(diameter / 2, segments), turns, length / turns, wire, segments=segments, name=name)
@@ -217,7 +228,8 @@ def loop_pair(
     GeometryError
         Values that are not positive and finite, or coils that meet.
     """
-    _require(name, radius=radius, distance=distance, wire=wire, turns=turns)
+    _require(name, radius=radius, distance=distance, wire=wire, turns=turns, segments=segments)
+    _require_whole(name, turns)
     if turns * wire >= distance:
         raise GeometryError(
             f"coils of {name} must not meet: {turns} turns of {wire * 1e3:g} mm are wider than the distance of "
@@ -271,7 +283,8 @@ def toroid(
 ) -> Conductor:
     """Wind a wire on a ring about z.
 
-    Its inductance is µ0 N² (R − √(R² − a²)), and that of a loop of radius R.
+    The inductance of a current sheet in its place is µ0 N² (R − √(R² − a²)). The field between
+    separate turns and the loop of the ring itself add some percent.
 
     Parameters
     ----------
@@ -355,6 +368,8 @@ def twisted_pair(
     _require(name, length=length, distance=distance, pitch=pitch, wire=wire, segments=segments)
     if wire > distance:
         raise GeometryError(f"wires of {name} must not overlap: {wire * 1e3:g} mm at {distance * 1e3:g} mm.")
+    if length / pitch > _MOST:
+        raise GeometryError(f"length over pitch of {name} must be at most {_MOST:g}; got {length / pitch:g}.")
     count = max(2, math.ceil(segments * length / pitch))
     z = np.linspace(0.0, length, count + 1)
     turn = 2 * np.pi * z / pitch
@@ -366,6 +381,7 @@ def twisted_pair(
 def _toroid(radius: float, section_radius: float, turns: int, wire: float, segments: int, name: str) -> FloatArray:
     """Points of a toroid that ends where it starts."""
     _require(name, radius=radius, section_radius=section_radius, turns=turns, wire=wire, segments=segments)
+    _require_whole(name, turns)
     inner = radius - section_radius
     if inner <= wire / 2 or 2 * math.pi * inner < turns * wire:
         raise GeometryError(
@@ -406,8 +422,18 @@ def _wire(points: FloatArray, wire: float, name: str) -> Conductor:
 
 
 def _require(name: str, **values: float) -> None:
-    """Raise GeometryError unless all values are positive and finite."""
+    """Raise GeometryError unless all values are positive and finite, and counts whole and not too many."""
     for key, value in values.items():
-        require_positive(f"{key} of {name}", value)
-        if key == "segments" and value < 3:
-            raise GeometryError(f"segments of {name} must be at least 3; got {value}.")
+        if not isinstance(value, (int, float, np.integer, np.floating)):
+            raise GeometryError(f"{key} of {name} must be a number; got {value!r:.60}.")
+        require_positive(f"{key} of {name}", value, "" if key in _COUNTS else " m")
+        if key in _COUNTS and value > _MOST:
+            raise GeometryError(f"{key} of {name} must be at most {_MOST:g}; got {value:g}.")
+        if key == "segments" and (value < 3 or value != int(value)):
+            raise GeometryError(f"segments of {name} must be a whole number, at least 3; got {value:g}.")
+
+
+def _require_whole(name: str, turns: float) -> None:
+    """Raise GeometryError unless a number of turns is whole."""
+    if turns != int(turns):
+        raise GeometryError(f"turns of {name} must be a whole number; got {turns:g}.")

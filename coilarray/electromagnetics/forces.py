@@ -12,7 +12,7 @@ from coilarray.electromagnetics.field import Source, as_conductors, magnetic_fie
 from coilarray.errors import GeometryError, require_finite
 
 _COARSE, _FINE = np.polynomial.legendre.leggauss(3), np.polynomial.legendre.leggauss(5)
-_TOLERANCE = 1e-7  # of the sum of all |dF|; largest difference of the two rules over all pieces
+_TOLERANCE = 1e-7  # of the sum of all |dl| |B|; largest difference of the two rules over all pieces
 _MOST_HALVINGS = 12  # of a segment; more are needed only where a path meets the source of the field
 
 
@@ -61,7 +61,7 @@ def forces(
     Notes
     -----
     F = I ∫ dl × B along the centre lines. Segments are halved until two Gauss rules agree to 1e-7
-    of the sum of |dF|. Thin filaments stand for both sides, so that the force between traces nearer
+    of the sum of |dl| |B|. Thin filaments stand for both sides, so that the force between traces nearer
     than a few widths is approximate. With alternating currents of equal phase, effective values
     give the mean force.
 
@@ -88,15 +88,15 @@ def forces(
     def field(points: FloatArray) -> FloatArray:
         """Flux density in T at points (n, 3)."""
         if hasattr(of, "getB"):
-            return np.asarray(of.getB(points), dtype=np.float64).reshape(-1, 3)
+            return np.asarray(of.getB(points), dtype=np.float64)
         return magnetic_field(of, points, source_currents)
 
     force, torque = np.zeros((len(paths), 3)), np.zeros((len(paths), 3))
     scale = 0.0
     for _ in range(_MOST_HALVINGS + 1):
-        fine, moment = _sums(field, start, step, _FINE, centre)
-        coarse, _ = _sums(field, start, step, _COARSE, centre)
-        scale = max(scale, float(np.linalg.norm(fine, axis=1).sum()))
+        fine, moment, largest = _sums(field, start, step, _FINE, centre)
+        coarse, _, _ = _sums(field, start, step, _COARSE, centre)
+        scale = max(scale, largest)
         apart = np.linalg.norm(fine - coarse, axis=1)
         agree = apart <= _TOLERANCE * scale / len(start)
         _add(force, path_of[agree], fine[agree])
@@ -110,13 +110,17 @@ def forces(
 
 def _sums(
     field: Any, start: FloatArray, step: FloatArray, rule: tuple[FloatArray, FloatArray], about: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Integrate dl × B and r × (dl × B) over pieces by a Gauss rule, (n, 3) each."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Integrate dl × B and r × (dl × B) over pieces by a Gauss rule, (n, 3) each, and |dl| |B| over all."""
     nodes, weights = rule
     points = start[:, None] + 0.5 * (1.0 + nodes)[:, None] * step[:, None]
-    density = np.cross(step[:, None], field(points.reshape(-1, 3)).reshape(points.shape))
+    B = field(points.reshape(-1, 3))
+    if B.shape != (points.size // 3, 3) or not np.isfinite(B).all():
+        raise GeometryError(f"the field must be finite and of shape (n, 3) at n points; got shape {B.shape}.")
+    density = np.cross(step[:, None], B.reshape(points.shape))
     density *= 0.5 * weights[:, None]
-    return density.sum(axis=1), np.cross(points - about, density).sum(axis=1)
+    sizes = np.linalg.norm(step, axis=1)[:, None] * np.linalg.norm(B.reshape(points.shape), axis=-1)
+    return density.sum(axis=1), np.cross(points - about, density).sum(axis=1), float((sizes @ weights).sum() / 2)
 
 
 def _add(total: FloatArray, path_of: IntArray, values: FloatArray) -> None:

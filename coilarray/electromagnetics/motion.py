@@ -19,12 +19,15 @@ from coilarray.electromagnetics.neumann import segment_table
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Pose
 
-_DISAGREE = 2e-3  # of √(L L'), between the two rules for the turns; the better errs some 30 times less
+_DISAGREE = 1e-3  # of √(L L'), between the two rules for the turns; the better errs some 30 times less
+_NEAR_SIZES = 12.0  # sides of a bar, and
+_NEAR_BREADTHS = 0.6  # breadths of a winding whose turns are not all taken: nearer pairs are summed bar by bar
+_ALL = 5  # turns of a series up to which all are taken
 _POSES_A_BLOCK, _EXACT_A_BLOCK = 16, 64
 
 
 def moved_inductance(
-    fixed: Source, moved: Source, poses: Sequence[Pose], *, progress: Progress | None = None
+    fixed: Source, moved: Source, poses: Pose | Sequence[Pose], *, progress: Progress | None = None
 ) -> FloatArray:
     """Compute the mutual inductances in H of fixed paths with moved ones.
 
@@ -32,7 +35,7 @@ def moved_inductance(
     ----------
     fixed, moved : Array, Conductor, polyline or sequence of them
         Current paths. Those that move are given where they are before any pose.
-    poses : sequence of Pose
+    poses : Pose or sequence of Pose
         Poses of all moved paths together.
     progress : callable, optional
         Called with (done, total) as the work goes on.
@@ -52,9 +55,10 @@ def moved_inductance(
     Notes
     -----
     A few turns stand for a winding, with the weights of `coilarray.electromagnetics.kernels.turns`,
-    and two filaments for the width of a trace. Where two sets of weights differ too much, as of
-    windings nearer than a few pitches, the pair is computed by `coilarray.mutual_inductance`. The
-    error is below 1e-4 of the larger self-inductance at distances of a trace width and more.
+    and two filaments for the cross-section of a trace. Pairs nearer than 12 widths or 0.6 breadths
+    of a winding, and pairs of which two sets of weights differ, are computed by
+    `coilarray.mutual_inductance`. The error is below 1e-4 of the larger self-inductance at distances
+    of a trace width and more, for traces wider than thick.
 
     Examples
     --------
@@ -65,28 +69,29 @@ def moved_inductance(
     [5.469, 2.564, 0.928]
     """
     first, second = as_conductors(fixed), as_conductors(moved)
-    if not poses:
-        raise GeometryError("at least one pose is needed; got none.")
+    poses = [poses] if isinstance(poses, Pose) else list(poses)
+    wrong = [pose for pose in poses if not isinstance(pose, Pose)]
+    if not poses or wrong:
+        raise GeometryError(f"poses must be one Pose or more; got {f'{wrong[0]!r:.60}' if wrong else 'none'}.")
     require_memory(24.0 * len(poses) * len(first) * len(second), f"inductances at {len(poses)} poses", "take fewer")
     tables, others = [_filaments(path) for path in first], [_filaments(path) for path in second]
-    M, check = (np.zeros((len(poses), len(first), len(second))) for _ in range(2))
+    sums = np.zeros((len(poses), len(first), len(second), 3))
+    sums[..., 2] = np.inf
 
     def block(start: int, stop: int) -> None:
-        out = np.zeros(2)
         for number in range(start, stop):
             rotation, shift = np.array(poses[number].rotation), poses[number].shift
             for i, table in enumerate(tables):
                 for k, other in enumerate(others):
-                    out[:] = 0.0
-                    moved_sums(table, other, rotation, shift, out)
-                    M[number, i, k], check[number, i, k] = MU_0 / (4 * np.pi) * out
+                    moved_sums(table, other, rotation, shift, sums[number, i, k])
 
-    pieces = ranges(len(poses), _POSES_A_BLOCK)
-    run_blocks(lambda piece: block(*piece), list(pieces), progress=progress)
+    run_blocks(lambda piece: block(*piece), list(ranges(len(poses), _POSES_A_BLOCK)), progress=progress)
+    M, check = MU_0 / (4 * np.pi) * np.moveaxis(sums[..., :2], -1, 0)
+    least = np.maximum.outer([_least_distance(path) for path in first], [_least_distance(path) for path in second])
     thick = not any(path.is_filament for path in (*first, *second))
     scale = np.sqrt(np.outer(self_inductance(first), self_inductance(second))) if thick else np.abs(M).max()
-    doubtful = ~(np.abs(M - check) <= _DISAGREE * scale)
-    number, i, k = np.nonzero(doubtful)
+    trusted = (np.abs(M - check) <= _DISAGREE * scale) & (sums[..., 2] > least)
+    number, i, k = np.nonzero(~trusted)
     for start, stop in ranges(len(number), _EXACT_A_BLOCK):
         where = number[start:stop], i[start:stop], k[start:stop]
         M[where] = _exact(first, second, poses, *where)
@@ -102,6 +107,16 @@ def _exact(
     return pair_inductance([*first, *there], i, len(first) + np.arange(len(there)))
 
 
+def _least_distance(path: Conductor) -> float:
+    """Distance in m above which a few turns and two filaments a bar stand for a path."""
+    series = find_series(segment_table(path))
+    few = series[series[:, 2] > _ALL]
+    last = few[:, 0] + (few[:, 2] - 1) * few[:, 1]
+    breadth = np.linalg.norm(path.vertices[last] - path.vertices[few[:, 0]], axis=1).max(initial=0.0)
+    size = max(float(path.widths.max()), float(path.thicknesses.max()))
+    return max(_NEAR_SIZES * size, _NEAR_BREADTHS * float(breadth))
+
+
 def _filaments(path: Conductor) -> FloatArray:
     """Rows of `kernels.moving` that stand for a path."""
     table = segment_table(path)
@@ -111,7 +126,11 @@ def _filaments(path: Conductor) -> FloatArray:
     _, worse = series_members(series, members, check, check, counts)
     chosen = table[rows]
     chosen[:, :3] += path.vertices[0]
-    aside = INNER * chosen[:, 10:11] * chosen[:, 7:10]
+    # across a bar 1/R is harmonic: only the difference of both variances counts
+    variance = chosen[:, 10] ** 2 - chosen[:, 11] ** 2
+    normal = np.cross(chosen[:, 3:6], chosen[:, 7:10])
+    direction = np.where(variance[:, None] > 0, chosen[:, 7:10], normal)
+    aside = INNER * np.sqrt(np.abs(variance))[:, None] * direction
     if not aside.any():
         return np.ascontiguousarray(np.column_stack((chosen[:, :7], weight, worse)))
     sides = [np.column_stack((chosen[:, :3] + s * aside, chosen[:, 3:7], weight / 2, worse / 2)) for s in (1, -1)]

@@ -95,3 +95,18 @@ def test_a_path_in_its_own_source_is_refused():
 def test_bad_values_are_named(wrong):
     with pytest.raises(GeometryError, match=next(iter(wrong))):
         forces([ring(1.0, 12)], [ring(1.0, 12) + np.array([0, 0, 1])], **wrong)
+
+
+def test_a_current_along_the_field_has_no_force():
+    force, torque = forces([[[0, 0, -1], [0, 0, 1]]], [ring(1.0, 36)])
+    assert np.abs(force).max() < 1e-20
+    assert np.abs(torque).max() < 1e-20
+
+
+def test_a_field_that_is_not_finite_is_refused():
+    class Broken:
+        def getB(self, points):  # noqa: N802 (of magpylib)
+            return np.full_like(points, np.nan)
+
+    with pytest.raises(GeometryError, match="finite"):
+        forces([ring(1.0, 12)], Broken())

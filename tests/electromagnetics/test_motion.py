@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import ellipe, ellipk
 
 from coilarray import Array, Spiral, inductance_matrix, load_design, mutual_inductance
+from coilarray.constants import MU_0
 from coilarray.electromagnetics.motion import moved_inductance
 from coilarray.errors import GeometryError
-from coilarray.geometry import Pose
+from coilarray.geometry import Conductor, Pose, loop_pair
 
 COIL = Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3)
 STATED = 1e-4
@@ -81,3 +83,54 @@ def test_whole_scenes_move_and_boards_change_places():
 def test_no_poses_are_refused():
     with pytest.raises(GeometryError, match="pose"):
         moved_inductance(COIL, COIL, [])
+
+
+WIDE = Conductor([[-20e-3, -20e-3, 0], [20e-3, -20e-3, 0], [20e-3, 20e-3, 0], [-20e-3, 20e-3, 0], [-20e-3, -16e-3, 0]],
+                 4e-3, 35e-6)  # fmt: skip
+LONG = Conductor(2.5 * WIDE.vertices, 0.5e-3, 35e-6)
+MANY = Spiral(4, 40e-3, 40, 0.2e-3, 0.15e-3, layers=1)
+CASES = {
+    "many turns close together": (MANY, Pose(3e-3, 1e-3, 1e-3, (math.pi, 0, 0))),
+    "many turns, farther": (MANY, Pose(3e-3, 1e-3, 4e-3, (math.pi, 0, 0))),
+    "wide traces": (Spiral(4, 60e-3, 20, 0.5e-3, 0.5e-3, layers=1), Pose(-7e-3, 4e-3, 7e-3, (0.1, 0.2, 1.0))),
+    "a wide turn a width away": (WIDE, Pose(z=4e-3)),
+    "sides longer than the gap": (LONG, Pose(z=0.5e-3, turn=(0, 0, 0.3))),
+    "upright": (COIL, Pose(8e-3, 0, 20e-3, (math.pi / 2, 0, 0))),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("coil", "pose"), CASES.values(), ids=CASES)
+def test_close_and_wide_windings(coil, pose):
+    """Where few turns or two filaments do not stand for a winding, its bars are summed."""
+    paths = coil.conductors() if isinstance(coil, Spiral) else [coil]
+    largest = inductance_matrix(paths, allow_overlaps=True).max()
+    found = moved_inductance(paths, paths, pose)[0]
+    exact = mutual_inductance(paths, [path.posed(pose) for path in paths])
+    np.testing.assert_allclose(found, exact, rtol=0, atol=STATED * largest)
+
+
+@pytest.mark.slow
+def test_square_bars_at_a_distance():
+    """Rings of wire by Maxwell's formula: the centre lines, as a square section is harmonic to the fourth order."""
+    ring, _ = loop_pair(20e-3, 0.1, 1e-3)
+    ring = ring.posed(Pose(z=-0.05))
+    heights = np.array([3e-3, 5e-3, 10e-3, 30e-3])
+    found = moved_inductance(ring, ring, [Pose(z=z) for z in heights])[:, 0, 0]
+    k2 = 4 * 20e-3**2 / (4 * 20e-3**2 + heights**2)
+    expected = MU_0 * 20e-3 * ((2 / np.sqrt(k2) - np.sqrt(k2)) * ellipk(k2) - 2 / np.sqrt(k2) * ellipe(k2))
+    largest = inductance_matrix(ring, allow_overlaps=True)[0, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-4 * largest)  # 72 chords and the finite section
+
+
+def test_overlapping_filaments_are_refused():
+    square = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0], [0, 0, 0]])
+    for shift in (0.0, 0.01):
+        with pytest.raises(GeometryError, match="overlap"):
+            moved_inductance([square], [square], Pose(x=shift))
+
+
+@pytest.mark.parametrize("poses", [[None], np.zeros(3), "xyz"])
+def test_poses_that_are_none_are_named(poses):
+    with pytest.raises(GeometryError, match="poses must be one Pose or more; got"):
+        moved_inductance(COIL, COIL, poses)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from coilarray import Array, Spiral, inductance_matrix, mutual_inductance
 from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor
 from coilarray.geometry.bend import Bend, Zone
 
 BENDS = {
@@ -95,3 +96,18 @@ def test_a_slight_bend_changes_little():
 def test_impossible_bends_are_refused(make, named):
     with pytest.raises(GeometryError, match=named):
         make()
+
+
+def test_a_trace_along_the_axis_of_a_cone_follows_its_surface():
+    path = Conductor([[-20e-3, 20e-3, 0], [20e-3, 20e-3, 0]], 1e-4, 35e-6)
+    bent = Bend((Zone(10e-3),), apex=30e-3).bent(path)
+    assert bent.lengths.sum() == pytest.approx(40e-3, rel=1e-4)  # chords: 1/24 of the square of 0.03 rad
+
+
+@pytest.mark.parametrize(("bend", "named"), [
+    (Bend((Zone(-1e-3),), neutral=-2e-3), "larger than the heights"), (Bend((Zone(0.999e-3),), neutral=1e-3), "larger"),
+    (Bend((Zone(10e-3),), apex=5e-3), "apex"), (Bend((Zone(1e-12),)), "chords"),
+])  # fmt: skip
+def test_boards_that_cannot_be_bent_so_are_refused(bend, named):
+    with pytest.raises(GeometryError, match=named):
+        bend.bent(Conductor([[10e-3, -4e-3, 0], [10e-3, 4e-3, 0]], 1e-4, 35e-6))

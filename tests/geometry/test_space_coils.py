@@ -144,7 +144,11 @@ def test_helix_on_a_rectangle():
     (lambda: helix([(0, 0), (1, 1)], 1, 1, 0.1), "shape"),
     (lambda: saddle(1, 1, 7, 0.1), "7"), (lambda: toroid(5e-3, 5e-3, 10, 1e-3), "10 turns"),
     (lambda: helmholtz_pair(10e-3, 1e-3, 20), "20 turns"), (lambda: space_coils.twisted_pair(1, 1e-3, 1, 2e-3), "2 mm"),
-    (lambda: helix([(0, 0), (1, 0), (1, 1)], 1, 1, 0.1, segments=2), "segments"),
+    (lambda: helix([(0, 0), (1, 0), (1, 1)], 1, 1, 0.1, segments=2), "segments of .* at least 3"),
+    (lambda: solenoid(1, 1, 1, 0.1, segments=0), "segments"), (lambda: solenoid(1, 1, "a", 0.1), "turns"),
+    (lambda: toroid(20e-3, 5e-3, 2.5, 1e-3), "2.5"), (lambda: helmholtz_pair(1, 0.01, 2.5), "2.5"),
+    (lambda: helix("abc", 1, 1, 0.1), "profile"), (lambda: solenoid(1, 1, 1e30, 1e-31), "turns"),
+    (lambda: space_coils.twisted_pair(0.1, 1e-3, 1e-9, 1e-4), "pitch"),
 ])  # fmt: skip
 def test_impossible_coils_are_refused(make, named):
     with pytest.raises(GeometryError, match=named):
@@ -158,6 +162,24 @@ def test_poses_combine(first, second):
     points = np.random.default_rng(0).normal(size=(5, 3))
     np.testing.assert_allclose(two.after(one).apply(points), two.apply(one.apply(points)), atol=1e-7)
     np.testing.assert_allclose(one.undo(one.apply(points)), points, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "turn", [(0, 0, 1e17), (1e14, -1e10, 3e5), (0, math.pi / 2 + 1e-6, 0.3), (0.1, -math.pi / 2, 2)]
+)
+def test_rotations_are_orthogonal_and_combine_at_any_angle(turn):
+    pose, other = Pose(turn=turn), Pose(turn=(0.2, 0.3, -0.4))
+    np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(other.after(pose).rotation, other.rotation @ pose.rotation, atol=1e-13)
+    np.testing.assert_allclose(Pose().after(pose).rotation, pose.rotation, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"x": "1"}, {"z": None}, {"y": float("nan")}, {"turn": (0, 0)}, {"turn": (0, "a", 0)}, {"x": 1j}]
+)
+def test_impossible_poses_are_refused(wrong):
+    with pytest.raises(GeometryError, match="a pose must have"):
+        Pose(**wrong)
 
 
 def test_turns_are_about_fixed_axes_in_order():

@@ -18,8 +18,9 @@ _LEAST = least_distances(-13.8)  # ln 1e-6: error of the Gauss rules along the m
 
 @kernel
 def moved_sums(fixed: FloatArray, moving: FloatArray, rotation: FloatArray, shift: FloatArray, out: FloatArray) -> None:
-    """Add ∬ dl·dl'/R of a moved path to `out` (2,), by both sets of weights.
+    """Add ∬ dl·dl'/R of a moved path to `out` (0:2), by both sets of weights.
 
+    The distance of the nearest rows goes to `out` (2), zero if they need more nodes than there are.
     Rows of filaments hold start (0:3), unit direction (3:6), length (6) and the two weights (7:9).
     """
     turned = np.empty(7)
@@ -44,6 +45,7 @@ def moved_sums(fixed: FloatArray, moving: FloatArray, rotation: FloatArray, shif
             nodes = 2
             while nodes < MOST_NODES and distance < _LEAST[nodes] * length:
                 nodes += 1
+            out[2] = min(out[2], distance if distance >= _LEAST[nodes] * length else 0.0)
             total = 0.0
             for k in range(nodes):
                 point = moved(apart, 0.5 * length * (1.0 + NODES[nodes, k]), along)

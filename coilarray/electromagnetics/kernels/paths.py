@@ -359,7 +359,7 @@ def _offsets(
             rule[1, 0] = 1.0
             return 2
         return _parallel_rule(a, b, nearest, level, extra, rule)
-    if parallel and distance < size:
+    if parallel and distance < size and abs(dot(_lateral(a), _lateral(b))) > ALIGNED:
         return 0
     if distance < TOUCHING * size and _ends_meet(apart, a, b, TOUCHING * size):
         wide = abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size
