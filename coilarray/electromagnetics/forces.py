@@ -61,7 +61,7 @@ def forces(
     Notes
     -----
     F = I ∫ dl × B along the centre lines. Segments are halved until two Gauss rules agree to 1e-7
-    of the sum of |dl| |B|. Thin filaments stand for both sides, so that the force between traces nearer
+    of the sum of dl times B, in magnitude. Thin filaments stand for both sides, so that the force between traces nearer
     than a few widths is approximate. With alternating currents of equal phase, effective values
     give the mean force.
 

@@ -95,7 +95,7 @@ def moved_inductance(
     for start, stop in ranges(len(number), _EXACT_A_BLOCK):
         where = number[start:stop], i[start:stop], k[start:stop]
         M[where] = _exact(first, second, poses, *where)
-    return M
+    return np.asarray(M)
 
 
 def _exact(
