@@ -71,11 +71,6 @@ class Pose:
         """Shift in m, shape (3,)."""
         return np.array([self.x, self.y, self.z])
 
-    @property
-    def is_flat(self) -> bool:
-        """Whether the board stays parallel to the x-y plane."""
-        return bool(abs(self.rotation[2, 2]) == 1.0)
-
     def apply(self, points: npt.ArrayLike) -> FloatArray:
         """Return points where the pose takes them.
 

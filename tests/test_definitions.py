@@ -38,7 +38,7 @@ def test_every_definition_is_used():
     trees = {path: without_docstrings(ast.parse(path.read_text(encoding="utf-8"))) for path in sources()}
     words = Counter()
     for path, tree in trees.items():
-        if path.name != "__init__.py" or path.parent.name == "cli":  # what only hands names on uses nothing
+        if path.name != "__init__.py" or any(definitions(tree)):  # what only hands names on uses nothing
             words.update(words_of(tree))
     pages = [path for path in trees if path.suffix == ".pyi"]
     pages += [

@@ -6,7 +6,7 @@ import sys
 import pytest
 from support.command_line import mistakes, runner, successes
 
-from coilarray.hardware.board import connect as boards
+import coilarray.hardware.emulator as emulator_boards
 from coilarray.hardware.wire import ports
 from coilarray.hardware.wire.ports import PortInfo
 
@@ -29,14 +29,14 @@ def broken(monkeypatch):
     """Let the emulator open with something done to it."""
 
     def breaking(action):
-        make = boards._emulator
+        make = emulator_boards.emulated_board
 
-        def made(*arguments):
-            emulator = make(*arguments)
+        def made(*arguments, **emulation):
+            emulator = make(*arguments, **emulation)
             action(emulator)
             return emulator
 
-        monkeypatch.setattr(boards, "_emulator", made)
+        monkeypatch.setattr(emulator_boards, "emulated_board", made)
 
     return breaking
 
