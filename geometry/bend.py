@@ -166,9 +166,9 @@ class Bend:
         Conductor
             Path on the bent board.
         """
-        steps = np.diff(path.vertices, axis=0)
         if not isinstance(path, Conductor):
             raise GeometryError(f"path must be a Conductor, as in coil.conductors(); got {path!r:.60}.")
+        steps = np.diff(path.vertices, axis=0)
         curvature = self._largest_curvature(path.vertices)
         longest = min(_STEP / curvature, math.sqrt(8 * _SAGITTA * np.ptp(path.vertices, axis=0).max() / curvature))
         # on a cone every direction but the generator's own is bent

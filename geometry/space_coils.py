@@ -21,8 +21,8 @@ from coilarray.geometry.pose import Pose
 SEGMENTS = 72
 """Segments of a whole turn, by default.
 
-L of a ring is right to 6e-4 for wires below a tenth of its radius. Turns that lie closer than a wire's
-diameter apart add up to 1 % of L, thick wires near each other up to 1e-3 of M.
+L of a ring is right to 6e-4 for wires below a tenth of its radius. Turns that lie closer than a
+wire's diameter apart add up to 1 % of L, thick wires near each other up to 1e-3 of M.
 """
 # Geometric mean distance of a circle from itself over its diameter, and of a square over its side.
 _ROUND, _SQUARE = 0.5 * math.exp(-0.25), 0.4470491559
@@ -388,11 +388,10 @@ def _toroid(radius: float, section_radius: float, turns: int, wire: float, segme
             f"{name} must have room for {turns} turns of {wire * 1e3:g} mm inside its ring; its inner radius is "
             f"{inner * 1e3:g} mm."
         )
-    about = 2 * np.pi * np.arange(turns * segments + 1) / segments
-    grown = section_radius * math.sqrt(2 * math.pi / segments / math.sin(2 * math.pi / segments))
-    along = about / turns
-    r = radius + grown * np.cos(about)
-    points = np.column_stack((r * np.cos(along), r * np.sin(along), -grown * np.sin(about)))
+    circle = _circle(section_radius, segments)
+    outwards, down = np.vstack((np.tile(circle[:-1], (int(turns), 1)), circle[:1])).T
+    along = 2 * np.pi * np.arange(len(outwards)) / (turns * segments)
+    points = np.column_stack(((radius + outwards) * np.cos(along), (radius + outwards) * np.sin(along), -down))
     points[-1] = points[0]
     return points
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.field import Source, as_conductors, magnetic_field
 from coilarray.errors import GeometryError, require_finite
 
@@ -61,9 +61,9 @@ def forces(
     Notes
     -----
     F = I ∫ dl × B along the centre lines. Segments are halved until two Gauss rules agree to 1e-7
-    of the sum of dl times B, in magnitude. Thin filaments stand for both sides, so that the force between traces nearer
-    than a few widths is approximate. With alternating currents of equal phase, effective values
-    give the mean force.
+    of the sum of dl times B, in magnitude. Thin filaments stand for both sides, so that the force
+    between traces nearer than a few widths is approximate. With alternating currents of equal
+    phase, effective values give the mean force.
 
     Examples
     --------
@@ -99,8 +99,8 @@ def forces(
         scale = max(scale, largest)
         apart = np.linalg.norm(fine - coarse, axis=1)
         agree = apart <= _TOLERANCE * scale / len(start)
-        _add(force, path_of[agree], fine[agree])
-        _add(torque, path_of[agree], moment[agree])
+        np.add.at(force, path_of[agree], fine[agree])
+        np.add.at(torque, path_of[agree], moment[agree])
         if agree.all():
             return force * np.reshape(flowing, (-1, 1)), torque * np.reshape(flowing, (-1, 1))
         start, step, path_of = start[~agree], step[~agree] / 2, path_of[~agree]
@@ -121,7 +121,3 @@ def _sums(
     density *= 0.5 * weights[:, None]
     sizes = np.linalg.norm(step, axis=1)[:, None] * np.linalg.norm(B.reshape(points.shape), axis=-1)
     return density.sum(axis=1), np.cross(points - about, density).sum(axis=1), float((sizes @ weights).sum() / 2)
-
-
-def _add(total: FloatArray, path_of: IntArray, values: FloatArray) -> None:
-    np.add.at(total, path_of, values)

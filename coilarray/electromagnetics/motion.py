@@ -74,7 +74,8 @@ def moved_inductance(
     if not poses or wrong:
         raise GeometryError(f"poses must be one Pose or more; got {f'{wrong[0]!r:.60}' if wrong else 'none'}.")
     require_memory(24.0 * len(poses) * len(first) * len(second), f"inductances at {len(poses)} poses", "take fewer")
-    tables, others = [_filaments(path) for path in first], [_filaments(path) for path in second]
+    tables, near = zip(*map(_filaments, first), strict=True)
+    others, near_too = zip(*map(_filaments, second), strict=True)
     sums = np.zeros((len(poses), len(first), len(second), 3))
     sums[..., 2] = np.inf
 
@@ -87,10 +88,9 @@ def moved_inductance(
 
     run_blocks(lambda piece: block(*piece), list(ranges(len(poses), _POSES_A_BLOCK)), progress=progress)
     M, check = MU_0 / (4 * np.pi) * np.moveaxis(sums[..., :2], -1, 0)
-    least = np.maximum.outer([_least_distance(path) for path in first], [_least_distance(path) for path in second])
     thick = not any(path.is_filament for path in (*first, *second))
     scale = np.sqrt(np.outer(self_inductance(first), self_inductance(second))) if thick else np.abs(M).max()
-    trusted = (np.abs(M - check) <= _DISAGREE * scale) & (sums[..., 2] > least)
+    trusted = (np.abs(M - check) <= _DISAGREE * scale) & (sums[..., 2] > np.maximum.outer(near, near_too))
     number, i, k = np.nonzero(~trusted)
     for start, stop in ranges(len(number), _EXACT_A_BLOCK):
         where = number[start:stop], i[start:stop], k[start:stop]
@@ -107,20 +107,14 @@ def _exact(
     return pair_inductance([*first, *there], i, len(first) + np.arange(len(there)))
 
 
-def _least_distance(path: Conductor) -> float:
-    """Distance in m above which a few turns and two filaments a bar stand for a path."""
-    series = find_series(segment_table(path))
+def _filaments(path: Conductor) -> tuple[FloatArray, float]:
+    """Rows of `kernels.moving` that stand for a path, and the distance in m above which they do."""
+    table = segment_table(path)
+    series = find_series(table)
     few = series[series[:, 2] > _ALL]
     last = few[:, 0] + (few[:, 2] - 1) * few[:, 1]
     breadth = np.linalg.norm(path.vertices[last] - path.vertices[few[:, 0]], axis=1).max(initial=0.0)
-    size = max(float(path.widths.max()), float(path.thicknesses.max()))
-    return max(_NEAR_SIZES * size, _NEAR_BREADTHS * float(breadth))
-
-
-def _filaments(path: Conductor) -> FloatArray:
-    """Rows of `kernels.moving` that stand for a path."""
-    table = segment_table(path)
-    series = find_series(table)
+    near = max(_NEAR_SIZES * float(table[:, 10:12].max()), _NEAR_BREADTHS * float(breadth))
     members, weights, check, counts = series_rules(int(series[:, 2].max()))
     rows, weight = series_members(series, members, weights, check, counts)
     _, worse = series_members(series, members, check, check, counts)
@@ -132,6 +126,6 @@ def _filaments(path: Conductor) -> FloatArray:
     direction = np.where(variance[:, None] > 0, chosen[:, 7:10], normal)
     aside = INNER * np.sqrt(np.abs(variance))[:, None] * direction
     if not aside.any():
-        return np.ascontiguousarray(np.column_stack((chosen[:, :7], weight, worse)))
+        return np.ascontiguousarray(np.column_stack((chosen[:, :7], weight, worse))), near
     sides = [np.column_stack((chosen[:, :3] + s * aside, chosen[:, 3:7], weight / 2, worse / 2)) for s in (1, -1)]
-    return np.ascontiguousarray(np.concatenate(sides))
+    return np.ascontiguousarray(np.concatenate(sides)), near

@@ -111,3 +111,8 @@ def test_a_trace_along_the_axis_of_a_cone_follows_its_surface():
 def test_boards_that_cannot_be_bent_so_are_refused(bend, named):
     with pytest.raises(GeometryError, match=named):
         bend.bent(Conductor([[10e-3, -4e-3, 0], [10e-3, 4e-3, 0]], 1e-4, 35e-6))
+
+
+def test_only_a_current_path_is_bent():
+    with pytest.raises(GeometryError, match="path must be a Conductor"):
+        Bend((Zone(8e-3),)).bent(Spiral(6, 12e-3, 4, 0.3e-3, 0.3e-3))

@@ -164,10 +164,8 @@ def _same_side(a: FloatArray, b: FloatArray) -> float:
 
 @kernel
 def _aligned(a: FloatArray, b: FloatArray, cosine: float) -> bool:
-    """Check whether two bars are parallel, of equal section, and their widths as well."""
-    if 1.0 - cosine * cosine >= PARALLEL_SIN2 or a[10] != b[10] or a[11] != b[11]:
-        return False
-    return abs(dot(_lateral(a), _lateral(b))) > ALIGNED
+    """Check whether two bars are parallel, and their widths as well."""
+    return 1.0 - cosine * cosine < PARALLEL_SIN2 and abs(dot(_lateral(a), _lateral(b))) > ALIGNED
 
 
 @kernel
@@ -349,9 +347,9 @@ def _offsets(
     distance = norm(nearest)
     if distance >= near_widths * size:
         return 1
-    parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
+    aligned = _aligned(a, b, cosine)
     level = apart[2] == 0.0 and a[5] == 0.0 and b[5] == 0.0 and a[9] == 0.0 and b[9] == 0.0
-    if _aligned(a, b, cosine):
+    if aligned and a[10] == b[10] and a[11] == b[11]:
         if distance > NODE_PAIR * size:
             offset = _two_node_offset(a, b)
             for axis in range(3):
@@ -359,7 +357,7 @@ def _offsets(
             rule[1, 0] = 1.0
             return 2
         return _parallel_rule(a, b, nearest, level, extra, rule)
-    if parallel and distance < size and abs(dot(_lateral(a), _lateral(b))) > ALIGNED:
+    if aligned and distance < size:
         return 0
     if distance < TOUCHING * size and _ends_meet(apart, a, b, TOUCHING * size):
         wide = abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size
@@ -426,7 +424,7 @@ def _collect(
     s, across, sides = 0.0, (0.0, 0.0, 0.0), 1
     cosine = dot(_along(a), _along(b))
     if distance < near_widths * size:
-        if _aligned(a, b, cosine):
+        if a[10] == b[10] and a[11] == b[11] and _aligned(a, b, cosine):
             if distance < NODE_PAIR * size:
                 return -1
             sides, across = 2, _two_node_offset(a, b)
