@@ -213,6 +213,18 @@ def check_frequency(frequency: float | FloatArray) -> None:
         raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
 
 
+def coil_impedance(network: Network, frequencies: FloatArray) -> ComplexArray:
+    """Return the impedance matrices R + jωL (f, n, n) in Ω of the coils alone."""
+    L = network.inductance if network.dispersion is None else network.inductance + network.dispersion(frequencies)
+    return np.asarray(network.resistance(frequencies) + 2j * np.pi * frequencies[..., None, None] * L)
+
+
+def floating_capacitance(network: Network) -> FloatArray:
+    """Return the capacitance (n,) in F across each coil if all of them float, see `Network`."""
+    between = network.mutual_capacitance
+    return np.asarray(network.winding_capacitance + (between.sum(axis=1) - np.diag(between)) / 12)
+
+
 def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:
     """Solve one state at one frequency in Hz."""
     check_state(state, network.names)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-from coilarray.circuit.network import Network, SampledMatrix, checked_network
+from coilarray.circuit.network import Network, SampledMatrix, checked_network, coil_impedance, floating_capacitance
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.extras import import_extra
@@ -65,24 +65,20 @@ def export_network(
     Traceback (most recent call last):
     coilarray.errors.OutputError: a network of 2 coils is written as .cir, .sub or .s2p; got array.txt.
     """
-    target, names, L = Path(path), network.names, network.inductance
+    target, names = Path(path), network.names
     suffix = target.suffix.lower()
     if suffix not in (".cir", ".sub") and not re.fullmatch(r"\.s\d+p", suffix):
         raise OutputError(
             f"a network of {len(names)} coil{'s' * (len(names) > 1)} is written as .cir, .sub or .s{len(names)}p; "
             f"got {target.name}."
         )
-    across, between = network.winding_capacitance, network.mutual_capacitance
     if suffix in (".cir", ".sub"):
         write_text(target, _subcircuit(network, title))
         return
     f = exchange_frequencies(network) if frequencies is None else np.asarray(frequencies, dtype=np.float64)
-    # For floating coils, a capacitance between two adds a twelfth across each, see `Network`.
-    apart = between - np.diag(np.diag(between))
-    Y_C = np.diag(across + apart.sum(axis=1) / 12)
-    omega = 2 * np.pi * f[..., None, None]
-    Z = network.resistance(f) + 1j * omega * (L if network.dispersion is None else L + network.dispersion(f))
-    touchstone(names, np.linalg.solve(np.eye(len(L)) + 1j * omega * Z @ Y_C, Z), f, target)
+    Z = coil_impedance(network, f)
+    Y_C = np.diag(floating_capacitance(network))
+    touchstone(names, np.linalg.solve(np.eye(len(names)) + 2j * np.pi * f[:, None, None] * Z @ Y_C, Z), f, target)
 
 
 def exchange_frequencies(network: Network) -> FloatArray:

@@ -23,6 +23,7 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
 from coilarray.design.body_tables import Edges, Positions, array_window, check_plates
 from coilarray.design.fabs import load_profile
+from coilarray.design.ports import Port, check_ports
 from coilarray.design.readout import Readout
 from coilarray.design.scan_states import PartName, Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import Document, passive_of, switch_entries
@@ -77,6 +78,10 @@ class Circuit:
         Relative permittivity of all sheets.
     part : {"ADG714", "ADG738", "ADG739"}, optional
         Part of the switches. `switches` holds its values or others.
+    ports : tuple of Port
+        Coils with a source, tank or load of their own, see `coilarray.circuit.ports`.
+    link_frequency : float or None
+        Frequency in Hz at which the ports work. None without ports.
 
     Raises
     ------
@@ -91,6 +96,8 @@ class Circuit:
     scan: tuple[ScanState, ...] = ()
     elastomer_permittivity: float = 1.0
     part: PartName | None = None
+    ports: tuple[Port, ...] = ()
+    link_frequency: float | None = None
 
     def __post_init__(self) -> None:
         require_finite("resistivity", self.resistivity, error=DesignError)
@@ -251,8 +258,8 @@ class Design:
     ------
     DesignError
         Sheets or plates of one name, plates in the sheets, the coils or each other, an indentation
-        that the sheets do not allow, a termination, state or origin of an unknown coil, or an
-        impossible state.
+        that the sheets do not allow, a termination, port, state or origin of an unknown coil, two
+        ports at a coil, ports without a frequency, or an impossible state.
 
     Examples
     --------
@@ -288,6 +295,7 @@ class Design:
         for coil in self.circuit.terminations:
             if coil not in names:
                 raise DesignError(f"circuit.terminations.{coil} names no coil; there are {known}.")
+        check_ports(self.circuit.ports, self.circuit.link_frequency, names)
         states = [state.name for state in self.plan]
         if len(set(states)) != len(states):
             raise DesignError(f"scan must give each state a different name; got {', '.join(states)}.")
@@ -376,10 +384,11 @@ class Design:
         if (target := self.target) is not None:
             over = map(np.array, (target.x, target.y, target.origin_point))
             metal += ("target", target.body, target.distances, *over)
-        readout = () if self.readout == Readout() else (self.readout,)
+        readout: tuple[object, ...] = () if self.readout == Readout() else (self.readout,)
+        ports = (*circuit.ports, circuit.link_frequency) if circuit.ports else ()
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height, *metal, *readout,
+            self.terminations, self.plan, self.rules, self.field_height, *metal, *readout, *ports,
         )  # fmt: skip
 
 
@@ -603,6 +612,8 @@ def _build(parsed: Document) -> Design:
             default_termination=default,
             scan=tuple(state.build(every) for state in parsed.scan),
             elastomer_permittivity=circuit.elastomer_permittivity,
+            ports=tuple(Port(**port.in_si()) for port in circuit.ports),
+            **circuit.in_si("link_frequency_MHz"),
         ),
         rules=FabRules(**parsed.fab.in_si(without=("profile",))),
         field_height=parsed.field.height_mm * 1e-3,

@@ -23,6 +23,7 @@ from coilarray.design.body_tables import (
 )
 from coilarray.design.fabs import FabTable
 from coilarray.design.keys import Name, Position, Relative, Table
+from coilarray.design.ports import Port
 from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT
 from coilarray.design.scan_states import PARTS, PartName, Passive, ScanState, Switches, terminated_state
 
@@ -34,6 +35,8 @@ SCHEMA = 1
 
 _StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
 _Ohms = Annotated[float, Field(ge=0, le=1e9)]
+_PositiveOhms = Annotated[float, Field(gt=0, le=1e9)]
+_Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
 _Scans = Annotated[int, Field(ge=1, le=1_000_000)]
 _PartsPerMillion = Annotated[float, Field(ge=-100_000, le=100_000)]
 _Termination = Literal["short", "open", "ground one end", "ground other end", "load"]
@@ -49,6 +52,38 @@ def termination_of(passive: Passive) -> _Termination:
     return "short" if passive == "ground" else passive
 
 
+class PortTable(Table):
+    """``[[circuit.ports]]``: a coil with a source, tank or load of its own."""
+
+    ATTRIBUTES: ClassVar = {
+        "source_ohm": "source_resistance",
+        "load_ohm": "load_resistance",
+        "series_pF": "series_capacitance",
+        "parallel_pF": "parallel_capacitance",
+    }
+
+    coil: str
+    """Name of the coil; a coil has one port at most."""
+    source_ohm: _PositiveOhms | None = None
+    """Internal resistance of the source at the terminals, which have a source or a load."""
+    load_ohm: _PositiveOhms | None = None
+    """Resistance of the load at the terminals."""
+    series_pF: _Picofarads | None = None  # noqa: N815 - the unit
+    """Capacitor between the coil and the terminals; a direct connection by default."""
+    parallel_pF: _Picofarads | None = None  # noqa: N815 - the unit
+    """Capacitor across the coil or the terminals; none by default."""
+    parallel_at: Literal["coil", "terminals"] = "coil"
+    """Place of the parallel capacitor beside a series capacitor."""
+    capacitor_quality: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    """Quality factor of the capacitors at the frequency of the link; without losses by default."""
+
+    @classmethod
+    def of(cls, port: Port, names: Mapping[str, str]) -> dict[str, Any]:
+        """Return the entries of a port, its coil with another name."""
+        entries = cls.entries_of(port) | {"coil": names[port.coil]}
+        return {key: entry for key, entry in entries.items() if (key, entry) != ("parallel_at", "coil")}
+
+
 class CircuitTable(Table):
     """``[circuit]``: tank and terminations."""
 
@@ -58,7 +93,7 @@ class CircuitTable(Table):
         "tank": "tank_at",
     }
 
-    capacitance_pF: Annotated[float, Field(ge=1e-6, le=1e12)] = 120  # noqa: N815 - the unit
+    capacitance_pF: _Picofarads = 120  # noqa: N815 - the unit
     """Capacitance of the tank capacitor."""
     short_resistance_ohm: _Ohms = 0.0
     """Resistance of two closed switches: they ground a passive coil, or join the measured one to
@@ -83,6 +118,10 @@ class CircuitTable(Table):
     """State of every coil that is not being measured."""
     terminations: dict[str, _Termination] = Field(default_factory=dict)
     """States of coils by name that differ from it."""
+    link_frequency_MHz: Annotated[float, Field(gt=0, le=1e6)] | None = None  # noqa: N815 - the unit
+    """Frequency at which the ports work, such as 13.56; needed with `[[circuit.ports]]`."""
+    ports: list[PortTable] = Field(default_factory=list)
+    """Coils with a source, tank or load of their own."""
 
     @property
     def of_part(self) -> dict[str, str]:
@@ -108,10 +147,13 @@ class CircuitTable(Table):
             **cls.entries_of(circuit, "resistivity_ohm_m", "elastomer_permittivity"),
             "default_termination": termination_of(circuit.default_termination),
             "terminations": {names[coil]: termination_of(passive) for coil, passive in circuit.terminations.items()},
+            **cls.entries_of(circuit, "link_frequency_MHz"),
         }
         entries = cls.not_by_default(table)
         if circuit.part is not None:  # even a default has a meaning then: the part's value does not count
             entries |= {"switches": circuit.part} | {key: table[key] for key in _OF_PART}
+        if circuit.ports:
+            entries["ports"] = [PortTable.of(port, names) for port in circuit.ports]
         return {key: entries[key] for key in cls.model_fields if key in entries}
 
 

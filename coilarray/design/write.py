@@ -233,7 +233,9 @@ def _path(header: str) -> str:
     parts = header.split(".")
     if parts[0] == "coils":
         parts[1:2] = ["NAME"]
-    return ".".join(parts + (["N"] if header in ("elastomer", "plate", "scan", "array.placements") else []))
+    return ".".join(
+        parts + (["N"] if header in ("elastomer", "plate", "scan", "array.placements", "circuit.ports") else [])
+    )
 
 
 @cache

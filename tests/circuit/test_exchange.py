@@ -10,8 +10,6 @@ Touchstone          scikit-rf's reader against Z; one port against (Z − R)/(Z 
 """
 
 import re
-import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
@@ -22,6 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.active_coil import active_coil
 from support.coil_paths import random_matrix
+from support.spice import needs_ngspice, run_ngspice
 
 from coilarray import Conductor, couple_design, load_design
 from coilarray.circuit.board_circuit import bare_network, board_circuit
@@ -39,7 +38,6 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 
-needs_ngspice = pytest.mark.skipif(not shutil.which("ngspice"), reason="ngspice is not installed (Debian: ngspice)")
 needs_skrf = pytest.mark.skipif(not find_spec("skrf"), reason="scikit-rf is not installed (extra rf)")
 
 SQUARE = np.array([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]])
@@ -105,21 +103,6 @@ def test_subcircuit_leaves_out_zero_elements():
     text = spice_subcircuit(["A", "B"], random_matrix(2, 1), 1.0, title="six\ncoils")
     assert text.startswith("* six coils: 2 coils")
     assert ".subckt six_coils A_1" in text
-
-
-def run_ngspice(tmp_path, subcircuit, lines, output, frequencies):
-    """What ngspice finds for an output of a subcircuit on a bench at each frequency."""
-    (tmp_path / "array.cir").write_text(subcircuit, encoding="utf-8")
-    runs = [f"ac lin 1 {f!r} {f!r}\nwrdata z{k}.txt {output}" for k, f in enumerate(frequencies)]
-    bench = ["* bench", ".include array.cir", *lines, ".control", "set numdgt=16", *runs, ".endc", ".end", ""]
-    (tmp_path / "bench.cir").write_text("\n".join(bench), encoding="utf-8")
-    about = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 60}
-    run = subprocess.run(["ngspice", "-b", "bench.cir"], **about, check=False)
-    log = run.stdout + run.stderr
-    assert not re.search("error|singular", log, re.IGNORECASE), log
-    rows = [np.loadtxt(tmp_path / f"z{k}.txt") for k in range(len(frequencies))]
-    assert [row[0] for row in rows] == pytest.approx(frequencies, rel=1e-14)
-    return np.array([complex(row[1], row[2]) for row in rows])
 
 
 def ngspice(tmp_path, subcircuit, names, active, terminations, short_resistance, frequencies):
