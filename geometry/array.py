@@ -18,7 +18,7 @@ from coilarray.compute.display_units import MM
 from coilarray.errors import GeometryError, require_finite, require_positive
 from coilarray.geometry.arcs import SIDES, Side, place_in_mm
 from coilarray.geometry.coil import Coil
-from coilarray.geometry.conductor import CHORD, Conductor, SeveralCoils, SingleCoil
+from coilarray.geometry.conductor import CHORD, Conductor, Form, SeveralCoils, SingleCoil
 from coilarray.geometry.spiral import RoundedSpiral
 from coilarray.geometry.stackup import Stackup
 
@@ -254,6 +254,16 @@ class Array(SeveralCoils):
     lattice, routing : Lattice, Routing or None
         How `lattice_array` or `coilarray.geometry.connector.route_leads` made the placements: hints for
         design files, without effect if the placements were changed since.
+    form : Form or None
+        Shape of the board in space, such as a `Bend`, which `conductors` and solids follow. The
+        placements, the bounds, and all that is fabricated and checked stay flat. None for a flat
+        board.
+
+    Raises
+    ------
+    GeometryError
+        No coil, coils of one name, a negative margin, an unknown layer, or a board that cannot have
+        this form.
     """
 
     stackup: Stackup
@@ -262,6 +272,7 @@ class Array(SeveralCoils):
     through_holes: bool = True
     lattice: Lattice | None = None
     routing: Routing | None = None
+    form: Form | None = None
 
     def __post_init__(self) -> None:
         if not self.placements:
@@ -274,6 +285,8 @@ class Array(SeveralCoils):
         for placement in self.placements:
             for layer in placement.layers:
                 self.stackup.index(layer)
+        if self.form is not None:
+            self.form.require_fits(self.bounds, self.stackup.thickness)
 
     def __repr__(self) -> str:
         return f"<Array: {array_words(self)}>"
@@ -326,6 +339,24 @@ class Array(SeveralCoils):
     def as_array(self) -> Array:
         """Return the array itself."""
         return self
+
+    @cached_property
+    def flat(self) -> Array:
+        """The flat board, from which it was bent, or itself."""
+        return self if self.form is None else replace(self, form=None)
+
+    def bent(self, form: Form) -> Array:
+        """Return the board bent to a form, such as a `Bend`.
+
+        Raises GeometryError if the board cannot have this `form`.
+
+        >>> from coilarray.geometry import Bend, Spiral, Zone
+        >>> strip = Array.row(Spiral(6, 10e-3, 6, 0.15e-3, 0.15e-3), 3, pitch=10.5e-3)
+        >>> around = strip.bent(Bend((Zone(8e-3),), axis=math.pi / 2))
+        >>> [round(float(path.centre[2]) * 1e3, 1) for path in around.conductors()]
+        [-6.2, -0.6, -6.2]
+        """
+        return replace(self, form=form)
 
     @property
     def unrouted(self) -> Array:

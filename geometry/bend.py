@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LARGEST, GeometryError, require_finite, require_positive
@@ -23,6 +24,10 @@ _MOST_PIECES = 1e6
 _LEAST_LEFT = 1e-3  # of a length on the neutral plane, which is left at a height inside the bend
 _TOUCH = 1e-12  # m; zones that overlap by less are beside each other
 _SAGITTA = 2e-5  # of a path's extent, between a chord and the bent surface
+_FACET = 0.06  # rad of a bend along one facet of a solid, at most: 2 µm from the surface at a radius of 5 mm
+
+Bounds = tuple[float, float, float, float]
+"""Edges of a flat board in m: x_min, y_min, x_max, y_max."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +193,202 @@ class Bend:
         across = self.turned(middles, path.across[row])
         return Conductor(vertices, path.widths[row], path.thicknesses[row], path.areas[row], path.name, across)
 
+    def inner_radius(self, bounds: Bounds, thickness: float) -> float:
+        """Return the least radius of curvature of the inner face of a board.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            Edges of the flat board in m, as in `Array.bounds`.
+        thickness : float
+            Thickness in m of the board, whose upper face is at z = 0.
+
+        Returns
+        -------
+        float
+            Radius in m of the face towards the axis of the bend.
+        """
+        share = 1.0
+        if self.apex is not None:
+            share = float(np.abs(_corners(bounds) @ self._frame[0, :2] - self.apex).min()) / abs(self.apex)
+        return min(share * abs(zone.radius) - self.inside(zone.radius, thickness) for zone in self.zones)
+
+    def inside(self, radius: float, thickness: float) -> float:
+        """Return the depth of the inner face below the neutral plane.
+
+        Parameters
+        ----------
+        radius : float
+            Radius of the neutral plane, whose sign tells which face is inside.
+        thickness : float
+            Thickness in m of the board, whose upper face is at z = 0.
+
+        Returns
+        -------
+        float
+            Distance in m of the neutral plane from the inner face.
+        """
+        return self.neutral + thickness if radius > 0 else -self.neutral
+
+    def neutral_radius(self, inner: float, thickness: float) -> float:
+        """Return the radius of the neutral plane for one of the inner face.
+
+        Parameters
+        ----------
+        inner : float
+            Radius of the inner face in m, negative if the edges are bent up.
+        thickness : float
+            Thickness in m of the board, whose upper face is at z = 0.
+
+        Returns
+        -------
+        float
+            Radius in m, as of a `Zone`.
+        """
+        return inner + math.copysign(self.inside(inner, thickness), inner)
+
+    def between(self, near: float, far: float, bounds: Bounds, thickness: float) -> Bend:
+        """Return the bend of a board around a round body, a cylinder or a cone.
+
+        Parameters
+        ----------
+        near, far : float
+            Radii in m of the body at both ends of the board along the axis, negative if the edges
+            are bent up.
+        bounds : tuple of float
+            Edges of the flat board in m, as in `Array.bounds`.
+        thickness : float
+            Thickness in m of the board, whose upper face is at z = 0.
+
+        Returns
+        -------
+        Bend
+            Bend with the same axis and neutral plane.
+
+        Raises
+        ------
+        GeometryError
+            Radii that differ by the length of the board or more, or a cone whose apex lies between
+            the board and the origin.
+        """
+        if near == far:
+            return replace(self, zones=(Zone(self.neutral_radius(near, thickness)),), apex=None)
+        start, stop = self._ends(bounds)
+        sine = (abs(far) - abs(near)) / (stop - start)
+        if not abs(sine) < 1:
+            raise GeometryError(
+                f"the radii of a cone must differ by less than the {(stop - start) * 1e3:.4g} mm of the board along "
+                f"its axis; got {near * 1e3:.4g} and {far * 1e3:.4g} mm."
+            )
+        cosine = math.sqrt(1 - sine**2)
+        radius = abs(near) + self.inside(near, thickness) * cosine - sine * start  # of the circle at the origin
+        if radius <= 0:
+            raise GeometryError("the apex of a cone must not lie between the board and the origin.")
+        return replace(self, zones=(Zone(math.copysign(radius / cosine, near)),), apex=-radius / sine)
+
+    def end_radii(self, bounds: Bounds, thickness: float) -> tuple[float, float]:
+        """Return the radii of the round body at both ends of a board, as in `between`.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            Edges of the flat board in m, as in `Array.bounds`.
+        thickness : float
+            Thickness in m of the board, whose upper face is at z = 0.
+
+        Returns
+        -------
+        tuple of float
+            Radii in m where the axis starts and where it ends, equal for a cylinder.
+        """
+        radius, slope = self.zones[0].radius, 0.0
+        if self.apex is not None:
+            slope = -math.copysign(math.atan(abs(radius / self.apex)), self.apex)
+        depth = abs(radius) - self.inside(radius, thickness)
+        near, far = (depth * math.cos(slope) + math.sin(slope) * end for end in self._ends(bounds))
+        return math.copysign(near, radius), math.copysign(far, radius)
+
+    def edges(self, bounds: Bounds) -> tuple[float, float]:
+        """Return the edges of a board across the axis.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            Edges of the flat board in m, as in `Array.bounds`.
+
+        Returns
+        -------
+        tuple of float
+            Lowest and highest distance in m from the origin.
+        """
+        across = _corners(bounds) @ self._frame[1, :2]
+        return float(across.min()), float(across.max())
+
+    def _ends(self, bounds: Bounds) -> tuple[float, float]:
+        """Lowest and highest place of a board along the axis in m."""
+        along = _corners(bounds) @ self._frame[0, :2]
+        return float(along.min()), float(along.max())
+
+    def require_fits(self, bounds: Bounds, thickness: float) -> None:
+        """Refuse a board that cannot be bent so.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            Edges of the flat board in m, as in `Array.bounds`.
+        thickness : float
+            Thickness in m of the board, whose upper face is at z = 0.
+
+        Raises
+        ------
+        GeometryError
+            An inner radius below the thickness, a zone beside the board, an apex on the board, or a
+            board that would meet itself.
+        """
+        along, across = self._frame[:2, :2] @ _corners(bounds).T
+        low, high = self.edges(bounds)
+        if self.apex is not None and (np.sign(self.apex) * (self.apex - along) <= _TOUCH).any():
+            raise GeometryError(
+                f"the apex of a cone must lie beyond the board, which reaches from {along.min() * 1e3:.4g} to "
+                f"{along.max() * 1e3:.4g} mm along the axis; it is at {self.apex * 1e3:.4g} mm."
+            )
+        radius = self.inner_radius(bounds, thickness)
+        if radius < thickness:
+            raise GeometryError(
+                f"the inner radius of a bend must be at least the board's thickness of {thickness * 1e3:.4g} mm; "
+                f"got {radius * 1e3:.4g} mm."
+            )
+        for zone in self.zones:
+            first, last = max(low, zone.at - zone.width / 2), min(high, zone.at + zone.width / 2)
+            if last <= first:
+                raise GeometryError(
+                    f"a zone of a bend must lie on the board, from {low * 1e3:.4g} to {high * 1e3:.4g} mm across the "
+                    f"axis; got one at {zone.at * 1e3:.4g} mm."
+                )
+            turn = (last - first) / abs(zone.radius)
+            if self.apex is not None:
+                slope = math.atan(abs(zone.radius / self.apex))
+                turn = float(np.ptp(np.arctan2(across, np.abs(self.apex - along)))) / math.sin(slope)
+            if turn >= 2 * math.pi:
+                raise GeometryError(
+                    f"a bent board must not meet itself; a bend of {abs(zone.radius) * 1e3:.4g} mm turns it by "
+                    f"{math.degrees(turn):.4g} degrees."
+                )
+        if self.apex is None:
+            knots = [low, high, *(zone.at + side * zone.width / 2 for zone in self.zones for side in (-1, 1))]
+            knots = sorted({min(max(knot, low), high) for knot in knots})
+            steps = [np.linspace(one, other, 1 + math.ceil((other - one) / (_FACET * self.least_radius)))[1:]
+                     for one, other in pairwise(knots)]  # fmt: skip
+            s = np.concatenate(([low], *steps))
+            place, _, normal = self._neutral_surface(np.column_stack((np.zeros_like(s), s)))
+            faces = [(place + (height - self.neutral) * normal)[:, 1:] for height in (0.0, -thickness)]
+            outline = shapely.Polygon(np.vstack((faces[0], faces[1][::-1])))
+            if not outline.is_valid:
+                raise GeometryError(
+                    f"a bent board must not meet itself; it does {np.ptp(s) * 1e3:.4g} mm wide with bends of "
+                    f"{', '.join(f'{zone.radius * 1e3:.4g}' for zone in self.zones)} mm."
+                )
+
     @property
     def least_radius(self) -> float:
         """Smallest radius of the neutral plane in m at the origin's distance from the apex."""
@@ -241,6 +442,11 @@ class Bend:
         # the direction of the axis, between the generator and the circle through each point
         along = np.cos(alpha)[:, None] * outwards - np.sin(alpha)[:, None] * around
         return place, away * along, away * np.cross(outwards, around)
+
+
+def _corners(bounds: Bounds) -> FloatArray:
+    """Corners (4, 2) of a board."""
+    return shapely.get_coordinates(shapely.box(*bounds))[:4]
 
 
 def _bent_line(zones: Sequence[Zone], s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

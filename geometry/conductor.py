@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ CHORD = 1e-3
 """Deviation of straight pieces from a coil's largest arc, over half its size, by default."""
 _STRAIGHT = 1e-6  # rad: less is not a bend
 _VERTICAL = 1e-9  # sine of the angle to z, below which a segment is vertical
+_TILTED = 1e-6  # rad of a width against the x-y plane; less is rounding
 _ALONG = 1e-6  # sine of the angle between width and segment, below which no direction is left
 
 
@@ -179,6 +180,11 @@ class Conductor:
         return np.asarray(np.average(middles, axis=0, weights=self.lengths))
 
     @property
+    def is_level(self) -> bool:
+        """Whether the widths of all bars lie in the x-y plane."""
+        return bool((np.abs(self.across[self.widths > 0, 2]) < _TILTED).all())
+
+    @property
     def is_filament(self) -> bool:
         """Whether any segment has no cross-section."""
         return bool((self.widths == 0).any())
@@ -214,6 +220,19 @@ def _lateral(along: FloatArray, across: npt.ArrayLike | None, name: str) -> Floa
     return lateral
 
 
+class Form(Protocol):
+    """Map of a flat board into space, as `coilarray.geometry.Bend`."""
+
+    def bent(self, path: Conductor) -> Conductor:
+        """Return a path of the flat board where the map takes it."""
+
+    def surface(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points (..., 3) in m of the flat board where the map takes them."""
+
+    def require_fits(self, bounds: tuple[float, float, float, float], thickness: float) -> None:
+        """Refuse a board with edges x_min, y_min, x_max, y_max and a thickness in m."""
+
+
 class CurrentPaths(ABC):
     """Shapes that carry currents."""
 
@@ -222,10 +241,15 @@ class CurrentPaths(ABC):
         """Return the array of these coils on their board."""
 
     def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
-        """Return the current paths in m, vias included.
+        """Return the current paths in m, vias included, bent as the board.
 
         A path runs from the first to the second terminal. `chord` is as in `Coil.current_lines`.
         """
+        form, paths = self.as_array().form, self.flat_conductors(chord)
+        return paths if form is None else tuple(map(form.bent, paths))
+
+    def flat_conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
+        """Return the current paths of the flat board, as in `conductors`."""
         array = self.as_array()
         return tuple(place.conductor(array.stackup, chord) for place in array.placements)
 
@@ -282,7 +306,7 @@ class SingleCoil(CurrentPaths):
         """Direct-current resistance in Ω, of copper at 20 °C."""
         from coilarray.electromagnetics.resistance import dc_resistance
 
-        return float(dc_resistance(self.conductors())[0])
+        return float(dc_resistance(self)[0])
 
 
 class SeveralCoils(CurrentPaths):
@@ -312,7 +336,7 @@ class SeveralCoils(CurrentPaths):
         """Direct-current resistances in Ω, of copper at 20 °C (coil)."""
         from coilarray.electromagnetics.resistance import dc_resistance
 
-        return self._labelled(dc_resistance(self.conductors()), "resistance", "ohm")
+        return self._labelled(dc_resistance(self), "resistance", "ohm")
 
     def _repr_html_(self) -> str:
         from coilarray.fabrication.drawings import array_html

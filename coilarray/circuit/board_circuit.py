@@ -36,6 +36,7 @@ from coilarray.metal.frequencies import FrequencyBand
 LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances and inductances")
 """Effects that an ideal network leaves out."""
 _OTHERS_COPPER = "losses in the copper of other coils"
+_BEND_LEFT_OUT = "change of the resistance and capacitance of the windings by the bend of the board"
 _PLATES_LEFT_OUT = ("change of the losses in the copper by the plates", "capacitance of the plates")
 _RESISTANCE_POINTS = 9
 _MARGIN = 0.05  # relative margin of a frequency. Alternating-current resistance shifts a resonance by far less
@@ -124,7 +125,7 @@ class Windings(_Locked):
         """Return `coil_capacitance`, or the reason why there is none."""
         try:
             return kept_dataset(
-                ("capacitance", digest_of(self.array, self.sheets, self.above)),
+                ("capacitance", digest_of(self.array.flat, self.sheets, self.above)),
                 lambda: coil_capacitance(self.array, self.sheets, relative_permittivity=self.above),
             ), ""
         except GeometryError as error:
@@ -133,7 +134,7 @@ class Windings(_Locked):
     def resistance(self, frequencies: FloatArray, resistivity: float) -> xr.Dataset:
         """Resistance matrix (f, n, n) in Ω, of more than 24 coils without losses in others."""
         alone = len(self.array.names) > _MOST_TOGETHER
-        parts = ("resistance", digest_of(self.array, frequencies.tolist(), resistivity))
+        parts = ("resistance", digest_of(self.array.flat, frequencies.tolist(), resistivity))
         work = partial(resistance_matrix, self.array, frequencies, resistivity, alone=alone)
         return _kept(self.array, self.accuracy, parts, work)
 
@@ -200,7 +201,7 @@ class BoardCircuit(_Locked):
     @_computed_once
     def direct_resistance(self) -> FloatArray:
         """Direct-current resistance (n,) of each coil in Ω."""
-        return dc_resistance(self.design.array.conductors(), self.design.circuit.resistivity)
+        return dc_resistance(self.design.array, self.design.circuit.resistivity)
 
     @_computed_once
     def plates(self) -> Plates | None:
@@ -236,6 +237,7 @@ class BoardCircuit(_Locked):
         """Network of direct-current copper with strays, and its plates."""
         capacitance, problem = self.windings.capacitance
         left_out = (LEFT_OUT[0], *([problem] if problem else []), *(_PLATES_LEFT_OUT if self.plates else ()))
+        left_out += () if self.windings.array.form is None else (_BEND_LEFT_OUT,)
         network = replace(
             self._bare(self.windings.inductance), switches=self.design.circuit.switches, left_out=left_out
         )

@@ -342,12 +342,14 @@ def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterat
     for i, (x, y, z) in enumerate((conductor.vertices / _MM).tolist(), start=1):
         yield f"N{number}_{i} x={x:.17g} y={y:.17g} z={z:.17g}"
     steps = np.diff(conductor.vertices, axis=0)
-    vertical = np.hypot(steps[:, 0], steps[:, 1]) < _STEEP * conductor.lengths
+    # without a direction FastHenry takes widths to be level, and for a vertical segment any
+    stated = np.hypot(steps[:, 0], steps[:, 1]) < _STEEP * conductor.lengths
+    stated |= np.abs(conductor.across[:, 2]) > _STEEP
     sections = zip(conductor.widths.tolist(), conductor.thicknesses.tolist(), conductor.areas.tolist(), strict=True)
     for i, (width, thickness, area) in enumerate(sections, start=1):
         line = f"E{number}_{i} N{number}_{i} N{number}_{i + 1} w={width / _MM:.17g} h={thickness / _MM:.17g}"
-        if vertical[i - 1]:  # every direction in the x-y plane is across it, so state one
-            line += " wx=1 wy=0 wz=0"
+        if stated[i - 1]:
+            line += "".join(f" w{axis}={part:.17g}" for axis, part in zip("xyz", conductor.across[i - 1], strict=True))
         if not math.isclose(area, width * thickness, rel_tol=1e-14):
             line += f" rho={resistivity * width * thickness / area / _MM:.17g}"
         yield line

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -32,6 +33,7 @@ from coilarray.design.keys import (
 from coilarray.errors import DesignError, GeometryError, listed, shown
 from coilarray.geometry import (
     Array,
+    Bend,
     Coil,
     Lattice,
     Leads,
@@ -40,6 +42,7 @@ from coilarray.geometry import (
     RoundedSpiral,
     Spiral,
     Stackup,
+    Zone,
     across_flats,
     hull_outline,
     lattice_array,
@@ -412,7 +415,7 @@ class FreeArray(Table):
             _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
             coil = _coil(coils, place.coil, f"array.placements.{index}.coil")
             placements.append(Placement(coil=coil, **place.in_si(without=("coil",))))
-        return Array(stackup, tuple(placements), **board.in_si())
+        return Array(stackup, tuple(placements), **board.of_array)
 
 
 class LatticeArray(Table):
@@ -465,7 +468,7 @@ class LatticeArray(Table):
         coil = _coil(coils, self.coil, "array.coil")
         _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
         given = {key: value for key, value in self.in_si(without=("coil",)).items() if value is not None}
-        return lattice_array(stackup, coil, Lattice(**given), **board.in_si())
+        return lattice_array(stackup, coil, Lattice(**given), **board.of_array)
 
     @classmethod
     def of(cls, lattice: Lattice, coil: str, names: Mapping[str, str], layers: Mapping[str, str]) -> dict[str, Any]:
@@ -522,8 +525,22 @@ class ConnectorTable(Table):
     """Distance between them; that of the coils by default."""
 
 
+_Radius = Annotated[float, Field(ge=-10_000, le=10_000)]
+
+
+class BendTable(Table):
+    """``[[board.bends]]``: one bent strip of a flexible board, flat beside it."""
+
+    radius_mm: _Radius
+    """Radius of the inner face; positive bends the edges down, negative up."""
+    at_mm: Position
+    """Middle of the strip, across the axis of the bend, on the flat board."""
+    width_mm: Millimetres
+    """Width of the strip on the flat board."""
+
+
 class BoardTable(Table):
-    """``[board]``: the edge of the board, and the reach of its holes."""
+    """``[board]``: the edge of the board, the reach of its holes, and how a flexible board is bent."""
 
     ATTRIBUTES: ClassVar = {"margin_mm": "board_margin"}
 
@@ -531,6 +548,103 @@ class BoardTable(Table):
     """Distance from the outermost copper to the edge of the board."""
     through_holes: bool = True
     """Whether vias go through the whole board; blind and buried ones join their coil's layers."""
+    bend_radius_mm: _Radius | None = None
+    """Radius of the round body on which the whole board lies, that of its inner face; positive bends
+    the edges down, negative up; flat by default."""
+    bend_far_radius_mm: _Radius | None = None
+    """Radius at the other end of the board, in the direction of the axis, for a cone; bend_radius_mm
+    is then that at the end where the axis starts."""
+    bend_axis_deg: Degrees = 0.0
+    """Direction of the straight lines of the bent board; 0 is x."""
+    bend_neutral_mm: Position | None = None
+    """Height of the plane that keeps its lengths; the middle of the board by default."""
+    bends: list[BendTable] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _one_kind_of_bend(self) -> BoardTable:
+        for key in ("bend_radius_mm", "bend_far_radius_mm"):
+            if getattr(self, key) == 0:
+                raise ValueError(f"needs {key} other than 0; leave it out for a flat board")
+        if self.bend_radius_mm is None:
+            if self.bend_far_radius_mm is not None:
+                raise ValueError("needs bend_radius_mm beside bend_far_radius_mm")
+        elif self.bends:
+            raise ValueError("has both bend_radius_mm and [[board.bends]]; one of them bends the board")
+        elif self.bend_far_radius_mm is not None and self.bend_radius_mm * self.bend_far_radius_mm < 0:
+            raise ValueError(
+                f"needs bend_radius_mm and bend_far_radius_mm of one sign; got {self.bend_radius_mm:g} and "
+                f"{self.bend_far_radius_mm:g}"
+            )
+        for k, bend in enumerate(self.bends):
+            if bend.radius_mm == 0:
+                raise ValueError(f"needs bends.{k}.radius_mm other than 0; leave the bend out for a flat board")
+        return self
+
+    @property
+    def of_array(self) -> dict[str, Any]:
+        """Values in SI of the flat array."""
+        return self.in_si("margin_mm", "through_holes")
+
+    def bent(self, array: Array) -> Array:
+        """Return a flat array as the table bends it."""
+        if self.bend_radius_mm is None and not self.bends:
+            return array
+        thickness = array.stackup.thickness
+        neutral = -thickness / 2 if self.bend_neutral_mm is None else self.bend_neutral_mm * MM
+        frame = Bend((Zone(1.0),), self.bend_axis_deg * DEG, neutral)
+        key = "bends" if self.bends else "bend_radius_mm"
+        try:
+            if self.bend_radius_mm is None:
+                zones = [
+                    Zone(frame.neutral_radius(one.radius_mm * MM, thickness), one.at_mm * MM, one.width_mm * MM)
+                    for one in self.bends
+                ]
+                return array.bent(replace(frame, zones=tuple(zones)))
+            near, far = self.bend_radius_mm * MM, (self.bend_far_radius_mm or self.bend_radius_mm) * MM
+            return array.bent(frame.between(near, far, array.bounds, thickness))
+        except GeometryError as error:
+            raise DesignError(f"board.{key}: {error}") from None
+
+    @classmethod
+    def of(cls, array: Array) -> dict[str, Any]:
+        """Return the entries of a board."""
+        table = cls.entries_of(array, "margin_mm", "through_holes")
+        if array.form is None:
+            return table
+        bend, thickness = array.form, array.stackup.thickness
+        if not isinstance(bend, Bend):
+            raise DesignError(f"a design file cannot hold a board of the form {bend!r:.60}.")
+
+        def radius(of_neutral: float) -> float:
+            inside = math.copysign(bend.inside(of_neutral, thickness), of_neutral)
+            read = partial(_neutral_radius, bend, thickness)
+            return nearest_entry((of_neutral - inside) / MM, of_neutral, read)
+
+        if bend.neutral != -thickness / 2:
+            table["bend_neutral_mm"] = entry_of(bend.neutral, MM)
+        if bend.axis:
+            table["bend_axis_deg"] = entry_of(bend.axis, DEG)
+        first = bend.zones[0]
+        if bend.apex is not None:
+            near, far = (float(f"{one / MM:.12g}") for one in bend.end_radii(array.bounds, thickness))
+            return {**table, "bend_radius_mm": near, "bend_far_radius_mm": far}
+        if len(bend.zones) == 1 and first.width == math.inf:
+            return {**table, "bend_radius_mm": radius(first.radius)}
+        low, high = bend.edges(array.bounds)
+        table["bends"] = [
+            {
+                "radius_mm": radius(zone.radius),
+                "at_mm": entry_of(zone.at, MM),
+                "width_mm": entry_of(min(zone.width, 2 * max(high - zone.at, zone.at - low)), MM),
+            }
+            for zone in bend.zones
+        ]
+        return table
+
+
+def _neutral_radius(bend: Bend, thickness: float, entry: float) -> float:
+    """Radius in m of the neutral plane for an entry of the inner face."""
+    return bend.neutral_radius(entry * MM, thickness)
 
 
 def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:

@@ -33,6 +33,7 @@ from coilarray.geometry import (
     EVEN,
     Array,
     Ball,
+    Bend,
     Coil,
     Conductor,
     Connector,
@@ -304,6 +305,8 @@ class Design:
                 check_state(state, names)
         except NetworkError as error:
             raise DesignError(str(error)) from None
+        if self.array.form is not None:
+            _require_flat(self)
         if (setup := self.indentation) is not None:
             for k, sheet in enumerate(self.sheets):
                 if sheet.youngs_modulus is None:
@@ -336,6 +339,10 @@ class Design:
     def conductors(self) -> tuple[Conductor, ...]:
         """Return the current path of every coil, in m."""
         return self.array.conductors()
+
+    def flat_conductors(self) -> tuple[Conductor, ...]:
+        """Return the current path of every coil of the flat board, in m."""
+        return self.array.flat_conductors()
 
     def __repr__(self) -> str:
         facts = dict(design_facts(self))
@@ -411,6 +418,20 @@ def _over_array(setup: _Placed, array: Array, table: str, within: Edges | None =
     return setup
 
 
+def _require_flat(design: Design) -> None:
+    """Refuse whatever is computed for flat boards only."""
+    magnetic = [f"elastomer.{k}.relative_permeability" for k, sheet in enumerate(design.sheets) if sheet.magnetic]
+    needs = {
+        **dict.fromkeys(magnetic[:1], "above 1"),
+        "indentation": design.indentation,
+        "plate.0": design.plates or None,
+        "target": design.target,
+    }
+    for key, there in needs.items():
+        if there is not None:
+            raise DesignError(f"{key} needs a flat board; this board is bent, see [board].")
+
+
 @dataclass(frozen=True, eq=False)
 class DesignFile:
     """A design with the additional content of its file.
@@ -447,6 +468,10 @@ class DesignFile:
     def conductors(self) -> tuple[Conductor, ...]:
         """Return the current path of every coil of the design, in m."""
         return self.design.conductors()
+
+    def flat_conductors(self) -> tuple[Conductor, ...]:
+        """Return the current path of every coil of the flat board, in m."""
+        return self.design.flat_conductors()
 
     def __repr__(self) -> str:
         return f"<DesignFile of {self.design!r}: values {dict(file_facts(self))['values']}>"
@@ -573,6 +598,7 @@ def _build(parsed: Document) -> Design:
     if parsed.connector is not None:
         with _named("connector"):
             array = route_leads(array, Connector(**parsed.connector.in_si()))
+    array = parsed.board.bent(array)
     sheets = tuple(Sheet(**sheet.in_si()) for sheet in parsed.elastomer)
     indenter, pressed = parsed.indenter, parsed.indentation
     if (indenter is None) != (pressed is None):
@@ -684,6 +710,10 @@ def _plain(value: Any) -> Any:
             return [type(value).__name__, *(_plain(values[key]) for key in values if key not in ("name", "stackup"))]
         case Arc():  # its bulge is computed, and the bulge of a short arc has few digits
             return [value.first, value.last, _plain(np.array(value.bulge))]
+        case Bend():  # the apex of a slight cone is far away and little known: its slope counts
+            zones = np.array([(zone.radius, zone.at, zone.width) for zone in value.zones])
+            slope = 0.0 if value.apex is None else value.zones[0].radius / value.apex
+            return ["Bend", _plain(zones), _plain(np.array([value.axis, value.neutral, slope]))]
         case FinitePlate():
             shape = [value.outline, value.material, value.thickness, value.tilt, value.tilt_direction]
             return [value.name, _plain(shape), _plain(np.array(value.centre))]
@@ -704,7 +734,8 @@ def _array(array: Array) -> Any:
             coils[id(coil)] = digest_of(drawn if coil.wound is None else coil.wound)
         where = np.array([place.x, place.y, place.rotation])
         placements.append([place.name, coils[id(coil)], list(place.layers), _plain(where)])
-    return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes]
+    form = () if array.form is None else (_plain(array.form),)
+    return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes, *form]
 
 
 _HASH_DIGITS = 12

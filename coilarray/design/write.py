@@ -82,7 +82,7 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
         "stackup": StackupTable.entries_of(array.stackup) | {"layers": list(layers.values())},
         "coils": {shape: coil_entries(coil) for shape, coil in coils.items()},
         "array": array_entries(array, shapes, names, layers),
-        "board": BoardTable.entries_of(array),
+        "board": BoardTable.of(design.array),
     }
     if design.sheets:
         document["elastomer"] = _named_tables(design.sheets, SheetTable.entries_of)

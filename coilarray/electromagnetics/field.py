@@ -43,8 +43,11 @@ Source: TypeAlias = (
 """Current paths: spiral, coil, array, design, conductor, polyline (n + 1, 3) in m, or several."""
 
 
-def as_conductors(source: Source) -> tuple[Conductor, ...]:
-    """Return the current paths of any coil description, arrays in m as thin filaments."""
+def as_conductors(source: Source, *, flat: bool = False) -> tuple[Conductor, ...]:
+    """Return the current paths of any coil description, arrays in m as thin filaments.
+
+    `flat` gives those of the flat boards, before they are bent.
+    """
     items: list[Any]
     if isinstance(source, Conductor) or hasattr(source, "conductors"):
         items = [source]
@@ -62,11 +65,21 @@ def as_conductors(source: Source) -> tuple[Conductor, ...]:
     found: list[Conductor] = []
     for number, item in enumerate(items, start=1):
         paths = getattr(item, "conductors", None)
+        if flat:
+            paths = getattr(item, "flat_conductors", paths)
         if isinstance(item, Conductor):
             found.append(item)
         else:
             found += [Conductor(item, name=f"path {number}")] if paths is None else paths()
     return tuple(found)
+
+
+def require_level(path: Conductor, result: str) -> None:
+    """Refuse a path whose widths are tilted, for a result that needs a flat board."""
+    if not path.is_level:
+        raise GeometryError(
+            f"{result} is computed for flat boards only; the widths of {path.name} are tilted against the x-y plane."
+        )
 
 
 def magnetic_field(

@@ -214,8 +214,8 @@ def inductance_matrix(
     """
     conductors = as_conductors(source)
     _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
-    if not allow_overlaps:
-        require_apart(conductors, source.stackup if isinstance(source, Array) else None)
+    if not allow_overlaps:  # a bent board does not meet itself
+        require_apart(as_conductors(source, flat=True), source.stackup if isinstance(source, Array) else None)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 

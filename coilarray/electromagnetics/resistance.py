@@ -20,7 +20,7 @@ from coilarray.compute.arrays import BoolArray, FloatArray, IntArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Recent, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
-from coilarray.electromagnetics.field import Source, as_conductors
+from coilarray.electromagnetics.field import Source, as_conductors, require_level
 from coilarray.electromagnetics.kernels import sections
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
@@ -47,6 +47,10 @@ _isolated_modes = lru_cache(maxsize=256)(sections.isolated_modes)
 def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
     """Compute the direct-current resistance of every path in Ω.
 
+    A bent board counts as flat, since its middle plane keeps its lengths. Copper on its faces is
+    stretched or compressed by half the thickness over the radius, and its resistance changes by
+    twice that.
+
     Parameters
     ----------
     source : Array, Conductor, polyline or sequence of them
@@ -72,7 +76,7 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> Fl
     array([1.])
     """
     require_positive("resistivity", resistivity, " Ω·m")
-    conductors = as_conductors(source)
+    conductors = as_conductors(source, flat=True)
     for conductor in conductors:
         if not (conductor.areas > 0).all():
             raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
@@ -190,10 +194,11 @@ def resistance_matrix(
     linear along the path from cut to cut, and 1 on leads. The part of two coils takes √ of both
     factors, which keeps R positive definite. So turns of one coil shield each other, but coils do
     not. Corners, leads and turns shorter than a few bundle widths are the weak points. Vias count
-    with their DC resistance, eddy currents in pads and planes are left out.
+    with their DC resistance, eddy currents in pads and planes are left out. A bent board counts as
+    flat.
     """
     # A bar's own field is left out on the whole of a straight run, however many vertices it has.
-    conductors = [conductor.straightened() for conductor in as_conductors(source)]
+    conductors = [conductor.straightened() for conductor in as_conductors(source, flat=True)]
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not len(f):
         raise ValueError(f"frequencies must have shape (n >= 1,); got {np.shape(frequencies)}.")
@@ -202,6 +207,7 @@ def resistance_matrix(
     for conductor in conductors:
         if conductor.is_filament:
             raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
+        require_level(conductor, "the resistance at alternating current")
     n = len(conductors)
     R = np.zeros((len(f), n, n))
     wide = np.zeros((len(f), n), dtype=bool)

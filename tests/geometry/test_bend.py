@@ -1,15 +1,20 @@
 """Bent boards: lengths are kept, and a bent coil is the coil sampled densely on the bent surface."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import Array, Spiral, inductance_matrix, mutual_inductance
-from coilarray.errors import GeometryError
-from coilarray.geometry import Conductor
+from coilarray import Array, Design, Spiral, couple_design, inductance_matrix, mutual_inductance
+from coilarray.circuit.board_circuit import board_circuit
+from coilarray.circuit.network_files import fasthenry_input
+from coilarray.design.model import Indentation
+from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix
+from coilarray.errors import DesignError, GeometryError
+from coilarray.geometry import MATERIALS, Conductor, Hemisphere, Plate, Sheet, Target
 from coilarray.geometry.bend import Bend, Zone
 
 BENDS = {
@@ -116,3 +121,85 @@ def test_boards_that_cannot_be_bent_so_are_refused(bend, named):
 def test_only_a_current_path_is_bent():
     with pytest.raises(GeometryError, match="path must be a Conductor"):
         Bend((Zone(8e-3),)).bent(Spiral(6, 12e-3, 4, 0.3e-3, 0.3e-3))
+
+
+STRIP = Array.row(Spiral(6, 10e-3, 4, 0.3e-3, 0.3e-3), 3, pitch=11e-3)
+"""A board of 34 × 15 mm and 0.27 mm with its upper face at z = 0."""
+
+
+def test_an_array_follows_its_form_and_stays_flat_where_it_is_made():
+    bend = Bend((Zone(8e-3),), axis=math.pi / 2)
+    bent = STRIP.bent(bend)
+    for path, flat, found in zip(bent.conductors(), STRIP.conductors(), bent.flat_conductors(), strict=True):
+        np.testing.assert_array_equal(path.vertices, bend.bent(flat).vertices)
+        np.testing.assert_array_equal(found.vertices, flat.vertices)
+    assert bent.bounds == STRIP.bounds
+    assert [placement.x for placement in bent.flat.placements] == [placement.x for placement in bent.placements]
+    np.testing.assert_array_equal(dc_resistance(bent), dc_resistance(STRIP))
+    other = STRIP.bent(Bend((Zone(9e-3),), axis=math.pi / 2))
+    assert len({Design(board).digest for board in (STRIP, bent, other)}) == 3
+
+
+def test_the_resistance_of_a_bent_coil_is_that_of_the_flat_coil():
+    flat = Array.row(Spiral(4, 10e-3, 2, 0.3e-3, 0.3e-3, layers=1), 1)
+    bent = flat.bent(Bend((Zone(8e-3),)))
+    ac, expected = (resistance_matrix(board, [1e4, 30e6]).resistance for board in (bent, flat))  # both models
+    np.testing.assert_array_equal(ac, expected)
+
+
+@pytest.mark.parametrize(("bend", "named"), [
+    (Bend((Zone(0.4e-3),), neutral=-0.135e-3), "inner radius"), (Bend((Zone(-0.2e-3, width=1e-3),)), "inner radius"),
+    (Bend((Zone(5e-3),), axis=math.pi / 2), "meet itself"),
+    (Bend((Zone(1.5e-3, -5e-3, 4.7e-3), Zone(1.5e-3, 5e-3, 4.7e-3)), axis=math.pi / 2), "meet itself"),
+    (Bend((Zone(3e-3, at=30e-3, width=1e-3),)), "on the board"), (Bend((Zone(3e-3),), apex=10e-3), "apex"),
+    (Bend((Zone(3e-3),), apex=30e-3), "meet itself"),
+])  # fmt: skip
+def test_boards_that_cannot_have_a_form_are_refused(bend, named):
+    with pytest.raises(GeometryError, match=named):
+        STRIP.bent(bend)
+
+
+def test_the_inner_radius_is_that_of_the_face_inside():
+    bounds, thickness = (-10e-3, -5e-3, 10e-3, 5e-3), 0.4e-3
+    assert Bend((Zone(5e-3),), neutral=-0.1e-3).inner_radius(bounds, thickness) == pytest.approx(4.7e-3)
+    assert Bend((Zone(-5e-3),), neutral=-0.1e-3).inner_radius(bounds, thickness) == pytest.approx(4.9e-3)
+    # the curvature of a cone grows towards its apex: there R·(40 − 10)/40
+    assert Bend((Zone(8e-3),), apex=40e-3).inner_radius(bounds, 0.0) == pytest.approx(6e-3)
+
+
+def test_resistance_refuses_tilted_paths_by_name():
+    path = STRIP.bent(Bend((Zone(8e-3),))).conductors()[1]
+    with pytest.raises(GeometryError, match="coil2"):
+        resistance_matrix([path], 1e6)
+
+
+@pytest.mark.parametrize(("more", "key"), [
+    ({"sheets": (Sheet("base", 1e-3), Sheet("magnetic", 1e-3, 2.0))}, "elastomer.1.relative_permeability"),
+    ({"plates": (Plate("plate", 5e-3, 1e-3, MATERIALS["copper"]),)}, "plate.0"),
+    ({"target": Target(Plate("plate", 0.0, 1e-3, MATERIALS["copper"]), (1e-3,))}, "target"),
+    ({"sheets": (Sheet("base", 1e-3, youngs_modulus=1e5, poissons_ratio=0.49),),
+      "indentation": Indentation(Hemisphere(2e-3), (0.2e-3,))}, "indentation"),
+])  # fmt: skip
+def test_designs_refuse_what_needs_a_flat_board(more, key):
+    Design(STRIP, **more)
+    with pytest.raises(DesignError, match=key):
+        Design(STRIP.bent(Bend((Zone(20e-3),))), **more)
+
+
+def test_the_circuit_of_a_bent_board_names_what_it_leaves_out():
+    flat, bent = (board_circuit(Design(board)) for board in (STRIP, STRIP.bent(Bend((Zone(50e-3),), math.pi / 2))))
+    assert [part for part in bent.network.left_out if "bend" in part]
+    assert not [part for part in flat.network.left_out if "bend" in part]
+    np.testing.assert_array_equal(bent.network.winding_capacitance, flat.network.winding_capacitance)
+    assert 0 < abs(bent.inductance[0, 1] / flat.inductance[0, 1] - 1) < 0.3
+    assert len(couple_design(bent.design).coil) == 3
+
+
+def test_fasthenry_gets_the_direction_of_tilted_widths():
+    bent = STRIP.bent(Bend((Zone(8e-3),)))
+    bars = [line for line in fasthenry_input(bent, [1e6]).splitlines() if line.startswith("E2_")]
+    path = bent.conductors()[1]
+    for line, across in zip(bars, path.across, strict=True):
+        given = [float(part) for part in re.findall(r" w[xyz]=(\S+)", line)]
+        assert given == across.tolist() or (not given and abs(across[2]) < 1e-6)
+    assert sum(" wz=" in line for line in bars) > len(bars) / 4
