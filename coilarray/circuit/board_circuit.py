@@ -7,28 +7,32 @@ coils. Both are found together, see `BoardCircuit.plates`.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from threading import RLock
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 import xarray as xr
+from scipy.linalg import block_diag
 
 from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, Recent, serial_algebra
-from coilarray.design.model import Design, DesignFile, design_of, digest_of
+from coilarray.design.model import Board, Design, DesignFile, design_of, digest_of
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix
+from coilarray.electromagnetics.motion import moved_inductance
 from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix
 from coilarray.errors import GeometryError, NetworkError
-from coilarray.geometry import Array, FinitePlate, Plate, Sheet
+from coilarray.geometry import Array, Conductor, FinitePlate, Plate, Pose, Sheet
 from coilarray.metal.finite_plates import PlateError, moving_plate, outlined_inductance, worst_attributes
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.frequencies import FrequencyBand
@@ -38,6 +42,7 @@ LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances 
 _OTHERS_COPPER = "losses in the copper of other coils"
 _BEND_LEFT_OUT = "change of the resistance and capacitance of the windings by the bend of the board"
 _PLATES_LEFT_OUT = ("change of the losses in the copper by the plates", "capacitance of the plates")
+_BETWEEN_BOARDS = ("capacitance between boards", "losses in the copper of other boards")
 _RESISTANCE_POINTS = 9
 _MARGIN = 0.05  # relative margin of a frequency. Alternating-current resistance shifts a resonance by far less
 _PLATES_MARGIN = 0.2  # relative margin of a frequency. Strays seldom lower a resonance by more
@@ -53,16 +58,27 @@ def board_circuit(
 ) -> BoardCircuit:
     """Return the circuit of a design, always the same object."""
     design = design_of(design)
-    above = design.circuit.elastomer_permittivity if design.sheets else 1.0
-    key = (digest_of(design.array, design.sheets, above), accuracy)
-    windings = _KEPT.get(key, lambda: _windings(design, above, accuracy, progress))
-    circuit: BoardCircuit = _KEPT.get((design.digest, accuracy), lambda: BoardCircuit(design, windings))
+
+    def make() -> BoardCircuit:
+        each = [_windings(board.design, accuracy, progress) for board in design.placed]
+        return BoardCircuit(design, each[0] if len(each) == 1 else _joined_windings(design, each, accuracy, progress))
+
+    circuit: BoardCircuit = _KEPT.get((design.digest, accuracy), make)
     return circuit
 
 
-def _windings(design: Design, above: float, accuracy: Accuracy, progress: Progress | None) -> Windings:
+def _windings(design: Design, accuracy: Accuracy, progress: Progress | None) -> Windings:
+    """Return the windings of an array under its flat sheets, always the same object."""
+    above = design.circuit.elastomer_permittivity if design.sheets else 1.0
+    key = (digest_of(design.array, design.sheets, above), accuracy)
+    windings: Windings = _KEPT.get(key, lambda: _new_windings(design.array, design.sheets, above, accuracy, progress))
+    return windings
+
+
+def _new_windings(
+    array: Array, sheets: tuple[Sheet, ...], above: float, accuracy: Accuracy, progress: Progress | None
+) -> Windings:
     """Compute the inductances of an array under its flat sheets."""
-    array, sheets = design.array, design.sheets
 
     def compute() -> xr.Dataset:
         by_sheets = layer_inductance(array.conductors(), sheets, accuracy=accuracy)
@@ -74,6 +90,36 @@ def _windings(design: Design, above: float, accuracy: Accuracy, progress: Progre
     found = _kept(array, accuracy, ("inductance", digest_of(array, sheets)), compute)
     L, by_sheets = found.inductance.values, found.by_sheets.values
     return Windings(array=array, sheets=sheets, above=above, accuracy=accuracy, inductance=L, by_sheets=by_sheets)
+
+
+def _joined_windings(
+    design: Design, each: Sequence[Windings], accuracy: Accuracy, progress: Progress | None
+) -> JoinedWindings:
+    """Compute the inductances of all boards, beside the sheets of the design's own."""
+    placed, paths = design.placed, design.conductors()
+
+    def compute() -> xr.Dataset:
+        L = block_diag(*(one.inductance - one.by_sheets for one in each))
+        ends = np.cumsum([0, *(len(board.array.names) for board in placed)]).tolist()
+        for number, (start, end) in enumerate(pairwise(ends[:-1]), start=1):
+            (M,) = moved_inductance(paths[start:end], paths[end:], Pose())
+            L[start:end, end:], L[end:, start:end] = M, M.T
+            if progress is not None:
+                progress(number, len(placed) - 1)
+        by_sheets = layer_inductance(paths, design.sheets, accuracy=accuracy)
+        pair = ("coil", "other")
+        return xr.Dataset({"inductance": (pair, L + by_sheets), "by_sheets": (pair, by_sheets)})
+
+    parts = (
+        "boards",
+        [digest_of(one.array) for one in each],
+        digest_of([board.pose for board in placed], design.sheets),
+    )
+    found = kept_dataset(parts, compute) if accuracy == "full" else compute()
+    L, by_sheets = found.inductance.values, found.by_sheets.values
+    return JoinedWindings(
+        boards=placed, each=tuple(each), sheets=design.sheets, accuracy=accuracy, inductance=L, by_sheets=by_sheets
+    )
 
 
 def _kept(array: Array, accuracy: Accuracy, parts: Sequence[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
@@ -106,19 +152,46 @@ class _Locked:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Windings(_Locked):
-    """Coils under flat sheets, which several circuits share.
+class _AllWindings(_Locked):
+    """Coils under flat sheets.
 
     `inductance` (n, n) in H is without plates. `by_sheets` is its part due to the magnetic sheets.
+    """
+
+    sheets: tuple[Sheet, ...]
+    accuracy: Accuracy
+    inductance: FloatArray
+    by_sheets: FloatArray
+
+    @property
+    @abstractmethod
+    def paths(self) -> tuple[Conductor, ...]:
+        """Current paths in space, in m."""
+
+    def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> Plates:
+        """Effect of plates between two frequencies in Hz, working in their middle."""
+        band, paths = FrequencyBand(low, high), self.paths
+        infinite = [plate for plate in plates if isinstance(plate, Plate)]
+        change = plate_inductance(paths, infinite, band.nodes, self.sheets, accuracy=self.accuracy)
+        if len(infinite) < len(plates):
+            change = change + outlined_inductance(paths, plates, band.nodes, self.sheets)
+        return Plates(band, change, math.sqrt(low * high))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Windings(_AllWindings):
+    """Coils of one board, which several circuits share.
+
     `above` is the relative permittivity above the board.
     """
 
     array: Array
-    sheets: tuple[Sheet, ...]
     above: float
-    accuracy: Accuracy
-    inductance: FloatArray
-    by_sheets: FloatArray
+
+    @property
+    def paths(self) -> tuple[Conductor, ...]:
+        """Current paths in m."""
+        return self.array.conductors()
 
     @_computed_once
     def capacitance(self) -> tuple[xr.Dataset | None, str]:
@@ -138,14 +211,45 @@ class Windings(_Locked):
         work = partial(resistance_matrix, self.array, frequencies, resistivity, alone=alone)
         return _kept(self.array, self.accuracy, parts, work)
 
-    def plate_effect(self, plates: Sequence[Plate | FinitePlate], low: float, high: float) -> Plates:
-        """Effect of plates between two frequencies in Hz, working in their middle."""
-        band, paths = FrequencyBand(low, high), self.array.conductors()
-        infinite = [plate for plate in plates if isinstance(plate, Plate)]
-        change = plate_inductance(paths, infinite, band.nodes, self.sheets, accuracy=self.accuracy)
-        if len(infinite) < len(plates):
-            change = change + outlined_inductance(paths, plates, band.nodes, self.sheets)
-        return Plates(band, change, math.sqrt(low * high))
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JoinedWindings(_AllWindings):
+    """Coils of several boards.
+
+    Capacitances and losses of each board's copper are the same as alone.
+    """
+
+    boards: tuple[Board, ...]
+    each: tuple[Windings, ...]
+
+    @property
+    def paths(self) -> tuple[Conductor, ...]:
+        """Current paths of all boards in space, in m."""
+        return tuple(path for board in self.boards for path in board.conductors())
+
+    @_computed_once
+    def capacitance(self) -> tuple[xr.Dataset | None, str]:
+        """Join `coil_capacitance` of the boards, or return the reason why there is none."""
+        found = []
+        for one, board in zip(self.each, self.boards, strict=True):
+            dataset, problem = one.capacitance
+            if dataset is None:
+                return None, f"{problem} ({board.prefix}{'' if board.name else 'own board'})"
+            found.append(dataset)
+        single = np.concatenate([one.coil_capacitance.values for one in found])
+        whole = block_diag(*(one.capacitance.values for one in found))
+        return xr.Dataset({"coil_capacitance": ("coil", single), "capacitance": (("coil", "other"), whole)}), ""
+
+    def resistance(self, frequencies: FloatArray, resistivity: float) -> xr.Dataset:
+        """Join the resistance matrices (f, n, n) in Ω, each with the resistivity of its board."""
+        pairs = zip(self.each, self.boards, strict=True)
+        found = [one.resistance(frequencies, board.design.circuit.resistivity) for one, board in pairs]
+        whole = np.array([block_diag(*(one.resistance.values[k] for one in found)) for k in range(len(frequencies))])
+        model = np.concatenate([one.model.values for one in found], axis=1)
+        return xr.Dataset(
+            {"resistance": (("frequency", "coil", "other"), whole), "model": (("frequency", "coil"), model)},
+            {"frequency": frequencies},
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +293,7 @@ class BoardCircuit(_Locked):
     """Circuit of a design, its parts computed when needed."""
 
     design: Design
-    windings: Windings
+    windings: Windings | JoinedWindings
     _errors: dict[float, dict[str, PlateError]] = field(default_factory=dict, repr=False)
 
     @property
@@ -201,7 +305,8 @@ class BoardCircuit(_Locked):
     @_computed_once
     def direct_resistance(self) -> FloatArray:
         """Direct-current resistance (n,) of each coil in Ω."""
-        return dc_resistance(self.design.array, self.design.circuit.resistivity)
+        each = [dc_resistance(board.array, board.design.circuit.resistivity) for board in self.design.placed]
+        return np.concatenate(each)
 
     @_computed_once
     def plates(self) -> Plates | None:
@@ -230,14 +335,15 @@ class BoardCircuit(_Locked):
 
     def _bare(self, inductance: FloatArray) -> Network:
         switches = self.design.circuit.switches
-        return bare_network(self.design.array.names, inductance, self.direct_resistance, switches)
+        return bare_network(self.design.coil_names, inductance, self.direct_resistance, switches)
 
     @_computed_once
     def _direct(self) -> tuple[Network, Plates | None]:
         """Network of direct-current copper with strays, and its plates."""
         capacitance, problem = self.windings.capacitance
         left_out = (LEFT_OUT[0], *([problem] if problem else []), *(_PLATES_LEFT_OUT if self.plates else ()))
-        left_out += () if self.windings.array.form is None else (_BEND_LEFT_OUT,)
+        left_out += () if all(board.array.form is None for board in self.design.placed) else (_BEND_LEFT_OUT,)
+        left_out += _BETWEEN_BOARDS if self.design.boards else ()
         network = replace(
             self._bare(self.windings.inductance), switches=self.design.circuit.switches, left_out=left_out
         )
@@ -335,7 +441,7 @@ class BoardCircuit(_Locked):
         with self.lock:
             if frequency not in self._errors:
                 self._errors[frequency] = {
-                    one.name: moving_plate(design.array, one, [one.centre], [frequency], design.sheets)
+                    one.name: moving_plate(self.windings.paths, one, [one.centre], [frequency], design.sheets)
                     for one in design.plates
                     if isinstance(one, FinitePlate)
                 }

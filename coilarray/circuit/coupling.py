@@ -142,7 +142,8 @@ def couple_design(
     network = circuit.ideal if ideal else circuit.network
     result = _coupled(network, design.coils_in_turn, terminations_of(design), circuit.direct_resistance)
     without = resonances(circuit.ideal, design.coils_in_turn)
-    single, centres = ("coil",), design.array.centres
+    single = ("coil",)
+    centres = design.centres if design.boards else design.array.centres
     meaning = "ideal: direct-current copper, no strays"
     L, f = np.array([(one.effective_inductance, one.frequency) for one in without]).T
     rows = [
@@ -150,7 +151,9 @@ def couple_design(
         ("ideal_frequency", single, f, "Hz", f"resonance frequency, {meaning}"),
         ("sheet_inductance", ("coil", "other"), circuit.windings.by_sheets, "H", "inductance due to the sheets"),
     ]
-    places = [(axis, single, at, "m", f"centre of the coil, {axis}") for axis, at in zip("xy", centres.T, strict=True)]
+    places = [
+        (axis, single, at, "m", f"centre of the coil, {axis}") for axis, at in zip("xyz", centres.T, strict=False)
+    ]
     if (plates := circuit.plates) is not None:
         rows += [
             ("plate_inductance", ("coil", "other"), plates.inductance, "H", "inductance due to the plates"),
@@ -259,7 +262,7 @@ def operating_currents(
     have raises a GeometryError.
     """
     design = design_of(design)
-    names = design.array.names
+    names = design.coil_names
     if active not in names:
         raise GeometryError(f"there is no coil {active!r}; there are {', '.join(names)}.")
     if not terminated:
@@ -323,7 +326,7 @@ def operating_field(
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)
     x, y, z = axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
-    conductors = design.array.conductors()
+    conductors = design.conductors()
     if endless:
         beside = plate_field(conductors, currents, endless, float(coupling.frequency.sel(coil=active)), x, y, z)
         in_phase, quadrature = beside.real, beside.imag
@@ -344,7 +347,7 @@ def operating_field(
         attrs={
             **provenance(design),
             "active_coil": active,
-            "other_coils": "none" if len(design.array.names) == 1 else "as terminated" if terminated else "open",
+            "other_coils": "none" if len(design.coil_names) == 1 else "as terminated" if terminated else "open",
             "active_current_A": current,
         },
     )
@@ -355,7 +358,7 @@ def part_switches(design: Design) -> Switches:
     circuit = design.circuit
     if circuit.part is None:
         return circuit.switches
-    return PARTS[circuit.part].capacitances(circuit.switches, len(design.array.names))
+    return PARTS[circuit.part].capacitances(circuit.switches, len(design.coil_names))
 
 
 @serial_algebra()
@@ -452,9 +455,9 @@ def scan_design(
     if (counted := part_switches(design)) != design.circuit.switches:
         with_part = [resonate(replace(network, switches=counted), state).frequency for state in plan]
         rows.append(("part_frequency", states, with_part, "Hz", f"with capacitances of {design.circuit.part}"))
-    if elastomer and design.sheets and capacitance is not None:
+    if elastomer and design.sheets and capacitance is not None and not design.boards:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
-        above = circuit.windings.above
+        above = design.circuit.elastomer_permittivity
         effect = kept_dataset(
             ("elastomer effect", digest_of(design.array, design.sheets, above, design.circuit.capacitance)),
             lambda: elastomer_effect(design.array, above, design.circuit.capacitance, design.sheets, undisturbed=below),
@@ -537,7 +540,7 @@ def sweep_design(
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not f.size or not np.isfinite(f).all() or f[0] <= 0 or (np.diff(f) <= 0).any():
         raise ValueError("frequencies must be positive, finite and rising.")
-    coils = len(design.array.names)
+    coils = len(design.coil_names)
     require_memory(
         _BYTES_A_RESISTANCE * len(f) * coils**2, f"the impedance of {coils} coils at {len(f)} frequencies", "take fewer"
     )

@@ -5,12 +5,14 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, partial
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -43,6 +45,7 @@ from coilarray.geometry import (
     Indenter,
     Material,
     Plate,
+    Pose,
     RoundedSpiral,
     Sheet,
     Stackup,
@@ -51,6 +54,7 @@ from coilarray.geometry import (
 )
 from coilarray.geometry.arcs import Arc
 from coilarray.geometry.array import array_facts
+from coilarray.geometry.board_clearance import board_pieces, cut_through, free_shift
 from coilarray.geometry.conductor import CurrentPaths
 from coilarray.geometry.connector import route_leads
 from coilarray.geometry.elastomer import Base, Strain
@@ -229,6 +233,79 @@ class Indentation:
 
 
 @dataclass(frozen=True, eq=False)
+class Board:
+    """A board at its place in space.
+
+    Parameters
+    ----------
+    of : Array or Design
+        Coils of the board, perhaps with the design that they belong to. The design's circuit counts
+        only for its resistivity: coils that are placed are connected as the placing design says.
+    pose : Pose
+        Turn and shift of the board.
+    name : str or None
+        Name of the board, which starts the names of its coils, as in ``receiver/coil1``. Coils keep
+        their names if it is empty. By default board2, board3, … in the design that places it.
+    file : str or None
+        File, or name of a bundled design, that the board was read from.
+
+    Raises
+    ------
+    DesignError
+        Neither an Array nor a Design, or no Pose.
+    """
+
+    of: Array | Design
+    pose: Pose = field(default_factory=Pose)
+    name: str | None = None
+    file: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.of, Array | Design) or not isinstance(self.pose, Pose):
+            raise DesignError(
+                f"a board must have an Array or a Design, and a Pose; got {self.of!r:.60} and {self.pose!r:.60}."
+            )
+
+    @cached_property
+    def design(self) -> Design:
+        """Design of the board by itself."""
+        return self.of if isinstance(self.of, Design) else Design(self.of)
+
+    @property
+    def array(self) -> Array:
+        """Coils of the board in its own coordinates."""
+        return self.design.array
+
+    @property
+    def prefix(self) -> str:
+        """Start of the names of its coils, with a slash unless empty."""
+        return f"{self.name}/" if self.name else ""
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names of its coils in the design that places it."""
+        return tuple(f"{self.prefix}{name}" for name in self.array.names)
+
+    @property
+    def centres(self) -> FloatArray:
+        """Centres of its coils in space in m, shape (coils, 3)."""
+        flat = np.column_stack((self.array.centres, np.zeros(len(self.array.names))))
+        return self.pose.apply(flat if self.array.form is None else self.array.form.surface(flat))
+
+    @cached_property
+    def pieces(self) -> FloatArray:
+        """Convex pieces of the board, with sheets on it, in space in m, shape (pieces, 8, 3)."""
+        return board_pieces(self.array, self.pose, self.design.top)
+
+    def conductors(self) -> tuple[Conductor, ...]:
+        """Return the current path of every coil in space, in m."""
+        if self.pose == Pose() and not self.prefix:
+            return self.array.conductors()
+        paths = zip(self.array.conductors(), self.coil_names, strict=True)
+        return tuple(path.posed(self.pose, name) for path, name in paths)
+
+
+@dataclass(frozen=True, eq=False)
 class Design:
     """A coil array with all inputs of its results.
 
@@ -254,13 +331,19 @@ class Design:
         Body of metal or ferrite that is moved over the board. None without a target.
     readout : Readout
         Settings of the read-out, for the noise and drift of readings.
+    boards : tuple of Board
+        Other boards in space, see `placed`.
+    pose : Pose
+        Place of the array's own board. Sheets, plates, an indentation and a target belong to this
+        board and need it unmoved.
 
     Raises
     ------
     DesignError
         Sheets or plates of one name, plates in the sheets, the coils or each other, an indentation
         that the sheets do not allow, a termination, port, state or origin of an unknown coil, two
-        ports at a coil, ports without a frequency, or an impossible state.
+        ports at a coil, ports without a frequency, an impossible state, boards of one name or that
+        cut through each other, or a moved board with sheets, plates or a target.
 
     Examples
     --------
@@ -282,10 +365,13 @@ class Design:
     plates: tuple[Plate | FinitePlate, ...] = ()
     target: Target | None = None
     readout: Readout = field(default_factory=Readout)
+    boards: tuple[Board, ...] = ()
+    pose: Pose = field(default_factory=Pose)
 
     def __post_init__(self) -> None:
         require_finite("field_height", self.field_height, error=DesignError)
-        names, known = self.array.names, ", ".join(self.array.names)
+        _require_boards(self)
+        names, known = self.coil_names, ", ".join(self.coil_names)
         sheets = [sheet.name for sheet in self.sheets]
         if len(set(sheets)) != len(sheets):
             raise DesignError(f"elastomer sheets must have different names; got {', '.join(sheets)}.")
@@ -336,13 +422,43 @@ class Design:
                         f"target is at {(highest - self.top) * 1e3:g} mm."
                     )
 
+    @cached_property
+    def placed(self) -> tuple[Board, ...]:
+        """All boards in space, the design's own first, without a name.
+
+        Boards of boards follow the board that places them.
+        """
+        own = self
+        if self.boards or self.pose != Pose():  # its circuit may name coils of other boards
+            circuit = Circuit(
+                resistivity=self.circuit.resistivity, elastomer_permittivity=self.circuit.elastomer_permittivity
+            )
+            own = replace(self, boards=(), pose=Pose(), circuit=circuit)
+        boards = [Board(own, self.pose, "")]
+        for number, board in enumerate(self.boards, start=2):
+            start = Board(board.of, board.pose, f"board{number}" if board.name is None else board.name)
+            for inner in board.design.placed:
+                name = f"{start.prefix}{inner.name}" if inner.name else start.name
+                boards.append(Board(inner.of, board.pose.after(inner.pose), name))
+        return tuple(boards)
+
+    @cached_property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names of the coils of all boards, such as receiver/coil1."""
+        return tuple(name for board in self.placed for name in board.coil_names)
+
+    @property
+    def centres(self) -> FloatArray:
+        """Centres of all coils in space in m, shape (coils, 3)."""
+        return np.concatenate([board.centres for board in self.placed])
+
     def conductors(self) -> tuple[Conductor, ...]:
-        """Return the current path of every coil, in m."""
-        return self.array.conductors()
+        """Return the current path in space of every coil of all boards, in m."""
+        return tuple(path for board in self.placed for path in board.conductors())
 
     def flat_conductors(self) -> tuple[Conductor, ...]:
         """Return the current path of every coil of the flat board, in m."""
-        return self.array.flat_conductors()
+        return one_board(self, "the resistance of paths").array.flat_conductors()
 
     def __repr__(self) -> str:
         facts = dict(design_facts(self))
@@ -360,7 +476,7 @@ class Design:
     def terminations(self) -> Mapping[str, Passive]:
         """Termination of each coil that is not measured, by name."""
         circuit = self.circuit
-        return {name: circuit.terminations.get(name, circuit.default_termination) for name in self.array.names}
+        return {name: circuit.terminations.get(name, circuit.default_termination) for name in self.coil_names}
 
     @cached_property
     def plan(self) -> tuple[ScanState, ...]:
@@ -370,7 +486,7 @@ class Design:
     @cached_property
     def coils_in_turn(self) -> tuple[ScanState, ...]:
         """States that measure each coil, the others with terminations."""
-        return tuple(terminated_state(name, ((name, 1),), self.terminations) for name in self.array.names)
+        return tuple(terminated_state(name, ((name, 1),), self.terminations) for name in self.coil_names)
 
     @cached_property
     def digest(self) -> str:
@@ -393,10 +509,47 @@ class Design:
             metal += ("target", target.body, target.distances, *over)
         readout: tuple[object, ...] = () if self.readout == Readout() else (self.readout,)
         ports = (*circuit.ports, circuit.link_frequency) if circuit.ports else ()
+        boards = [(board.name, board.pose, board.design.digest) for board in (self.placed[1:] if self.boards else ())]
+        space: tuple[object, ...] = () if self.pose == Pose() else (self.pose,)
+        space += ("boards", *boards) if boards else ()
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height, *metal, *readout, *ports,
+            self.terminations, self.plan, self.rules, self.field_height, *metal, *readout, *ports, *space,
         )  # fmt: skip
+
+
+def _require_boards(design: Design) -> None:
+    """Refuse boards of one name, or that cut through each other."""
+    if wrong := [board for board in design.boards if not isinstance(board, Board)]:
+        raise DesignError(f"boards of a design must be of type Board; got {wrong[0]!r:.60}.")
+    if design.pose != Pose() and (design.sheets or design.plates or design.target is not None):
+        raise DesignError("a design with sheets, plates or a target must have its own board at Pose().")
+    if not design.boards:
+        return
+    for board in design.placed[1:]:
+        magnetic = [sheet for sheet in board.design.sheets if sheet.magnetic]
+        for what, there in (("a magnetic sheet", magnetic), ("a plate", board.design.plates)):
+            if there:
+                raise DesignError(
+                    f"boards.{board.name} has {what}, {there[0].name}; only the design that places the boards may "
+                    "have bodies that change the field."
+                )
+    names, seen = [board.name for board in design.placed], set[str]()
+    for name in design.coil_names:
+        if name in seen:
+            raise DesignError(f"boards must have different names; got {', '.join(filter(None, names))} (coil {name}).")
+        seen.add(name)
+    for one, other in combinations(design.placed, 2):
+        if not (one.name or other.name):  # loops of one surface
+            continue
+        place = cut_through(one.pieces, other.pieces)
+        if place is not None:
+            at = ", ".join(f"{value:.4g}" for value in MM.of(place).round(6).tolist())
+            lift = MM.of(free_shift(one.pieces, other.pieces))
+            raise DesignError(
+                f"boards {one.name or design.name} and {other.name} cut through each other at ({at}) mm; "
+                f"{other.name} is clear {lift:.3g} mm higher."
+            )
 
 
 _Placed = TypeVar("_Placed", Indentation, Target)
@@ -480,6 +633,16 @@ class DesignFile:
         return design_html(self.design, file_facts(self))
 
 
+def one_board(design: Design, what: str) -> Design:
+    """Return a design of one board, as `what` needs it, and refuse several."""
+    if design.boards:
+        names = ", ".join(dict.fromkeys(filter(None, (board.name for board in design.placed))))
+        raise DesignError(
+            f"{what} needs a design of one flat board; {design.name} also has boards{f' {names}' if names else ''}."
+        )
+    return design
+
+
 def design_of(given: Design | DesignFile | CurrentPaths) -> Design:
     """Return the design of a design, its file, or coils."""
     if isinstance(given, DesignFile):
@@ -532,13 +695,32 @@ def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
         The design, its tables and which of its values are assumed.
     """
     given = bundled.STARTER if name_or_path is None else str(name_or_path)
-    return parse_design_file(bundled.DESIGNS.text(given), given)
+    text = bundled.DESIGNS.text(given)
+    with _opened(given):
+        return parse_design_file(text, given, Path(given).parent)
+
+
+_OPEN: ContextVar[tuple[str, ...]] = ContextVar("_OPEN", default=())
+
+
+@contextmanager
+def _opened(given: str) -> Iterator[None]:
+    """Refuse a file that is read for one of its own boards."""
+    whole = str(Path(given).resolve())
+    if whole in _OPEN.get():
+        raise DesignError(f"{given} places itself as one of its own boards.")
+    token = _OPEN.set((*_OPEN.get(), whole))
+    try:
+        yield
+    finally:
+        _OPEN.reset(token)
 
 
 def parse_design(text: str, origin: str = "design") -> Design:
     """Read a design from the text of a TOML file.
 
-    `origin` names it in messages. See `load_design`.
+    `origin` names it in messages. Files of other boards are found from the working folder. See
+    `load_design`.
 
     Returns
     -------
@@ -548,12 +730,44 @@ def parse_design(text: str, origin: str = "design") -> Design:
     return parse_design_file(text, origin).design
 
 
-def parse_design_file(text: str, origin: str = "design") -> DesignFile:
-    """Read a text that messages call `origin`, with warnings about wrong units."""
-    file = build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
+def parse_design_file(text: str, origin: str = "design", folder: Path | None = None) -> DesignFile:
+    """Read a text that messages call `origin`, with warnings about wrong units.
+
+    Paths in it are relative to a `folder`, by default the working folder.
+    """
+    document = with_paths(bundled.DESIGNS.parse(text, origin), partial(_whole_path, (folder or Path()).absolute()))
+    file = build_design_file(document, origin, text)
     for line in file.unusual:
         warnings.warn(f"{origin}: {line}", UnusualValueWarning, stacklevel=2)
     return file
+
+
+def with_paths(document: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+    """Return a document whose paths of other files are changed."""
+    changed = dict(document)
+    boards = document.get("boards")
+    if isinstance(boards, list):
+        changed["boards"] = [
+            {**table, "design": change(table["design"])}
+            if isinstance(table, Mapping) and isinstance(table.get("design"), str)
+            else table
+            for table in boards
+        ]
+    array = document.get("array")
+    if isinstance(array, Mapping) and isinstance(array.get("surface"), str):
+        changed["array"] = {**array, "surface": change(array["surface"])}
+    return changed
+
+
+def _whole_path(folder: Path, given: str) -> str:
+    """Return a file's whole path, or a name that is no file."""
+    path = os.path.normpath(folder / given)
+    return path if given and (os.path.isfile(path) or Path(given).suffix) else given
+
+
+def relative_path(folder: Path, given: str) -> str:
+    """Return a whole path relative to a folder."""
+    return os.path.relpath(given, folder.absolute()) if os.path.isabs(given) else given
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
@@ -621,8 +835,16 @@ def _build(parsed: Document) -> Design:
     circuit = parsed.circuit
     default = passive_of(circuit.default_termination)
     terminations = {coil: passive_of(how) for coil, how in circuit.terminations.items()}
-    every = {name: terminations.get(name, default) for name in array.names}
+    boards = []
+    for k, placed in enumerate(parsed.boards):
+        if isinstance(placed.design, str):
+            boards.append(Board(load_design(placed.design), placed.pose, placed.name, placed.design))
+        else:
+            boards.append(Board(build_design(placed.design, f"boards.{k}.design"), placed.pose, placed.name))
+    names = Design(array=array, boards=tuple(boards)).coil_names if boards else array.names
+    every = {name: terminations.get(name, default) for name in names}
     return Design(
+        boards=tuple(boards),
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,
@@ -631,7 +853,7 @@ def _build(parsed: Document) -> Design:
         indentation=indentation,
         target=target,
         circuit=Circuit(
-            switches=circuit.build_switches(len(array.names)),
+            switches=circuit.build_switches(len(names)),
             part=circuit.switches,
             resistivity=circuit.resistivity_ohm_m,
             terminations=terminations,
@@ -700,6 +922,8 @@ def _plain(value: Any) -> Any:
             return _array(value)
         case Material():
             return [_plain(value.conductivity), _plain(value.relative_permeability)]  # its name does not count
+        case Pose():
+            return _plain(np.array([value.x, value.y, value.z, *value.turn]))
         case Plate():
             return [value.name, _plain(value.material), _plain(value.thickness), _plain(np.array(value.z))]
         case Winding():  # its name and the board of the coil alone do not count

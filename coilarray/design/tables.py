@@ -22,13 +22,14 @@ from coilarray.design.body_tables import (
     SphereTarget,
 )
 from coilarray.design.fabs import FabTable
-from coilarray.design.keys import Name, Position, Relative, Table
+from coilarray.design.keys import Degrees, Name, Position, Relative, Table
 from coilarray.design.ports import Port
 from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT
 from coilarray.design.scan_states import PARTS, PartName, Passive, ScanState, Switches, terminated_state
+from coilarray.geometry import Pose
 
 if TYPE_CHECKING:
-    from coilarray.design.model import Circuit
+    from coilarray.design.model import Board, Circuit
 
 SCHEMA = 1
 """Version of the design file format."""
@@ -260,6 +261,33 @@ class StateTable(Table):
         }
 
 
+class PlacedBoardTable(Table):
+    """``[[boards]]``: another board in space, a design of its own."""
+
+    name: Name
+    """Name of the board, before the names of its coils, such as receiver/coil1."""
+    design: str | dict[str, Any]
+    """File of its design beside this file, a bundled design, or the tables of a design."""
+    x_mm: Position = 0.0
+    """x of its origin."""
+    y_mm: Position = 0.0
+    """y of its origin."""
+    z_mm: Position = 0.0
+    """Height of its top copper face above that of this board."""
+    turn_deg: list[Degrees] = Field(default_factory=lambda: [0.0, 0.0, 0.0], min_length=3, max_length=3)
+    """Turns about the fixed axes x, y and z through its origin, in this order."""
+
+    @property
+    def pose(self) -> Pose:
+        """Place of the board."""
+        return Pose(**self.in_si(without=("name", "design")))
+
+    @classmethod
+    def of(cls, board: Board, name: str, design: str | dict[str, Any]) -> dict[str, Any]:
+        """Return the entries of a board with its file or tables."""
+        return {"name": name, "design": design} | cls.entries_of(board.pose, without=("name", "design"))
+
+
 class FieldTable(Table):
     """``[field]``: the plane on which reports show the field."""
 
@@ -291,6 +319,7 @@ class Document(Table):
     circuit: CircuitTable = CircuitTable()
     readout: ReadoutTable = ReadoutTable()
     scan: list[StateTable] = Field(default_factory=list)
+    boards: list[PlacedBoardTable] = Field(default_factory=list)
     field: FieldTable = FieldTable()
     fab: FabTable = FabTable()
     assumed: dict[str, str] = Field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 An entry is a dotted key as in `DesignFile.values`, in the unit of its name, such as
 ``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm`` or ``circuit.terminations.coil2``.
+The name of a table stands for its number in a list, as in ``boards.receiver.z_mm``.
 Its value is any that the file can have, tables excepted. The document is checked like a file.
 """
 
@@ -106,9 +107,13 @@ def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     """Copy a table or list with one entry set."""
     if isinstance(table, list):
+        named = [k for k, item in enumerate(table) if isinstance(item, Mapping) and item.get("name") == parts[0]]
+        parts = [str(named[0]), *parts[1:]] if len(named) == 1 else parts
         if not parts[0].isdecimal() or int(parts[0]) >= len(table):
             numbers = "0" if len(table) == 1 else f"a number from 0 to {len(table) - 1}"
-            raise DesignError(f"{key} must have {numbers} for {parts[0]!r}.")
+            names = [str(item["name"]) for item in table if isinstance(item, Mapping) and "name" in item]
+            named_too = f" or a name ({', '.join(names)})" if names else ""
+            raise DesignError(f"{key} must have {numbers}{named_too} for {parts[0]!r}.")
         place = int(parts[0])
         return [*table[:place], _set(table[place], parts[1:], value, key), *table[place + 1 :]]
     if not isinstance(table, Mapping):

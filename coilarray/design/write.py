@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,15 +20,16 @@ from coilarray.design.board_tables import BoardTable, ConnectorTable, StackupTab
 from coilarray.design.body_tables import IndentationTable, PlateTable, SheetTable, indenter_entries, target_entries
 from coilarray.design.fabs import FabTable
 from coilarray.design.keys import MM, entry_of, sections_of
-from coilarray.design.model import Design, DesignFile, build_design_file, design_of
-from coilarray.design.tables import SCHEMA, CircuitTable, Document, ReadoutTable, StateTable
-from coilarray.geometry import Array, FinitePlate, Plate, Sheet
+from coilarray.design.model import Design, DesignFile, build_design_file, design_of, relative_path, with_paths
+from coilarray.design.tables import SCHEMA, CircuitTable, Document, PlacedBoardTable, ReadoutTable, StateTable
+from coilarray.errors import DesignError
+from coilarray.geometry import Array, FinitePlate, Plate, Pose, Sheet
 from coilarray.geometry.conductor import CurrentPaths
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # A list of plain values as tomli-w writes it, one value per line.
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]{}\n]+(?:,\n\s*[^\[\]{}\n]+)*),\n\s*\]")
-_HEADER = re.compile(r"^\[(?!\[)", re.MULTILINE)
+_HEADER = re.compile(r"^(\[\[?)(?=[\w\"'])", re.MULTILINE)
 _LISTS_OF_NAMES = re.compile(r"""\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]""")
 _TABLE = re.compile(r"\[\[?([^\]]+)\]\]?$")
 _KEY = re.compile(r"""([\w"'.]+)\s*=\s""")
@@ -69,6 +70,7 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
         stackup, margin, through = array.stackup, array.board_margin, array.through_holes
         array = replace(led.array, stackup=stackup, board_margin=margin, through_holes=through)
     names, layers = design_names(array.names), design_names(array.stackup.names)
+    names |= {name: name for name in design.coil_names if name not in names}
     shapes = shape_names(array)
     coils = {shape: place.coil for shape, place in zip(shapes, array.placements, strict=True)}
     document: dict[str, Any] = {"schema": SCHEMA, "name": design_names([design.name])[design.name]}
@@ -98,6 +100,13 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     if scan := design.circuit.scan:
         states = design_names(state.name for state in scan)
         document["scan"] = [StateTable.of(state, states[state.name], names) for state in scan]
+    if design.boards:
+        if any(not board.name for board in design.placed[1:]) or design.pose != Pose():
+            raise DesignError(f"{design.name} has loops on a surface, or a moved board, which a file gives otherwise.")
+        document["boards"] = [
+            PlacedBoardTable.of(board, board.name or f"board{k}", board.file or design_document(board.design))
+            for k, board in enumerate(design.boards, start=2)
+        ]
     document["field"] = {"height_mm": entry_of(design.field_height, MM)}
     document["fab"] = FabTable.not_by_default(FabTable.entries_of(design.rules, without=("profile",)))
     return {key: table for key, table in document.items() if table != {}}
@@ -151,7 +160,7 @@ def document_text(document: Mapping[str, Any]) -> str:
     blocks = [tomli_w.dumps(plain)] if plain else []
     for key, value in document.items():
         if is_tables(value):  # tomli-w writes short tables on one line
-            blocks += [f"[[{key}]]\n" + _HEADER.sub(f"[{key}.", tomli_w.dumps(table)) for table in value]
+            blocks += [f"[[{key}]]\n" + _HEADER.sub(rf"\g<1>{key}.", tomli_w.dumps(table)) for table in value]
         elif key not in plain:
             blocks.append(tomli_w.dumps({key: value}))
     return _LISTS_OF_NAMES.sub(_on_one_line, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
@@ -201,12 +210,17 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     OutputError
         A file that cannot be written.
     """
-    write_text(Path(path), file_text(design) if isinstance(design, DesignFile) else with_comments(design_text(design)))
+    folder = Path(path).absolute().parent
+    if isinstance(design, DesignFile):
+        write_text(Path(path), file_text(design, folder))
+    else:
+        write_text(Path(path), with_comments(design_text(design)))
 
 
-def file_text(file: DesignFile) -> str:
-    """Return the text of a design file with its layout."""
-    return edited_text(file.text, file.document) or with_comments(document_text(file.document))
+def file_text(file: DesignFile, folder: Path | None = None) -> str:
+    """Return the text of a design file with its layout, with paths from a folder if given."""
+    document = file.document if folder is None else with_paths(file.document, partial(relative_path, folder))
+    return edited_text(file.text, document) or with_comments(document_text(document))
 
 
 def with_comments(text: str) -> str:
@@ -233,9 +247,8 @@ def _path(header: str) -> str:
     parts = header.split(".")
     if parts[0] == "coils":
         parts[1:2] = ["NAME"]
-    return ".".join(
-        parts + (["N"] if header in ("elastomer", "plate", "scan", "array.placements", "circuit.ports") else [])
-    )
+    lists = ("elastomer", "plate", "scan", "boards", "array.placements", "circuit.ports")
+    return ".".join(parts + (["N"] if header in lists else []))
 
 
 @cache

@@ -34,12 +34,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import Source, as_conductors, first_of_each
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
-from coilarray.electromagnetics.kernels.sections import lateral_axes
 from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
 from coilarray.electromagnetics.neumann import segment_table
 from coilarray.errors import ElastomerError, GeometryError
@@ -111,7 +110,7 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], with β = (μr − 1)/(μr + 1), Z the sum of both
     paths' distances from the sheet's lower face and M their mutual inductance in free space at that
     distance. For circles see Hurley & Duffy, IEEE Trans. Magn. 33, 2282 (1997). The current density
-    is uniform in every bar, and vertical bars count as thin. The result is exact to 1e-10 of the
+    is uniform in every bar. The result is exact to 1e-10 of the
     largest entry, near images to 1e-6 of L. Closed paths with any currents I have IᵀΔM I > 0.
 
     Paths with open ends are taken as they are, so that the pieces of a path add up to the whole.
@@ -167,7 +166,8 @@ def _weight(slab: Slab, n: int) -> float:
 def mirrored(path: Conductor, height: float) -> Conductor:
     """Return the path and its current mirrored at a height in m."""
     lift = np.array([0.0, 0.0, 2 * height])
-    return Conductor(path.vertices * [1, 1, -1] + lift, path.widths, path.thicknesses, name=f"image of {path.name}")
+    vertices, across = path.vertices * [1, 1, -1] + lift, path.across * [1, 1, -1]
+    return Conductor(vertices, path.widths, path.thicknesses, name=f"image of {path.name}", across=across)
 
 
 def require_below(path: Conductor, face: float) -> None:
@@ -192,15 +192,14 @@ def _near_images(board: Board, slab: Slab) -> int:
 class _Shape:
     """Path about its own origin, lengths in m.
 
-    `across` (n, 2) is half the width of each bar as a vector, `up` (n,) the vertical part of half
-    its thickness, `weights` (n,) the number of equal bars. Vertical bars are thin.
+    `sides` (2, n, 3) are half the width and half the thickness of each bar as vectors, `weights`
+    (n,) the number of equal bars.
     """
 
     vertices: FloatArray
     starts: IntArray
     ends: IntArray
-    across: FloatArray
-    up: FloatArray
+    sides: FloatArray
     weights: FloatArray
 
 
@@ -234,7 +233,8 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
     keys = []
     for path, origin in zip(paths, origins, strict=True):
         table = np.concatenate([part.ravel() for part in (path.vertices - origin, path.widths, path.thicknesses)])
-        keys.append(np.round(table / grain).astype(np.int64).tobytes())
+        directions = np.round(path.across / _SAME_SHAPE).astype(np.int64)
+        keys.append(np.round(table / grain).astype(np.int64).tobytes() + directions.tobytes())
     examples, shape_of = first_of_each(keys)
     heights = origins[:, 2] - face
     kinds = np.column_stack((shape_of, np.round(heights / grain)))
@@ -254,7 +254,6 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
 
 def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
     """Describe a path by its bars about an origin."""
-    lateral, _ = lateral_axes(path.vertices)
     rows, weights = np.arange(len(path.lengths)), np.ones(len(path.lengths))
     if accuracy == "screen":  # a few turns, between which quantities are smooth
         series = find_series(segment_table(path))
@@ -264,22 +263,21 @@ def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
         path.vertices[needed] - origin,
         starts=places[: len(rows)],
         ends=places[len(rows) :],
-        across=(lateral[:, :2] * path.widths[:, None] / 2)[rows],
-        up=_upward(path)[rows],
+        sides=np.stack([side[rows] for side in _half_sides(path)]),
         weights=weights,
     )
 
 
-def _upward(path: Conductor) -> FloatArray:
-    """Vertical part of half the bar thickness in m."""
-    level = np.hypot(*np.diff(path.vertices[:, :2], axis=0).T) / path.lengths
-    return np.asarray(level * path.thicknesses / 2)
+def _half_sides(path: Conductor) -> tuple[FloatArray, FloatArray]:
+    """Half the width and half the thickness of every bar as vectors (n, 3) in m."""
+    normals = np.cross(np.diff(path.vertices, axis=0) / path.lengths[:, None], path.across)
+    return path.across * path.widths[:, None] / 2, normals * path.thicknesses[:, None] / 2
 
 
 def top_of(path: Conductor) -> float:
     """Height of a path's highest copper in m."""
     ends = np.maximum(path.vertices[1:, 2], path.vertices[:-1, 2])
-    return float((ends + _upward(path)).max())
+    return float((ends + sum(np.abs(side[:, 2]) for side in _half_sides(path))).max())
 
 
 def _nodes(radians: float, digits: float) -> int:
@@ -405,7 +403,8 @@ def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
     c[short] = 1.0
     mean = (end - begin) / (2 * c)
     mean[short] = both / 2 * (1 - c2 / 3)
-    mean *= _mean_wave(-(_along(waves, shape.across) ** 2)) * _mean_wave((k * shape.up) ** 2)
+    for side in shape.sides:
+        mean *= _mean_wave(_along(waves, side), k * side[:, 2])
     return np.asarray([(mean * (shape.weights * step)).sum(axis=1) for step in steps.T])
 
 
@@ -414,10 +413,14 @@ def _along(waves: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(waves[:, :1] * vectors[:, 0] + waves[:, 1:] * vectors[:, 1])
 
 
-def _mean_wave(c2: FloatArray) -> FloatArray:
-    """Mean sinh(c)/c of e^{cs} over −1 ≤ s ≤ 1, a series for |c| ≤ 1."""
+def _mean_wave(phase: FloatArray, growth: FloatArray) -> NumberArray:
+    """Mean sinh(c)/c of e^{cs} over −1 ≤ s ≤ 1 for c = i phase + growth, a series for |c| ≤ 1."""
+    # sides of a flat board's bars are level or upright
+    both = phase * growth
+    c2 = growth**2 - phase**2 + (2j * both if both.any() else 0.0)
     if np.abs(c2).max() > 1:
         c = np.sqrt(c2.astype(np.complex128))
         c[c == 0] = 1e-9
-        return np.asarray((np.sinh(c) / c).real)
+        wave = np.sinh(c) / c
+        return wave if np.iscomplexobj(c2) else np.asarray(wave.real)
     return np.asarray(1 + c2 / 6 * (1 + c2 / 20 * (1 + c2 / 42 * (1 + c2 / 72))))

@@ -52,7 +52,7 @@ from coilarray.electromagnetics.flat_stack import (
 from coilarray.electromagnetics.inductance import mutual_inductance
 from coilarray.electromagnetics.neumann import Accuracy
 from coilarray.errors import GeometryError, MetalError
-from coilarray.geometry import Conductor, Plate, Sheet
+from coilarray.geometry import Conductor, Plate, Pose, Sheet
 from coilarray.geometry.bodies import TOUCHING
 from coilarray.metal.frequencies import checked_frequencies
 
@@ -276,8 +276,7 @@ class _Around:
                 return [mirrored(path, up + lift) for path in paths]
             case (1, 1):
                 return [mirrored(path, down - lift) for path in paths]
-        step = np.array([0.0, 0.0, 2 * (up - down + lift)])
-        return [Conductor(p.vertices + step, p.widths, p.thicknesses, name=f"image of {p.name}") for p in paths]
+        return [path.posed(Pose(z=2 * (up - down + lift)), f"image of {path.name}") for path in paths]
 
     def lowest(self, highest: float, extent: float) -> float:
         """Smallest wavenumber in 1/m at which the reflection changes.

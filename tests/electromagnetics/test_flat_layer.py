@@ -25,9 +25,9 @@ from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.electromagnetics import flat_layer
 from coilarray.electromagnetics.field import as_conductors
-from coilarray.electromagnetics.flat_layer import Slab, layer_inductance, magnetic_slab
+from coilarray.electromagnetics.flat_layer import Slab, layer_inductance, magnetic_slab, mirrored
 from coilarray.errors import ElastomerError, GeometryError
-from coilarray.geometry import Conductor, Sheet, Spiral
+from coilarray.geometry import Conductor, Pose, Sheet, Spiral
 
 BASE, MAGNETIC = Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7)
 STACK = [BASE, MAGNETIC]
@@ -367,3 +367,12 @@ def test_a_layer_that_would_take_hours_is_refused_before_any_work():
     ring = 50.0 * np.column_stack((np.cos(angle), np.sin(angle), 0 * angle))
     with lasting(5.0), pytest.raises(GeometryError, match=r"20001 corners .* times the work that is allowed"):
         layer_inductance([ring], [Sheet("base", 5e-3), Sheet("magnetic", 2e-3, 2.7)])
+
+
+def test_tilted_bars_keep_their_widths_in_a_mirror():
+    """Against the image in a thick iron body: β times M with the mirrored path, widths and all."""
+    loop = Conductor([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]], 1e-3, 35e-6)
+    paths = [loop, loop.posed(Pose(x=2e-3, z=-6e-3, turn=(0.4, 0.3, 0.1)))]
+    change = layer_inductance(paths, [Sheet("air", 2e-3), Sheet("iron", 50.0, 3.0)])
+    images = 0.5 * mutual_inductance(paths, [mirrored(path, 2e-3) for path in paths])
+    np.testing.assert_allclose(change, images, rtol=3e-8)  # the accuracy of distant pairs
