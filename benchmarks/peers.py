@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 from speed import Speed, not_installed
 
-from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
+from coilarray import inductance_matrix, load_design, magnetic_field
 from coilarray.circuit.network_files import fasthenry_input
 from coilarray.compute.arrays import FloatArray
+from coilarray.electromagnetics.field import vector_potential
 from coilarray.geometry import Conductor
 
 _REPEATS = 7

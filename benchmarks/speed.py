@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
+from coilarray import inductance_matrix, load_design, magnetic_field
 from coilarray.circuit.coupling import sweep_design
+from coilarray.electromagnetics.field import vector_potential
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ boards, and `coilarray.fabrication` files of boards. The module of a name, as ``
 them, is imported when the name is first used.
 
 - A board: load_design, load_design_file, parse_design, save_design, design_document, new_design,
-  vary, Design, Circuit, Indentation, Readout, ScanState, Switches
+  vary, Design, Board, Pose, Circuit, Indentation, Readout, ScanState, Switches
 - Coils: Spiral, RoundedSpiral, path_coil, Coil, PlatedHole, Array, Lattice, Placement,
   lattice_array, Stackup, FabRules, check_rules, export, Conductor
 - Bodies: Sheet, Hemisphere, Target, Ball, Plate, FinitePlate, Disc, Rectangle, Material, MATERIALS
-- Fields and matrices: magnetic_field, vector_potential, inductance_matrix, coupling_matrix,
+- Fields and matrices: magnetic_field, inductance_matrix, coupling_matrix,
   self_inductance, mutual_inductance, dc_resistance
-- Circuit: couple_design, design_circuit, operating_field, scan_design, sweep_design, noise_budget
+- Circuit: couple_design, operating_field, scan_design, sweep_design, noise_budget
 - Responses and positions: response_map, Imperfections, target_map, indent, forward_model, locate
 - Studies: sweep, calibrate, write_report, errors
 

@@ -1,11 +1,11 @@
 from . import errors as errors
 from .circuit.coupling import couple_design as couple_design
-from .circuit.coupling import design_circuit as design_circuit
 from .circuit.coupling import operating_field as operating_field
 from .circuit.coupling import scan_design as scan_design
 from .circuit.coupling import sweep_design as sweep_design
 from .circuit.noise_budget import noise_budget as noise_budget
 from .design.export import export as export
+from .design.model import Board as Board
 from .design.model import Circuit as Circuit
 from .design.model import Design as Design
 from .design.model import Indentation as Indentation
@@ -20,7 +20,6 @@ from .design.write import design_document as design_document
 from .design.write import save_design as save_design
 from .elastomer.contact import indent as indent
 from .electromagnetics.field import magnetic_field as magnetic_field
-from .electromagnetics.field import vector_potential as vector_potential
 from .electromagnetics.inductance import coupling_matrix as coupling_matrix
 from .electromagnetics.inductance import inductance_matrix as inductance_matrix
 from .electromagnetics.inductance import mutual_inductance as mutual_inductance
@@ -44,6 +43,7 @@ from .geometry.coil import path_coil as path_coil
 from .geometry.conductor import Conductor as Conductor
 from .geometry.elastomer import Hemisphere as Hemisphere
 from .geometry.elastomer import Sheet as Sheet
+from .geometry.pose import Pose as Pose
 from .geometry.rules import FabRules as FabRules
 from .geometry.rules import check_rules as check_rules
 from .geometry.spiral import RoundedSpiral as RoundedSpiral

@@ -209,7 +209,7 @@ def noise_budget(
     readout : Readout, optional
         Settings and coefficients. By default from the design.
     network : Network, optional
-        Coils, switches and strays. By default those of `coilarray.design_circuit`.
+        Coils, switches and strays. By default those of `coilarray.circuit.coupling.design_circuit`.
 
     Returns
     -------

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import coilarray.compute.memory as memory
-from coilarray import inductance_matrix, load_design, magnetic_field, mutual_inductance, vector_potential
+from coilarray import inductance_matrix, load_design, magnetic_field, mutual_inductance
 from coilarray.circuit.coupling import design_circuit
 from coilarray.cli.main import main
 from coilarray.compute.memory import allowed_memory, available_memory, require_memory
-from coilarray.electromagnetics.field import grid_points
+from coilarray.electromagnetics.field import grid_points, vector_potential
 from coilarray.errors import CoilarrayError, MemoryLimitError
 from coilarray.geometry import Conductor
 

@@ -18,6 +18,7 @@ from support.refusals import refused
 
 import coilarray as ca
 from coilarray import geometry
+from coilarray.circuit.coupling import design_circuit
 from coilarray.design.bundled import names
 from coilarray.design.model import build_design, build_design_file
 from coilarray.design.write import design_text
@@ -249,7 +250,7 @@ def test_a_map_covers_the_array_where_no_positions_are_given():
     "compute",
     [
         lambda design: ca.couple_design(design, ideal=True).frequency.values.tolist(),
-        lambda design: ca.noise_budget(design, network=ca.design_circuit(ca.load_design("starter"), ideal=True)).sigma,
+        lambda design: ca.noise_budget(design, network=design_circuit(ca.load_design("starter"), ideal=True)).sigma,
         ca.design_document,
     ],
 )

@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipk
 from support.references import polygon
 
-from coilarray import magnetic_field, mutual_inductance, vector_potential
+from coilarray import magnetic_field, mutual_inductance
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.field import grid_points
+from coilarray.electromagnetics.field import grid_points, vector_potential
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 

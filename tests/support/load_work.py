@@ -4,10 +4,11 @@ import hashlib
 
 import numpy as np
 
-from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
+from coilarray import inductance_matrix, load_design, magnetic_field
 from coilarray.circuit.coupling import sweep_design
 from coilarray.design.vary import vary
 from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.field import vector_potential
 from coilarray.response.map import MapAccuracy, response_map
 
 POINTS = np.random.default_rng(5).uniform(-30e-3, 30e-3, (6000, 3))
