@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("own_folder", "own_store")
 _, refused = runner("sweep", "starter")
 good, answer = successes("sweep", "starter")
 
-PATIENCE = 300.0  # s for what takes a few where nobody else computes
+PATIENCE = 600.0  # s for what takes a few where nobody else computes
 PITCHES = (12.0, 14.0, 16.0)
 SMALL = ("--vary", "array.pitch_mm=12:16:3", "--quantity", "span_mm", "--quantity", "board_area_mm2")
 ONE = ("--workers", "1")

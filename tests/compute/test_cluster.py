@@ -19,7 +19,7 @@ from coilarray.compute.store import code_version
 from coilarray.compute.workers import dask_executor, outcomes
 from coilarray.errors import ClusterError, MissingDependencyError
 
-PATIENCE = 120.0  # s for what takes a few where nobody else computes
+PATIENCE = 600.0  # s for what takes a few where nobody else computes
 TESTS = Path(__file__).parents[1]
 
 

@@ -36,7 +36,7 @@ from coilarray.studies.optimize.run import read_studies
 
 pytestmark = pytest.mark.slow
 
-PATIENCE = 300.0  # s for what takes a few where nobody else computes
+PATIENCE = 600.0  # s for what takes a few where nobody else computes
 # two coils of four turns
 SMALL = vary_document(
     tomllib.loads(read("starter")),

@@ -325,7 +325,7 @@ def _kicad_drills(board: Path, folder: Path) -> None:
     command = [str(shutil.which("python3", path=os.defpath)), "-c", script, str(board), str(folder)]
     if program := shutil.which("kicad-cli"):
         command = [program, "pcb", "export", "drill", "--drill-origin", "plot", "-o", f"{folder}/", str(board)]
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, check=True, capture_output=True, timeout=600)
 
 
 @pytest.mark.slow

@@ -473,7 +473,7 @@ def test_a_board_that_kicad_has_saved_again_reads_the_same(tmp_path, read):
     before = read(text + edge + FOOTPRINTS.replace('"A"', '"C1"') + ")\n")
     environment = {**os.environ, "KICAD_CONFIG_HOME": str(tmp_path)}
     files = [str(tmp_path / name) for name in ("b.kicad_pcb", "again.kicad_pcb")]
-    subprocess.run([python, "-c", SAVE_AGAIN, *files], check=True, capture_output=True, env=environment, timeout=120)
+    subprocess.run([python, "-c", SAVE_AGAIN, *files], check=True, capture_output=True, env=environment, timeout=600)
     after = read_kicad(tmp_path / "again.kicad_pcb")
     assert (after.stackup, after.edge) == (before.stackup, before.edge)
     for kind in ("tracks", "holes", "pads"):  # KiCad writes them in an order of its own

@@ -76,7 +76,7 @@ def _output(*command: str) -> str:
     """What a command prints, with a folder of its own for KiCad's settings."""
     with tempfile.TemporaryDirectory() as settings:
         environment = {**os.environ, "KICAD_CONFIG_HOME": settings}
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=True)
     return done.stdout.strip()
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-PATIENCE = 60.0
+PATIENCE = 300.0
 """Seconds for what takes one or two where nobody else computes."""
 
 _TICK = 0.01  # s
