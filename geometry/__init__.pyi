@@ -61,3 +61,7 @@ from .spiral import RoundedSpiral as RoundedSpiral
 from .spiral import Spiral as Spiral
 from .spiral import across_flats as across_flats
 from .stackup import Stackup as Stackup
+from .surface import Surface as Surface
+from .surface import spread as spread
+from .surface_array import SurfaceLattice as SurfaceLattice
+from .surface_array import Wrap as Wrap

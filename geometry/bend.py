@@ -184,11 +184,7 @@ class Bend:
                 f"a bend of {1e3 / curvature:g} mm must need at most {_MOST_PIECES:g} chords; "
                 f"{path.name} takes {count.sum():.3g}."
             )
-        pieces = count.astype(np.int64)
-        row = np.repeat(np.arange(len(pieces)), pieces)
-        number = np.arange(len(row)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-        starts = path.vertices[row] + (number / pieces[row])[:, None] * steps[row]
-        middles = starts + (0.5 / pieces[row])[:, None] * steps[row]
+        row, starts, middles = path.pieces(count)
         vertices = self.surface(np.vstack((starts, path.vertices[-1:])))
         across = self.turned(middles, path.across[row])
         return Conductor(vertices, path.widths[row], path.thicknesses[row], path.areas[row], path.name, across)

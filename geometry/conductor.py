@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry.pose import Pose
 
@@ -144,6 +144,28 @@ class Conductor:
         vertices = self.vertices[np.append(first, True)]
         sizes = self.widths[first], self.thicknesses[first], self.areas[first]
         return Conductor(vertices, *sizes, self.name, self.across[first])
+
+    def pieces(self, counts: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Cut every segment into equal pieces.
+
+        Parameters
+        ----------
+        counts : array_like, shape (n,)
+            Number of pieces of every segment, at least 1.
+
+        Returns
+        -------
+        rows : ndarray, shape (pieces,)
+            Number of the segment of every piece.
+        starts, middles : ndarray, shape (pieces, 3)
+            Points in m.
+        """
+        number = np.asarray(counts).astype(np.int64)
+        rows = np.repeat(np.arange(len(number)), number)
+        at = np.arange(len(rows)) - np.repeat(np.cumsum(number) - number, number)
+        steps = np.diff(self.vertices, axis=0)[rows] / number[rows][:, None]
+        starts = self.vertices[rows] + at[:, None] * steps
+        return rows, starts, starts + steps / 2
 
     def posed(self, pose: Pose, name: str | None = None) -> Conductor:
         """Return the path where a pose takes it.

@@ -53,6 +53,31 @@ class Pose:
         if not all(_is_number(value) and abs(value) <= LARGEST for value in shift):
             raise GeometryError(f"a pose must have finite shifts, up to {LARGEST:g} m; got {shift!r} m.")
 
+    @classmethod
+    def of(cls, rotation: npt.ArrayLike, shift: npt.ArrayLike) -> Pose:
+        """Return the pose of a rotation matrix and a shift.
+
+        Parameters
+        ----------
+        rotation : array_like, shape (3, 3)
+            Matrix that turns column vectors, orthogonal and without a reflection.
+        shift : array_like, shape (3,)
+            Shift in m.
+
+        Returns
+        -------
+        Pose
+            The pose.
+        """
+        matrix = np.asarray(rotation, dtype=np.float64)
+        about_y = math.atan2(-matrix[2, 0], math.hypot(matrix[0, 0], matrix[1, 0]))
+        if abs(matrix[2, 0]) < 1 - _LEVEL:
+            about_x, about_z = math.atan2(matrix[2, 1], matrix[2, 2]), math.atan2(matrix[1, 0], matrix[0, 0])
+        else:  # turns about x and z are the same turn there
+            about_x, about_z = 0.0, math.atan2(-matrix[0, 1], matrix[1, 1])
+        x, y, z = np.asarray(shift, dtype=np.float64).tolist()
+        return cls(x, y, z, (about_x, about_y, about_z))
+
     @cached_property
     def rotation(self) -> FloatArray:
         """Dimensionless matrix that turns column vectors, shape (3, 3)."""
@@ -114,14 +139,7 @@ class Pose:
         Pose
             Both poses in one.
         """
-        matrix = self.rotation @ other.rotation
-        about_y = math.atan2(-matrix[2, 0], math.hypot(matrix[0, 0], matrix[1, 0]))
-        if abs(matrix[2, 0]) < 1 - _LEVEL:
-            about_x, about_z = math.atan2(matrix[2, 1], matrix[2, 2]), math.atan2(matrix[1, 0], matrix[0, 0])
-        else:  # turns about x and z are the same turn there
-            about_x, about_z = 0.0, math.atan2(-matrix[0, 1], matrix[1, 1])
-        x, y, z = self.apply(other.shift).tolist()
-        return Pose(x, y, z, (about_x, about_y, about_z))
+        return Pose.of(self.rotation @ other.rotation, self.apply(other.shift))
 
 
 _LEVEL = 1e-14  # of the sine of the turn about y, where x and z coincide
