@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,19 +12,18 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import Source, as_conductors
-from coilarray.electromagnetics.inductance import pair_inductance, self_inductance
-from coilarray.electromagnetics.kernels.moving import moved_sums
-from coilarray.electromagnetics.kernels.paths import INNER
-from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
-from coilarray.electromagnetics.neumann import segment_table
+from coilarray.electromagnetics.kernels.moving import moved_sum
+from coilarray.electromagnetics.kernels.paths import mutual_sum
+from coilarray.electromagnetics.kernels.turns import find_series, series_rules
+from coilarray.electromagnetics.neumann import MUTUAL_NEAR_WIDTHS, segment_table
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Pose
 
-_DISAGREE = 1e-3  # of √(L L'), between the two rules for the turns; the better errs some 30 times less
-_NEAR_SIZES = 12.0  # sides of a bar, and
-_NEAR_BREADTHS = 0.6  # breadths of a winding whose turns are not all taken: nearer pairs are summed bar by bar
-_ALL = 5  # turns of a series up to which all are taken
-_POSES_A_BLOCK, _EXACT_A_BLOCK = 16, 64
+_FLAT = 0.25  # of the larger side; thinner bars are flat
+_CLOSE, _CLOSE_THICK = 1.0, 3.0  # sides between the middles of flat and other bars that are close
+_MOST_CLOSE = 4096  # close bars of two paths for which there is room at first
+_POSES_A_BLOCK = 4
+_NO_SHIFT = np.zeros(3)
 
 
 def moved_inductance(
@@ -54,11 +54,11 @@ def moved_inductance(
 
     Notes
     -----
-    A few turns stand for a winding, with the weights of `coilarray.electromagnetics.kernels.turns`,
-    and two filaments for the cross-section of a trace. Pairs nearer than 12 widths or 0.6 breadths
-    of a winding, and pairs of which two sets of weights differ, are computed by
-    `coilarray.mutual_inductance`. The error is below 1e-4 of the larger self-inductance at distances
-    of a trace width and more, for traces wider than thick.
+    A few turns stand for all of a winding, with the weights of
+    `coilarray.electromagnetics.kernels.turns`, where these lie farther apart than a tenth of their
+    breadth, and one to three filaments for the cross-section of a trace. Traces that are nearer than
+    a width are computed as by `coilarray.mutual_inductance`. The error is below 1e-4 of the larger
+    self-inductance at distances of a trace width and more, some 1e-5 for windings of many turns.
 
     Examples
     --------
@@ -74,58 +74,69 @@ def moved_inductance(
     if not poses or wrong:
         raise GeometryError(f"poses must be one Pose or more; got {f'{wrong[0]!r:.60}' if wrong else 'none'}.")
     require_memory(24.0 * len(poses) * len(first) * len(second), f"inductances at {len(poses)} poses", "take fewer")
-    tables, near = zip(*map(_filaments, first), strict=True)
-    others, near_too = zip(*map(_filaments, second), strict=True)
-    sums = np.zeros((len(poses), len(first), len(second), 3))
-    sums[..., 2] = np.inf
+    tables, others = [_Filaments.of(path) for path in first], [_Filaments.of(path) for path in second]
+    members, weights, _, counts = series_rules(max(int(path.series[:, 2].max()) for path in (*tables, *others)))
+    sums = np.empty((len(poses), len(first), len(second)))
 
     def block(start: int, stop: int) -> None:
+        close = np.empty((_MOST_CLOSE, 2), dtype=np.int64)
         for number in range(start, stop):
-            rotation, shift = np.array(poses[number].rotation), poses[number].shift
-            for i, table in enumerate(tables):
-                for k, other in enumerate(others):
-                    moved_sums(table, other, rotation, shift, sums[number, i, k])
+            for k, other in enumerate(others):
+                there = other.posed(poses[number])
+                for i, table in enumerate(tables):
+                    sums[number, i, k] = _sum(table, there, (members, weights, counts), close)
 
     run_blocks(lambda piece: block(*piece), list(ranges(len(poses), _POSES_A_BLOCK)), progress=progress)
-    M, check = MU_0 / (4 * np.pi) * np.moveaxis(sums[..., :2], -1, 0)
-    thick = not any(path.is_filament for path in (*first, *second))
-    scale = np.sqrt(np.outer(self_inductance(first), self_inductance(second))) if thick else np.abs(M).max()
-    trusted = (np.abs(M - check) <= _DISAGREE * scale) & (sums[..., 2] > np.maximum.outer(near, near_too))
-    number, i, k = np.nonzero(~trusted)
-    for start, stop in ranges(len(number), _EXACT_A_BLOCK):
-        where = number[start:stop], i[start:stop], k[start:stop]
-        M[where] = _exact(first, second, poses, *where)
-    return np.asarray(M)
+    if not np.isfinite(sums).all():
+        number, i, k = np.argwhere(~np.isfinite(sums))[0].tolist()
+        raise GeometryError(
+            f"{first[i].name} and {second[k].name} overlap on one line at pose {number + 1}, where the mutual "
+            "inductance of thin filaments is infinite."
+        )
+    return MU_0 / (4 * np.pi) * sums
 
 
-def _exact(
-    first: Sequence[Conductor], second: Sequence[Conductor], poses: Sequence[Pose],
-    number: IntArray, i: IntArray, k: IntArray,
-) -> FloatArray:  # fmt: skip
-    """Mutual inductances of single pairs in H, segment by segment."""
-    there = [second[path].posed(poses[pose]) for pose, path in zip(number.tolist(), k.tolist(), strict=True)]
-    return pair_inductance([*first, *there], i, len(first) + np.arange(len(there)))
+@dataclass(frozen=True, eq=False)
+class _Filaments:
+    """A path for the kernels: bars of `paths`, rows and series of `moving`."""
+
+    bars: FloatArray
+    rows: FloatArray
+    series: IntArray
+
+    @classmethod
+    def of(cls, path: Conductor) -> _Filaments:
+        """Prepare a path."""
+        bars = segment_table(path)
+        series = find_series(bars)
+        bars[:, :3] += path.vertices[0]
+        width, thickness = bars[:, 10], bars[:, 11]
+        wide = width > thickness
+        direction = np.where(wide[:, None], bars[:, 7:10], np.cross(bars[:, 3:6], bars[:, 7:10]))
+        half = 0.5 * np.sqrt(np.abs(width**2 - thickness**2))[:, None] * direction
+        size = np.maximum(width, thickness)
+        flat = np.minimum(width, thickness) <= _FLAT * size
+        rows = np.column_stack((bars[:, :7], half, size, np.where(flat, _CLOSE, _CLOSE_THICK) * size))
+        return cls(bars, np.ascontiguousarray(rows), series)
+
+    def posed(self, pose: Pose) -> _Filaments:
+        """Return the path where a pose takes it."""
+        bars, rows = self.bars.copy(), self.rows.copy()
+        for table in (bars, rows):
+            table[:, :3] = pose.apply(table[:, :3])
+            for k in (3, 7):
+                table[:, k : k + 3] = table[:, k : k + 3] @ pose.rotation.T
+        return _Filaments(bars, rows, self.series)
 
 
-def _filaments(path: Conductor) -> tuple[FloatArray, float]:
-    """Rows of `kernels.moving` that stand for a path, and the distance in m above which they do."""
-    table = segment_table(path)
-    series = find_series(table)
-    few = series[series[:, 2] > _ALL]
-    last = few[:, 0] + (few[:, 2] - 1) * few[:, 1]
-    breadth = np.linalg.norm(path.vertices[last] - path.vertices[few[:, 0]], axis=1).max(initial=0.0)
-    near = max(_NEAR_SIZES * float(table[:, 10:12].max()), _NEAR_BREADTHS * float(breadth))
-    members, weights, check, counts = series_rules(int(series[:, 2].max()))
-    rows, weight = series_members(series, members, weights, check, counts)
-    _, worse = series_members(series, members, check, check, counts)
-    chosen = table[rows]
-    chosen[:, :3] += path.vertices[0]
-    # across a bar 1/R is harmonic: only the difference of both variances counts
-    variance = chosen[:, 10] ** 2 - chosen[:, 11] ** 2
-    normal = np.cross(chosen[:, 3:6], chosen[:, 7:10])
-    direction = np.where(variance[:, None] > 0, chosen[:, 7:10], normal)
-    aside = INNER * np.sqrt(np.abs(variance))[:, None] * direction
-    if not aside.any():
-        return np.ascontiguousarray(np.column_stack((chosen[:, :7], weight, worse))), near
-    sides = [np.column_stack((chosen[:, :3] + s * aside, chosen[:, 3:7], weight / 2, worse / 2)) for s in (1, -1)]
-    return np.ascontiguousarray(np.concatenate(sides)), near
+def _sum(one: _Filaments, other: _Filaments, rules: tuple[IntArray, FloatArray, IntArray], close: IntArray) -> float:
+    """Sum ∬ dl·dl'/R of two paths in m."""
+    total, listed = moved_sum(one.rows, one.series, other.rows, other.series, *rules, close)
+    if listed > len(close):
+        close = np.empty((listed, 2), dtype=np.int64)
+        return _sum(one, other, rules, close)
+    pairs = close[:listed]
+    for i in np.unique(pairs[:, 0]).tolist():
+        beside = other.bars[pairs[pairs[:, 0] == i, 1]]
+        total += mutual_sum(one.bars[i : i + 1], beside, _NO_SHIFT, 0, 1, MUTUAL_NEAR_WIDTHS, 0)
+    return float(total)
