@@ -24,7 +24,7 @@ from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
-from coilarray.hardware.wire.ports import open_serial_port
+from coilarray.hardware.wire.ports import OpenSerialPort
 from coilarray.hardware.wire.protocol import LinkTimes
 
 RATE = 100.0  # scans/s
@@ -74,7 +74,7 @@ def _throughput() -> tuple[float, float]:
     """Return scans per second of the board's time through a pseudo-terminal, and the driver's own time of one in s."""
     settings, clock = _fastest(), VirtualClock()
     with FirmwareHost(*_chips(clock, settings), clock) as host:
-        reader = MicrocontrollerReader(open_serial_port(host.port), times=LinkTimes(ping=0.05))
+        reader = MicrocontrollerReader(OpenSerialPort(host.port), times=LinkTimes(ping=0.05))
         reader.configure(settings)
         stream = reader.scans()
         start = time.thread_time()

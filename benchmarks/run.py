@@ -27,6 +27,7 @@ import localize
 import metal
 import peers
 import protocol
+import space
 import speed
 import studio
 import sweep
@@ -73,6 +74,7 @@ SPEEDS: dict[str, Callable[[], Iterable[speed.Speed | None]]] = {
     "localize": localize.figures,
     "metal": metal.figures,
     "sweep": sweep.figures,
+    "space": space.figures,
     "kernels": peers.kernels,
     "fasthenry": peers.fasthenry,
     "large-arrays": peers.large_arrays,

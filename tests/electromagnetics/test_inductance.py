@@ -20,7 +20,7 @@ from coilarray.constants import MU_0
 from coilarray.electromagnetics import neumann
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
 from coilarray.errors import GeometryError
-from coilarray.geometry import Conductor, Spiral
+from coilarray.geometry import Conductor, Pose, Spiral
 
 W, T = 0.15e-3, 35e-6
 BAR = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
@@ -33,16 +33,16 @@ def hexagon(radius=5e-3, z=0.0, centre=(0.0, 0.0)):
 
 
 def _brute_force(first, second, n=8):
-    """Mean of the filament formula over both cross-sections, four Gauss rules, for single segments lying flat."""
+    """Mean of the filament formula over both cross-sections, four Gauss rules, for single segments."""
     (nodes_w, weights_w), (nodes_t, weights_t) = np.polynomial.legendre.leggauss(n), np.polynomial.legendre.leggauss(3)
 
     def strands(bar):
         start, end = bar.vertices
         along = (end - start) / np.linalg.norm(end - start)
-        lateral = np.array([-along[1], along[0], 0])
+        lateral = bar.across[0]
         for u, weight_u in zip(nodes_w, weights_w, strict=True):
             for v, weight_v in zip(nodes_t, weights_t, strict=True):
-                offset = u / 2 * bar.widths[0] * lateral + np.array([0, 0, v / 2 * bar.thicknesses[0]])
+                offset = u / 2 * bar.widths[0] * lateral + v / 2 * bar.thicknesses[0] * np.cross(along, lateral)
                 yield weight_u * weight_v / 4, start + offset, end + offset
 
     return sum(p * q * straight_filaments(*a, *b) for p, *a in strands(first) for q, *b in strands(second))
@@ -276,3 +276,18 @@ def test_bad_matrices():
     for matrix, message in (([[1.0, 0.0]], "square"), ([[np.inf]], "be finite"), ([[-1.0]], "self-inductance must be")):
         with pytest.raises(ValueError, match=message):
             coupling_matrix(matrix)
+
+
+TILTS = {"in a plane": (0.0, 0.0, 0.5), "tilted": (0.6, 0.0, 0.5), "steep": (1.2, 0.3, 0.7)}
+
+
+@pytest.mark.parametrize("turn", TILTS.values(), ids=TILTS)
+@pytest.mark.parametrize(("distance", "rel"), [(1.6e-3, 5e-6), (5.5e-3, 5e-6), (9e-3, 5e-4)])
+def test_thick_bars_at_an_angle(turn, distance, rel):
+    """Square bars near each other by four nodes of their thicknesses, and as their middles from 6 sides on.
+
+    There the mean over a square differs from the middle by the ends of the bars only, which closed paths do not have.
+    """
+    first = Conductor([[0, 0, 0], [20e-3, 0, 0]], 1e-3, 1e-3)
+    second = Conductor([[-8e-3, 0, 0], [9e-3, 0, 0]], 1e-3, 1e-3).posed(Pose(10e-3, 0, distance, turn))
+    assert mutual_inductance(first, second)[0, 0] == pytest.approx(_brute_force(first, second), rel=rel)

@@ -99,7 +99,6 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("coil", "pose"), CASES.values(), ids=CASES)
 def test_close_and_wide_windings(coil, pose):
     """Where few turns or two filaments do not stand for a winding, its bars are summed."""
@@ -110,7 +109,6 @@ def test_close_and_wide_windings(coil, pose):
     np.testing.assert_allclose(found, exact, rtol=0, atol=STATED * largest)
 
 
-@pytest.mark.slow
 def test_square_bars_at_a_distance():
     """Rings of wire by Maxwell's formula: the centre lines, as a square section is harmonic to the fourth order."""
     ring, _ = loop_pair(20e-3, 0.1, 1e-3)
@@ -134,3 +132,12 @@ def test_overlapping_filaments_are_refused():
 def test_poses_that_are_none_are_named(poses):
     with pytest.raises(GeometryError, match="poses must be one Pose or more; got"):
         moved_inductance(COIL, COIL, poses)
+
+
+def test_tilted_loops_of_a_helmet():
+    """Wide loops nearer to each other than their sides are long, where no side has a series of turns."""
+    tilts = [Pose(turn=(0.0, 0.6 * k, 0.3 * k)) for k in range(3)]
+    loops = [Conductor(circle(25e-3, 24), 3e-3, 35e-6).posed(Pose(*(0.1 * t.rotation[:, 2]), t.turn)) for t in tilts]
+    found = moved_inductance(loops[:1], loops[1:], Pose())[0]
+    largest = inductance_matrix(loops[0])[0, 0]
+    np.testing.assert_allclose(found, mutual_inductance(loops[:1], loops[1:]), rtol=0, atol=STATED * largest)

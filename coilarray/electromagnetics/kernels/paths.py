@@ -252,20 +252,46 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
 
 
 @kernel
+def _half_width(a: FloatArray) -> Vector:
+    """Half of a flat bar's width with the difference of both variances, along the larger side."""
+    variance = a[10] * a[10] - a[11] * a[11]
+    direction = _lateral(a) if variance > 0.0 else cross(_along(a), _lateral(a))
+    return moved((0.0, 0.0, 0.0), 0.5 * math.sqrt(abs(variance)), direction)
+
+
+@kernel
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
-    """Offsets of bars at an angle or of different size, two nodes across near bars' thickness."""
+    """Offsets of bars at an angle or of different size.
+
+    Nodes across the widths and, if near, two across each thickness. If not, only the difference of
+    their variances counts.
+    """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
     n = min(math.ceil(-_LOG_TOLERANCE_ANGLED / (2.0 * log_rho)) + extra, MAX_NODES)
-    half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
-    sides = 1 if level or half == 0.0 else 2
     count = 0
+    if distance >= THICK * size:
+        first, second = _half_width(a), _half_width(b)
+        for k in range(n):
+            for m in range(n):
+                rule[count, 0] = WEIGHTS[n, k] * WEIGHTS[n, m]
+                for axis in range(3):
+                    rule[count, 1 + axis] = NODES[n, m] * second[axis] - NODES[n, k] * first[axis]
+                count += 1
+        return count
+    normal, other = cross(_along(a), _lateral(a)), cross(_along(b), _lateral(b))
+    # one offset for both thicknesses if they have one direction
+    alike = level or abs(dot(normal, other)) > ALIGNED
+    half = math.sqrt((a[11] * a[11] + (b[11] * b[11] if alike else 0.0)) / 12.0)
+    of_other = 0.0 if alike else INNER * b[11]
     for k in range(n):
         for m in range(n):
             s, t = 0.5 * a[10] * NODES[n, k], 0.5 * b[10] * NODES[n, m]
-            for side in range(sides):
-                h = half * (1.0 - 2.0 * side)
+            for side in range(1 if level or half == 0.0 else 2 if alike else 4):
+                h = half if side % 2 == 0 else -half
                 _set_offset(rule, count, WEIGHTS[n, k] * WEIGHTS[n, m], s, a, t, b, h)
+                for axis in range(3):
+                    rule[count, 1 + axis] += (of_other if side < 2 else -of_other) * other[axis]
                 count += 1
     return count
 
@@ -420,19 +446,20 @@ def _collect(
     nodes += extra
     if nodes > MOST_NODES:
         return -1
-    # Offsets across the bars are ±s along the lateral direction of the first, and ±`across`.
-    s, across, sides = 0.0, (0.0, 0.0, 0.0), 1
+    # Offsets across the bars are ±`across` of the first, and ±`other`.
+    across, other, sides = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1
     cosine = dot(_along(a), _along(b))
     if distance < near_widths * size:
         if a[10] == b[10] and a[11] == b[11] and _aligned(a, b, cosine):
             if distance < NODE_PAIR * size:
                 return -1
-            sides, across = 2, _two_node_offset(a, b)
+            sides, other = 2, _two_node_offset(a, b)
         else:
-            sides, s, across = 4, INNER * a[10], moved((0.0, 0.0, 0.0), INNER * b[10], _lateral(b))
+            sides = 4
+            across = moved((0.0, 0.0, 0.0), 2.0 * INNER, _half_width(a))
+            other = moved((0.0, 0.0, 0.0), 2.0 * INNER, _half_width(b))
     for side in range(sides):
-        of_second = moved(apart, 1.0 if side % 2 == 0 else -1.0, across)
-        start = moved(of_second, -s if side < 2 else s, _lateral(a))
+        start = moved(moved(apart, 1.0 if side % 2 == 0 else -1.0, other), -1.0 if side < 2 else 1.0, across)
         for k in range(nodes):
             along = 0.5 * b[6] * (1.0 + NODES[nodes, k])
             batch[0, count], batch[1, count], batch[2, count] = moved(start, along, _along(b))
