@@ -259,7 +259,7 @@ def readability(
     the coil alone, ``path_readable`` is with it, and ``alone_readable`` tells whether it reads the
     coil alone.
     """
-    if not design.readout.converter:
+    if not design.readout.is_judged:
         return {}
     of, alone = ([np.asarray(one[name], dtype=np.float64) for name in RESONATOR] for one in (values, base))
     broken, of_alone = (broken_limit(one[0], one[1], one[2]) for one in (of, alone))

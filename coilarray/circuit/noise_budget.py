@@ -231,7 +231,7 @@ def noise_budget(
     changed = design if readout is None else replace(design, readout=readout)
     frequencies = [one.frequency for one in found]
     budget = budget_of(changed, frequencies, [loaded_quality(circuit, one) for one in found], switches=circuit.switches)
-    if not design.readout.converter:
+    if not design.readout.is_judged:
         return budget
     broken = broken_limit(
         frequencies, [one.parallel_resistance for one in found], [one.quality_factor for one in found]

@@ -375,7 +375,7 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
     bounds = None if response is None else position_bounds(response, design.array)
     table = summary_table(coupling, scan, margins, response, bounds=bounds).brief()
     lines = [*unusual_values(design_document(design)), *verdicts(scan, ())]  # the page says which rules are broken
-    return Summary(table, lines, converter=scan is not None)
+    return Summary(table, lines, converter=scan is not None and "readable" in scan)
 
 
 # These run in processes of their own, and are therefore functions of a module with plain arguments.

@@ -3,10 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Literal, get_args
 
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import DesignError, require_finite
 
+Converter = Literal["LDC1614", "LDC1612", "FDC2214", "none"]
+"""Converters with the same limits, and none."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
 """Range of RCOUNT, the length of a conversion."""
 INTERNAL_CLOCK = 43.4e6
@@ -43,8 +46,8 @@ class Readout:
 
     Parameters
     ----------
-    converter : bool
-        Whether an LDC1614 or FDC2214 reads the coils, whose limits count.
+    converter : {"LDC1614", "LDC1612", "FDC2214", "none"}
+        Chip that reads the coils, whose limits count. With "none" the limits are not checked.
     rcount : int
         Length of a conversion, RCOUNT of the LDC1614: 5 to 65535.
     clock : float
@@ -78,7 +81,7 @@ class Readout:
     Raises
     ------
     DesignError
-        A number that is not finite or outside its range.
+        A number that is not finite or outside its range, or another converter.
 
     Examples
     --------
@@ -86,7 +89,7 @@ class Readout:
     (48.32, '1.4e-07')
     """
 
-    converter: bool = True
+    converter: Converter = "LDC1614"
     rcount: int = LARGEST_RCOUNT
     clock: float = INTERNAL_CLOCK
     external_clock: bool = False
@@ -106,9 +109,13 @@ class Readout:
     switch_per_kelvin: float | None = None
 
     def __post_init__(self) -> None:
+        if self.converter not in get_args(Converter):
+            raise DesignError(
+                f"converter of a read-out must be one of {', '.join(get_args(Converter))}; got {self.converter!r}."
+            )
         for one in fields(self):
             value = getattr(self, one.name)
-            if value is None:
+            if value is None or one.name == "converter":
                 continue
             require_finite(f"{one.name} of a read-out", value, error=DesignError)
             if one.name in _POSITIVE and not value > 0:
@@ -117,6 +124,11 @@ class Readout:
                 raise DesignError(f"{one.name} of a read-out must not be negative; got {value}.")
         if not SMALLEST_RCOUNT <= self.rcount <= LARGEST_RCOUNT:
             raise DesignError(f"rcount of a read-out must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {self.rcount}.")
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether the limits of a converter count."""
+        return self.converter != "none"
 
     def size(self, name: str) -> float:
         """Return the given size of a name, or the usual one, in the unit of `USUAL`.

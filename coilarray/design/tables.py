@@ -24,7 +24,7 @@ from coilarray.design.body_tables import (
 from coilarray.design.fabs import FabTable
 from coilarray.design.keys import Degrees, Name, Position, Relative, Table
 from coilarray.design.ports import Port
-from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT
+from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT, Converter
 from coilarray.design.scan_states import PARTS, PartName, Passive, ScanState, Switches, terminated_state
 from coilarray.geometry import Pose
 
@@ -187,8 +187,8 @@ class ReadoutTable(Table):
         **{f"{what}_ppm_per_K": f"{what}_per_kelvin" for what in ("capacitor", "board", "copper", "switch")},
     }
 
-    converter: bool = True
-    """Whether an LDC1614 or FDC2214 reads the coils; without one its limits are not checked."""
+    converter: Converter = "LDC1614"
+    """Chip that reads the coils; with "none" the limits of a converter are not checked."""
     rcount: Annotated[int, Field(ge=SMALLEST_RCOUNT, le=LARGEST_RCOUNT)] = LARGEST_RCOUNT
     """RCOUNT, the length of a conversion."""
     clock_MHz: Annotated[float, Field(ge=1, le=100)] = INTERNAL_CLOCK * 1e-6  # noqa: N815 - the unit

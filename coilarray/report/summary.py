@@ -80,7 +80,7 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
 
 def unread_words(design: Design) -> str:
     """Describe why no LDC1614 can read the board, if so."""
-    if not design.readout.converter or len(design.array.names) > _MOST_READ:
+    if not design.readout.is_judged or len(design.array.names) > _MOST_READ:
         return ""
     try:
         return " ".join(verdicts(resonators(design), ()))

@@ -391,7 +391,7 @@ material = "copper"
 thickness_mm = 2.0
 distances_mm = [2, 4, 8]
 [readout]
-converter = false  # one would not read coils of so few turns
+converter = "none"  # one would not read coils of so few turns
 """
 
 

@@ -346,7 +346,7 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
     file, names = as_file(design), goal.quantities
     more = [] if any(name.startswith(RULES) for name in names) else [_fab(file).table]
     read = any(request(name).quantity.is_read for name in names)
-    if read and UNREAD not in names and file.design.readout.converter:
+    if read and UNREAD not in names and file.design.readout.is_judged:
         more.append({"quantity": UNREAD, "at_most": 0.0})
     if not more:
         return goal

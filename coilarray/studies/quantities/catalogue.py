@@ -101,6 +101,8 @@ def _quality(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     """Smallest relative distance from the limits of the drive window."""
+    if not evaluation.design.readout.is_judged:
+        raise GoalError(f'no converter drives {evaluation.design.name}, which has readout.converter = "none".')
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     margins = []
     for state in zip(*(evaluation.scan[name].values.tolist() for name in names), strict=True):
@@ -110,7 +112,7 @@ def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    if not evaluation.unread and evaluation.design.readout.converter:
+    if not evaluation.unread and evaluation.design.readout.is_judged:
         _ = evaluation.scan  # which updates the count
     return float(sum(evaluation.unread))
 
