@@ -15,19 +15,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
+import xarray as xr
 
-from coilarray.circuit.network import Network, floating_capacitance
+from coilarray.circuit.board_circuit import board_circuit
+from coilarray.circuit.coupling import provenance
+from coilarray.circuit.network import Network, coil_impedance, floating_capacitance
 from coilarray.compute.arrays import ComplexArray, FloatArray
-from coilarray.design.model import Design
+from coilarray.compute.netcdf import variables
+from coilarray.compute.threads import serial_algebra
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.ports import Port
 from coilarray.errors import NetworkError
 
 _BAND = 3.0  # factor around the frequency of the link within which its R holds for a resonance
+_SAMPLES = 9  # of R(f) over the frequencies
 _OSCILLATES = 0.5  # least quality factor of an oscillation
 
 
@@ -103,8 +109,7 @@ class PortCircuit:
 
     def without_capacitors(self) -> PortCircuit:
         """Return the circuit with the terminals at the coils."""
-        bare = {"series_capacitance": None, "parallel_capacitance": None}
-        return replace(self, ports=tuple(replace(port, **bare) for port in self.ports))
+        return replace(self, ports=tuple(port.with_capacitors(None, None) for port in self.ports))
 
 
 def port_circuit(design: Design, network: Network | None = None) -> PortCircuit:
@@ -134,10 +139,14 @@ def port_circuit(design: Design, network: Network | None = None) -> PortCircuit:
     circuit = design.circuit
     if not circuit.ports or circuit.link_frequency is None:
         raise NetworkError(f"{design.name} has no [[circuit.ports]], which a link needs.")
-    closed = {"ground": circuit.short_resistance, "load": _LOAD}
-    endings = np.array([closed.get(passive, math.inf) for passive in design.terminations.values()])
     across = None if network is None else floating_capacitance(network)
-    return PortCircuit(tuple(design.terminations), circuit.ports, circuit.link_frequency, endings, across)
+    return PortCircuit(tuple(design.terminations), circuit.ports, circuit.link_frequency, coil_endings(design), across)
+
+
+def coil_endings(design: Design) -> FloatArray:
+    """Return the resistance (n,) in Ω that terminates each coil, infinite for an open one."""
+    closed = {"ground": design.circuit.short_resistance, "load": _LOAD}
+    return np.array([closed.get(passive, math.inf) for passive in design.terminations.values()])
 
 
 _LOAD = 50.0  # Ω, of a loaded coil, as in a state of a scan
@@ -210,7 +219,7 @@ def port_solution(
     driven = np.zeros((n + nodes, len(elements.terminals)))
     rows = n + np.array(elements.terminals)
     driven[rows, range(len(rows))] = 1.0
-    solution = np.linalg.solve(matrix, driven)
+    solution: ComplexArray = np.asarray(np.linalg.solve(matrix, driven), dtype=np.complex128)
     return solution[..., rows, :], solution[..., :n, :]
 
 
@@ -253,6 +262,17 @@ def scattering(impedance: ComplexArray, resistances: npt.ArrayLike) -> ComplexAr
     m = impedance.shape[-1]
     r = np.broadcast_to(np.asarray(resistances, dtype=np.float64), (m,))
     return np.asarray(np.eye(m) - 2 * np.sqrt(r)[:, None] * np.linalg.inv(impedance + np.diag(r)) * np.sqrt(r))
+
+
+def input_impedance(circuit: PortCircuit, impedance: ComplexArray) -> ComplexArray:
+    """Return the impedance (…, m) in Ω at the terminals of each active port.
+
+    All other ports have their sources and loads. `impedance` (…, m, m) in Ω is a result of
+    `port_impedance`.
+    """
+    r = circuit.resistances
+    own = np.diagonal(np.linalg.inv(impedance + np.diag(r)), axis1=-2, axis2=-1)
+    return np.asarray(1 / own - r)
 
 
 class Transfer(NamedTuple):
@@ -302,7 +322,8 @@ def power_transfer(circuit: PortCircuit, impedance: ComplexArray) -> Transfer:
     for found, key in ((sources, "source_ohm"), (loads, "load_ohm")):
         if not found:
             raise NetworkError(f"an efficiency needs a port with {key}; circuit.ports has none.")
-    currents = np.moveaxis(np.linalg.inv(impedance + np.diag(r))[..., sources], -1, -2)  # (…, s, m) in A per V
+    admittance: ComplexArray = np.asarray(np.linalg.inv(impedance + np.diag(r)), dtype=np.complex128)
+    currents = np.moveaxis(admittance[..., sources], -1, -2)  # (…, s, m) in A per V
     own = currents[..., range(len(sources)), sources]
     at_terminals = 1 / own - r[sources]
     power = np.abs(currents[..., loads]) ** 2 * r[loads]  # twice the power in the loads, in W per V²
@@ -397,9 +418,115 @@ def port_resonances(
     still[:n, :n], still[:n, n : 2 * n] = R / unit, -np.eye(n)
     still[n : 2 * n, :n], still[n:, n:] = np.diag(elements.current), G * unit
     moving[:n, :n], moving[n:, n:] = omega * L / unit, omega * elements.capacitance * unit
-    s = scipy.linalg.eigvals(-still, moving)
+    s: ComplexArray = np.asarray(scipy.linalg.eigvals(-still, moving), dtype=np.complex128)
     s = s[np.isfinite(s)]
     found = s[(s.imag > 0) & (s.imag < _BAND) & (s.imag > 1 / _BAND) & (np.abs(s) > -2 * _OSCILLATES * s.real)]
     found = found[np.argsort(found.imag)]
     with np.errstate(divide="ignore"):  # without losses
         return found.imag * circuit.frequency, np.abs(found) / np.maximum(-2 * found.real, 0.0)
+
+
+@serial_algebra()
+def design_ports(design: Design, frequencies: npt.ArrayLike | None = None) -> tuple[PortCircuit, Network]:
+    """Return the ports of a design with the capacitances of its windings, and its network.
+
+    Parameters
+    ----------
+    design : Design
+        Design with ports.
+    frequencies : array_like, shape (n,), optional
+        Rising frequencies in Hz between which the network's resistance holds, besides that of the
+        link.
+
+    Returns
+    -------
+    circuit : PortCircuit
+        Ports and terminations.
+    network : Network
+        Coils with all losses, for `coilarray.circuit.network.coil_impedance`.
+
+    Raises
+    ------
+    NetworkError
+        A design without ports, or frequencies that are not positive and rising.
+    """
+    frequency = port_circuit(design).frequency
+    f = np.atleast_1d(np.asarray(frequency if frequencies is None else frequencies, dtype=np.float64))
+    if f.ndim != 1 or not f.size or not np.isfinite(f).all() or f[0] <= 0 or (np.diff(f) <= 0).any():
+        raise NetworkError(f"frequencies of ports must be positive, finite and rising; got {f.ravel()[:3]} Hz.")
+    low, high = min(f[0], frequency), max(f[-1], frequency)
+    nodes = np.geomspace(low, high, _SAMPLES) if high > low else f[:1]
+    network = board_circuit(design).swept(np.unique(np.append(nodes, frequency)))
+    return port_circuit(design, network), network
+
+
+@serial_algebra()
+def solve_ports(design: Design | DesignFile, frequencies: npt.ArrayLike | None = None) -> xr.Dataset:
+    """Compute the links between the ports of a design.
+
+    Parameters
+    ----------
+    design : Design or DesignFile
+        Design with ports.
+    frequencies : array_like, shape (n,), optional
+        Rising frequencies in Hz. By default that of the link alone.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over ``frequency`` and ``port``, all with a source or a load: ``s_real`` and ``s_imag``
+        (port, other) for the resistances of sources and loads as references, ``input_resistance``
+        and ``input_reactance`` at the terminals. If there are sources and loads, over ``source``
+        and ``load``: ``efficiency``, ``available_efficiency`` and ``voltage_ratio`` of
+        `power_transfer`, and for the two coils alone ``kq``, ``best_efficiency`` and the load that
+        reaches it, ``best_load_resistance`` and ``best_load_reactance``. Over ``mode``, at the
+        frequency of the link: ``mode_frequency`` and ``mode_quality`` of `port_resonances`.
+
+    Raises
+    ------
+    NetworkError
+        A design without ports, without any source and load, or a frequency that is not positive.
+    """
+    design = design_of(design)
+    there, network = design_ports(design, frequencies)
+    f = np.atleast_1d(np.asarray(there.frequency if frequencies is None else frequencies, dtype=np.float64))
+    coils = coil_impedance(network, f)
+    Z = port_impedance(there, coils, f)
+    S, r, own = scattering(Z, there.resistances), there.resistances, input_impedance(there, Z)
+    names = np.array([port.coil for port in there.active], dtype=object)
+    at_link = coil_impedance(network, np.array([there.frequency]))[0]
+    modes, quality = port_resonances(there, at_link.imag / (2 * np.pi * there.frequency), at_link.real)
+    of_port, pair, link = ("frequency", "port"), ("frequency", "port", "other"), ("frequency", "source", "load")
+    rows: list[tuple[str, tuple[str, ...], Any, str, str]] = [
+        ("reference_resistance", ("port",), r, "ohm", "resistance of the source or load"),
+        ("s_real", pair, S.real, "1", "S, real part"),
+        ("s_imag", pair, S.imag, "1", "S, imaginary part"),
+        ("input_resistance", of_port, own.real, "ohm", "input resistance"),
+        ("input_reactance", of_port, own.imag, "ohm", "input reactance"),
+        ("mode_frequency", ("mode",), modes, "Hz", "resonance"),
+        ("mode_quality", ("mode",), np.where(np.isfinite(quality), quality, 0.0), "1", "quality factor"),
+    ]
+    coords: dict[str, Any] = {"frequency": ("frequency", f, {"units": "Hz", "long_name": "frequency"}), "port": names}
+    if there.sources and there.loads:
+        moved = power_transfer(there, Z)
+        ends = [[(a, b) for b in there.loads] for a in there.sources]
+        bare = port_impedance(there.without_capacitors(), coils, f)
+        best = [[best_link(bare[..., pair, :][..., pair]) for pair in map(list, row)] for row in ends]
+
+        def of_pairs(name: str) -> ComplexArray:
+            return np.moveaxis(np.array([[getattr(one, name) for one in row] for row in best]), -1, 0)
+
+        load = of_pairs("load")
+        rows += [
+            ("efficiency", link, moved.efficiency, "1", "efficiency"),
+            ("available_efficiency", link, moved.available_efficiency, "1", "share of the available power"),
+            ("voltage_ratio", link, np.abs(moved.voltage_ratio), "1", "voltage of the load over that of the source"),
+            ("kq", link, of_pairs("kq").real, "1", "kQ of the coils"),
+            ("best_efficiency", link, of_pairs("efficiency").real, "1", "largest efficiency of the coils"),
+            ("best_load_resistance", link, load.real, "ohm", "best load at the coil, resistance"),
+            ("best_load_reactance", link, load.imag, "ohm", "best load at the coil, reactance"),
+        ]
+        coords |= {"source": names[there.sources], "load": names[there.loads]}
+    left_out = "; ".join(network.left_out)
+    attributes = {**provenance(design), "link_frequency_Hz": there.frequency, "left_out": left_out}
+    return xr.Dataset(variables(*rows), {**coords, "other": names}, attributes)

@@ -1,7 +1,9 @@
 """Ports of coils: source, load and the capacitors between them."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from coilarray.errors import DesignError, require_positive
@@ -77,6 +79,15 @@ class Port:
     def resistance(self) -> float | None:
         """Resistance of source or load in Ω, None without them."""
         return self.load_resistance if self.source_resistance is None else self.source_resistance
+
+    @property
+    def capacitances(self) -> tuple[float | None, float | None]:
+        """Series and parallel capacitance in F, None for none."""
+        return self.series_capacitance, self.parallel_capacitance
+
+    def with_capacitors(self, series: float | None, parallel: float | None) -> Port:
+        """Return the port with other capacitances in F."""
+        return replace(self, series_capacitance=series, parallel_capacitance=parallel)
 
 
 _UNITS = {

@@ -11,6 +11,7 @@ import xarray as xr
 
 from coilarray.circuit.converter_limits import Limit, check_channel
 from coilarray.circuit.coupling import design_inductance, scan_design
+from coilarray.circuit.matching import standard_value
 from coilarray.design.bundled import DESIGNS
 from coilarray.design.keys import Name, Table
 from coilarray.design.model import Design, DesignFile, build_design_file
@@ -25,8 +26,6 @@ _DECADES = 5
 _SERIES = (1.0, 1.5, 2.2, 3.3, 4.7, 6.8)  # E6
 _SHARE_OF_SELF_RESONANCE = 0.5  # well below the converter's limit of 0.8
 _STEPS, _MET, _DIGITS = 10, 1e-4, 3
-_E24 = (1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5,
-        8.2, 9.1)  # fmt: skip
 _CLOSE = 0.01  # of the wanted frequency: required accuracy of a standard capacitance
 
 
@@ -77,13 +76,7 @@ def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> lis
 
 def is_standard(capacitance: float) -> bool:
     """Whether a capacitance in F belongs to the series E24."""
-    return math.isclose(capacitance, _nearest_standard(capacitance), rel_tol=1e-6)
-
-
-def _nearest_standard(capacitance: float) -> float:
-    """Return the nearest E24 value, by ratio."""
-    decade = 10.0 ** math.floor(math.log10(capacitance))
-    return min((value * decade for value in (*_E24, 10.0)), key=lambda value: abs(math.log(value / capacitance)))
+    return math.isclose(capacitance, standard_value(capacitance), rel_tol=1e-6)
 
 
 def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float) -> float:
@@ -104,7 +97,7 @@ def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float
         except NetworkError:
             break
         if abs(short) <= _MET * wanted:
-            standard = _nearest_standard(capacitance)
+            standard = standard_value(capacitance)
             with suppress(NetworkError):  # it may be too much for the losses, unlike the exact value
                 if abs(reached(standard) / frequency - 1) <= _CLOSE:
                     return standard
