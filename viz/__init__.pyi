@@ -11,6 +11,7 @@ from .plots.circuit import plot_field_lines as plot_field_lines
 from .plots.circuit import plot_field_map as plot_field_map
 from .plots.circuit import plot_frequency_sweep as plot_frequency_sweep
 from .plots.circuit import plot_inductance as plot_inductance
+from .plots.circuit import ports_figure as ports_figure
 from .plots.localize import calibration_figure as calibration_figure
 from .plots.localize import comparison_figure as comparison_figure
 from .plots.localize import distortion_figure as distortion_figure

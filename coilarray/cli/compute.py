@@ -22,6 +22,9 @@ from coilarray.compute.table import Table, text_table
 from coilarray.errors import ElastomerError, GeometryError, OutputError
 from coilarray.report.drawing import drawing_beside
 
+Match = Literal["L", "SS", "SP", "PS", "PP"]
+Series = Literal["E12", "E24", "E96"]
+
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
@@ -140,11 +143,28 @@ def impedance(
         bool, typer.Option("--noise", help="Print the noise and drift of the readings, cause by cause, instead.")
     ] = False,
     reference: shared.References = None,
+    ports: Annotated[
+        bool, typer.Option("--ports", help="Print impedances, efficiencies and resonances of the ports instead.")
+    ] = False,
+    match: Annotated[
+        Match | None,
+        typer.Option(
+            "--match",
+            help="With --ports: find the capacitors, L for two that match each source to its coil, or the topology of "
+            "a wireless power link, of the source's and of the load's coil.",
+        ),
+    ] = None,
+    series: Annotated[
+        Series, typer.Option("--series", help="Standard values for --match, and their tolerance (10, 5 or 1 %).")
+    ] = "E24",
     out: Annotated[
         Path | None,
         shared.out_option("Also write the sweep: .nc, .csv; the network: .cir, .sub (SPICE), .sNp, .inp (FastHenry)."),
     ] = None,
-    plot: Annotated[Path | None, shared.plot_option("L, R and Q over frequency, with both resonances")] = None,
+    plot: Annotated[
+        Path | None,
+        shared.plot_option("L, R and Q over frequency, with both resonances, or S and efficiency of the ports"),
+    ] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -159,6 +179,13 @@ def impedance(
     the table [readout] of the design. `locate`, position errors and the ranges of targets assume
     the σ of δ at the end. `coilarray board info --noise` compares a recording with it.
 
+    With --ports it prints the links between the [[circuit.ports]] of the design, at the frequency
+    of the link. --out then writes their sweep as .nc or .csv, or their S-parameters at 50 ohm as
+    .sNp. With --match other capacitors are found, and how far standard values and their
+    tolerances change the result.
+
+    Example: coilarray impedance link.toml --ports --match SS --series E24
+
     Example: coilarray impedance gast2020 --from-MHz 0.5 --to-MHz 5 --out sweep.csv --plot sweep.png
 
     Example: coilarray impedance gast2020 --noise --reference coil6
@@ -169,9 +196,16 @@ def impedance(
     _require_range(1e-6 if from_mhz is None else from_mhz, 1e6 if to_mhz is None else to_mhz)  # before any work
     if reference and not noise:
         raise GeometryError("--reference is for --noise.")
+    if match is not None and not ports:
+        raise GeometryError("--match is for --ports.")
+    if noise and ports:
+        raise GeometryError("--noise and --ports print instead of the rest; give one of them.")
     opened = shared.open_design(design, allow_violations=allow_violations)
     if noise:
         _print_noise(opened, reference or [], as_json=as_json)
+        return
+    if ports:
+        _print_ports(opened, (from_mhz, to_mhz, points), match, series, (out, plot), as_json=as_json)
         return
     suffix = "" if out is None else out.suffix.lower()
     if suffix == ".inp" and opened.plates:
@@ -220,14 +254,18 @@ def impedance(
             "state_currents": tables.state_current_table(scan).records(),
             "capacitance_F": scan.capacitance.values.tolist() if "capacitance" in scan else None,
             "left_out": scan.attrs["left_out"],
+            "converter": opened.readout.converter,
             "ldc1614_drive": drives.records(),
             "ldc1614": limits.records(),
             "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
             "sweep": of_sweep.records(),
         }
     lines = [*shared.plate_error_lines(errors), *_limit_lines(limits, scan, opened)]
-    lines += [tables.close_line(close)] if close else []
-    lines += shared.left_out_lines(scan.attrs["left_out"])
+    without = tables.converter_line(opened)
+    lines += [without] if without else [tables.close_line(close), tables.pulling_line(opened, close)] if close else []
+    if opened.circuit.ports:
+        lines.append(f"ports of {', '.join(port.coil for port in opened.circuit.ports)}: coilarray impedance --ports")
+    lines = [*filter(None, lines), *shared.left_out_lines(scan.attrs["left_out"])]
     matrices = tables.matrix_tables(list(opened.array.names), inductance)
     shown = [*matrices, states, windings, *([drives] if drives.rows else [])]
     shared.print_result(data, as_json=as_json, tables=shown, lines=lines, files=(out, plot))
@@ -235,15 +273,16 @@ def impedance(
 
 def _limit_lines(limits: Table, scan: xr.Dataset, design: Design) -> list[str]:
     """Name the broken limits of the converter."""
+    chip = design.readout.converter
     lines = [
-        f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
+        f"{chip}, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
         for state, limit, value, low, high, kept in limits.rows
         if not kept
     ]
     if limits.rows and not lines:
         without = " without the target (coilarray target has it with)" if design.target else ""
         so_far = "as far as these numbers go, " if scan.attrs["left_out"] else ""
-        lines = [f"LDC1614: {so_far}all limits are kept{without}"]
+        lines = [f"{chip}: {so_far}all limits are kept{without}"]
     return lines
 
 
@@ -264,14 +303,69 @@ def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
 def _print_noise(design: Design, reference: list[str], *, as_json: bool) -> None:
     """Print the noise budget of a design."""
     from coilarray.circuit.noise_budget import noise_budget
-    from coilarray.report.tables import budget_lines, noise_table, sigma_table
+    from coilarray.report.tables import budget_lines, converter_line, noise_table, sigma_table
 
     budget = noise_budget(design)
     if reference:
         budget = budget.referenced(reference)
     data = {**shared.design_record(design), **budget.to_record()}
     tables = (noise_table(budget), sigma_table(budget))
-    shared.print_result(data, as_json=as_json, tables=tables, lines=budget_lines(budget))
+    lines = budget_lines(budget)
+    if without := converter_line(design):
+        lines.append(f"{without} The noise is that of an LDC1614 with the settings of [readout].")
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines)
+
+
+def _print_ports(
+    design: Design,
+    sweep: tuple[float | None, float | None, int],
+    match: Match | None,
+    series: Series,
+    files: tuple[Path | None, Path | None],
+    *,
+    as_json: bool,
+) -> None:
+    """Print the ports of a design, with other capacitors if asked."""
+    import numpy as np
+
+    from coilarray.circuit.matching import compensated, matched_port
+    from coilarray.circuit.network import coil_impedance
+    from coilarray.circuit.network_files import touchstone
+    from coilarray.circuit.ports import design_ports, port_impedance, solve_ports
+    from coilarray.report import port_tables
+
+    out, plot = files
+    suffix = "" if out is None else out.suffix.lower()
+    if suffix in (".cir", ".sub", ".inp"):
+        raise OutputError(f"--out of --ports must end in .nc, .csv or .sNp; got {out}.")
+    there, network = design_ports(design)
+    tables: list[Table] = []
+    if match is not None:
+        Z = coil_impedance(network, np.array([there.frequency]))[0]
+        for source in there.sources if match == "L" else ():
+            there = matched_port(there, Z, there.active[source].coil)
+        there = there if match == "L" else compensated(there, Z, match)
+        design = replace(design, circuit=replace(design.circuit, ports=there.ports))
+        tables += port_tables.capacitor_tables(there, Z, series)
+    low, high = (
+        share * there.frequency * 1e-6 if f is None else f
+        for share, f in zip(port_tables.SWEPT, sweep[:2], strict=True)
+    )
+    _require_range(low, high)
+    f = np.union1d(np.geomspace(low * 1e6, high * 1e6, sweep[2]), there.frequency)
+    solved = solve_ports(design, f)
+    if suffix in (".nc", ".csv"):
+        shared.write_numbers(out, solved, port_tables.sweep_table(solved).csv)
+    elif out is not None:
+        there, network = design_ports(design, f)
+        Z = port_impedance(there, coil_impedance(network, f), f)
+        touchstone([port.coil for port in there.active], Z, f, out)
+    shared.draw(plot, lambda: viz.ports_figure(solved))
+    found = [port_tables.port_table(design, solved), port_tables.link_table(solved), port_tables.mode_table(solved)]
+    tables = [*(table for table in found if table.rows), *tables]
+    data = {**shared.design_record(design), **{table.name: table.records() for table in tables}}
+    lines = shared.left_out_lines(solved.attrs["left_out"])
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=files)
 
 
 def _require_range(low: float, high: float) -> None:

@@ -23,6 +23,7 @@ from coilarray.circuit.coupling import (
     sweep_frequencies,
     terminations_of,
 )
+from coilarray.circuit.ports import solve_ports
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
 from coilarray.design.fabs import load_profile
 from coilarray.design.model import Design, DesignFile, metal_words
@@ -30,7 +31,7 @@ from coilarray.errors import CoilarrayError, LocalizeError
 from coilarray.geometry import Margin, check_rules
 from coilarray.geometry.array import array_words
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, difference_from_published, published_model
-from coilarray.report import page, position, response_tables, tables
+from coilarray.report import page, port_tables, position, response_tables, tables
 from coilarray.report.drawing import Drawing
 from coilarray.report.summary import position_bounds
 from coilarray.response.dataset import coils_outside, on_board, origin_of
@@ -44,6 +45,7 @@ _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
 _PLANE_POINTS = (100, 400)
 _SWEEP_POINTS = 60
+_PORT_POINTS = 200
 # depths of the force curve, none closer to a depth of the design than this part of the greatest
 _CURVE_POINTS, _CURVE_APART = 8, 0.02
 _ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design shown beside the indentation
@@ -77,6 +79,7 @@ class Results:
         self.coupling = beside.submit(couple_design, design)
         self.circuit = beside.submit(_circuit, design)
         self.bare = beside.submit(_without_plates, design)
+        self.linking = beside.submit(_links, design)
         self.targeting = beside.submit(lambda: None if design.target is None else target_map(design))
         self.responding = beside.submit(
             lambda: None if design.indentation is None else response_map(design, accuracy="auto")
@@ -191,10 +194,11 @@ def _indentation(r: Results) -> Section | None:
 def _coils(r: Results) -> Section:
     coupling = r.coupling.result()
     full = tables.coil_table(r.design, coupling)
-    left_out = coupling.attrs["left_out"]
+    left_out, judged = coupling.attrs["left_out"], r.design.readout.is_judged
     blocks: list[Block] = [
         full.brief(),
-        f"L_eff, f, R_eff and Q are what the converter sees, with {r.strays}. R_eff and Q are of the coils without the "
+        f"L_eff, f, R_eff and Q are {'what the converter sees' if judged else 'at the resonance with the tank'}, with "
+        f"{r.strays}. R_eff and Q are of the coils without the "
         f"tank capacitor{r.beside_q}. The ideal columns leave out AC resistance and all strays."
         + (f" Left out everywhere: {left_out.rstrip('.')}." if left_out else ""),
     ]
@@ -260,14 +264,19 @@ def _circuit_section(r: Results) -> Section:
     windings, limits = tables.winding_table(scan), tables.limit_table(scan)
     shown = windings.brief()
     drives, currents = tables.drive_table(scan), tables.state_current_table(scan)
+    without = tables.converter_line(r.design)
+    where, takes = ("it resonates with the tank", "") if without else (
+        "the converter oscillates", ", which the converter takes for the inductance"
+    )  # fmt: skip
+    limited = without or "The limits of the converter refer to Q of the whole resonator."
     blocks: list[Block] = [
-        f"Each state of the scan plan where the converter oscillates, with {r.strays}: the circuit of the table of "
-        "coils. L_eff is 1/(ω²C), which the converter takes for the inductance. R_eff and Q are of the coils without "
-        f"the tank capacitor{r.beside_q}. The limits of the converter refer to Q of the whole resonator.",
+        f"Each state of the scan plan where {where}, with {r.strays}: the circuit of the table of coils. L_eff is "
+        f"1/(ω²C){takes}. R_eff and Q are of the coils without the tank capacitor{r.beside_q}. {limited}",
         tables.state_table(scan),
     ]
-    if line := tables.close_line(r.close_states):
-        blocks.append(line)
+    if r.close_states and not without:
+        both = tables.close_line(r.close_states), tables.pulling_line(r.design, r.close_states)
+        blocks.append(" ".join(filter(None, both)))
     blocks.append(shown)
     causes = {
         "elastomer_delta": "when the elastomer is laid on the board",
@@ -291,12 +300,32 @@ def _circuit_section(r: Results) -> Section:
         over = sum(row[-1] is False for row in limits.rows)
         target = " by the coils without the target" if r.design.target else ""
         kept = f"**{over} limits are broken**; they are marked." if over else f"all limits are kept{target}."
-        details = Details("Limits of the LDC1614", (limits,), open=over > 0)
-        blocks += [f"LDC1614: {kept}", drives, details]
+        details = Details(f"Limits of the {r.design.readout.converter}", (limits,), open=over > 0)
+        blocks += [f"{r.design.readout.converter}: {kept}", drives, details]
     if r.several:
         blocks.append(Details("Currents in each state", (currents,)))
     blocks.append(Details("Impedance over frequency", (tables.sweep_table(sweep),)))
     return Section("Circuit", tuple(blocks), (windings, currents, limits, drives))
+
+
+def _ports(r: Results) -> Section | None:
+    solved = r.linking.result()
+    if solved is None:
+        return None
+    found = [port_tables.port_table(r.design, solved), port_tables.link_table(solved), port_tables.mode_table(solved)]
+    caption = (
+        "|S| and efficiency over frequency; dotted lines are the resonances, the grey line is the link's frequency."
+    )
+    left_out = f" Left out: {solved.attrs['left_out'].rstrip('.')}." if solved.attrs["left_out"] else ""
+    return Section("Ports", (
+        "Coils with a source, tank or load of their own, which bypass switches and converter; the other coils are as "
+        "terminated. |S| is for the resistances of the sources and loads. The efficiency is the power in the load over "
+        "that which enters at the source, each source alone; the coils alone allow at most U²/(1 + √(1 + U²))² with "
+        f"U = kQ.{left_out}",
+        *(table for table in found if table.rows),
+        r.plot("ports_figure", "ports", caption, solved),
+        Details("S-parameters over frequency", (port_tables.sweep_table(solved),)),
+    ))  # fmt: skip
 
 
 def _plates(r: Results) -> Section | None:
@@ -471,14 +500,14 @@ def _design(r: Results) -> Section:
 
 SECTIONS: dict[str, Callable[[Results], Section | None]] = {
     "Copper": _copper, "Fabrication rules": _rules, "Design": _design, "Indentation": _indentation, "Coils": _coils,
-    "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Metal": _plates, "Response": _response,
-    "Position": _position, "What moves x0": _distortion, "Target": _target,
+    "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Ports": _ports,
+    "Metal": _plates, "Response": _response, "Position": _position, "What moves x0": _distortion, "Target": _target,
 }  # fmt: skip
 """Sections in order, first those without the circuit."""
 
 ORDER = (
-    "Coils", "Coupling", "Field", "Circuit", "Metal", "Target", "Indentation", "Response", "Position", "What moves x0",
-    "Copper", "Fabrication rules", "Design",
+    "Coils", "Coupling", "Field", "Circuit", "Ports", "Metal", "Target", "Indentation", "Response", "Position",
+    "What moves x0", "Copper", "Fabrication rules", "Design",
 )  # fmt: skip
 ESSENTIAL = ("Copper", "Fabrication rules", "Design", "Coils", "Coupling", "Circuit")
 """Sections without which there is no report."""
@@ -498,6 +527,8 @@ def lead(r: Results) -> list[Block]:
         f"{'Coupling report' if r.several else 'Report'} of the design **{design.name}**: {array_words(design.array)}"
         f"{f', with {metal}' if metal else ''}; tank capacitor {design.circuit.capacitance * 1e12:g} pF.{measured}"
     )
+    if without := tables.converter_line(design):
+        lines.append(without)
     if assumed := len(r.file.assumed):
         lines.append(
             Warn(
@@ -527,6 +558,15 @@ def _circuit(design: Design) -> tuple[xr.Dataset, xr.Dataset]:
     """Return scan and sweep of the design's circuit."""
     scan = scan_design(design)
     return scan, sweep_design(design, sweep_frequencies(scan, _SWEEP_POINTS))
+
+
+def _links(design: Design) -> xr.Dataset | None:
+    """Solve the ports around the frequency of the link, None without ports."""
+    frequency = design.circuit.link_frequency
+    if not design.circuit.ports or frequency is None:
+        return None
+    low, high = (share * frequency for share in port_tables.SWEPT)
+    return solve_ports(design, np.union1d(np.geomspace(low, high, _PORT_POINTS), frequency))
 
 
 def _without_plates(design: Design) -> xr.Dataset | None:

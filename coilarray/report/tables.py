@@ -170,6 +170,13 @@ def state_table(scan: xr.Dataset) -> Table:
     return dataset_table("states", "States", scan, (*names, *read), {"parallel_resistance": KILOHM})
 
 
+def converter_line(design: Design) -> str:
+    """Say that no converter is set, if so."""
+    if design.readout.is_judged:
+        return ""
+    return 'No converter is set (readout.converter = "none"): its limits and its drive are not checked.'
+
+
 def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
     """Describe states with close frequencies, from `close_channels`."""
     from coilarray.circuit.coupling import CLOSE_CHANNELS
@@ -184,6 +191,23 @@ def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
         f"converters measured at the same time would they need {100 * CLOSE_CHANNELS:g} % between them; {which}, "
         f"{one} and {other} {closest}."
     )
+
+
+def pulling_line(design: Design, pairs: Sequence[tuple[str, str, float]]) -> str:
+    """Describe what two converters at once make of the closest states, of one coil each."""
+    from coilarray.circuit.pulling import converter_pair
+
+    measured = {state.name: [name for name, _ in state.measured] for state in design.plan}
+    close = [measured[name] for name in pairs[0][:2]] if pairs else []
+    if [len(coils) for coils in close] != [1, 1] or close[0] == close[1]:
+        return ""
+    (first,), (second,) = close
+    found = converter_pair(design, first, second)
+    shifts = " and ".join(f"{PERCENT.text(shift, '+.2')}" for shift in found.shifts.tolist())
+    if not found.beat:
+        return f"Two converters at {first} and {second} would lock to one frequency, off by {shifts}."
+    beat = DisplayUnit("kHz", 1e-3).text(found.beat, ".3")
+    return f"Two converters at {first} and {second} would shift each other's frequency by {shifts} and beat at {beat}."
 
 
 def state_current_table(scan: xr.Dataset) -> Table:

@@ -5,13 +5,16 @@ ranges and positions of a map against those of the same map without what no conv
 """
 
 import math
+from concurrent.futures import Future
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.refusals import refused
 
 import coilarray as ca
 from coilarray.circuit.converter_limits import (
@@ -23,21 +26,22 @@ from coilarray.circuit.converter_limits import (
     reading_lines,
     shared_drive,
 )  # fmt: skip
-from coilarray.circuit.coupling import resonators, scan_design
+from coilarray.circuit.coupling import resonators, scan_design, sweep_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of
 from coilarray.circuit.noise_budget import noise_budget
 from coilarray.compute.workers import open_executor
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.design.write import as_file
-from coilarray.errors import GoalError
+from coilarray.errors import DesignError, GoalError
 from coilarray.geometry import Plate
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.localize.inverse import locate
 from coilarray.report.response_tables import path_drive_table, range_table, target_table
+from coilarray.report.sections import SECTIONS
 from coilarray.report.summary import unread_words, verdicts
-from coilarray.report.tables import drive_table, limit_table, sigma_table
+from coilarray.report.tables import converter_line, drive_table, limit_table, sigma_table
 from coilarray.response.target import ranges_of, target_map
 from coilarray.studies.create import broken_limits
 from coilarray.studies.optimize.derive import derive_goal, keeping_rules
@@ -227,7 +231,7 @@ capacitance_pF = 100
 
 
 def test_without_a_converter_nothing_is_marked(probe):
-    design = replace(probe, readout=replace(probe.readout, converter=False), target=None)
+    design = replace(probe, readout=replace(probe.readout, converter="none"), target=None)
     scan = scan_design(design, elastomer=False, accuracy="screen")
     assert "readable" not in scan
     assert broken_limits(scan) == verdicts(scan, ()) == []
@@ -276,7 +280,7 @@ def test_a_self_resonance_counts_where_it_is_near():
 
 def test_goals_of_what_is_read_ask_for_a_converter_that_reads_it():
     design = with_tank(60)
-    free = replace(design, readout=replace(design.readout, converter=False))
+    free = replace(design, readout=replace(design.readout, converter="none"))
 
     def bounds(wish, of):
         axes = [parse_axis("circuit.capacitance_pF=20:80:4")]
@@ -378,3 +382,39 @@ def test_a_located_target_says_what_is_not_read_there():
     assert "cannot read b there" in repr(locate(model, model.delta(point)))
     left = locate(model, model.delta([-6e-3, 1e-3, 1e-3])).best
     assert left.unread == ()
+
+
+@pytest.mark.parametrize("value", [True, "LDC1101"])
+def test_another_converter_is_refused(value):
+    design = ca.load_design_file("gast2020")
+    refused(DesignError, r"readout\.converter .*none.* got", ca.vary, design, {"readout.converter": value})
+    refused(DesignError, r"LDC1614, .*none; got", ca.Readout, converter=value)
+
+
+@pytest.mark.slow
+def test_without_a_converter_every_place_says_so():
+    """No limit, drive or verdict of a converter, and one line that tells why."""
+    design = ca.load_design("gast2020")
+    free = ca.vary(design, {"readout.converter": "none"})
+    assert free.digest != design.digest
+    words = converter_line(free)
+    assert 'readout.converter = "none"' in words
+    assert converter_line(design) == ""
+    scan = scan_design(free, elastomer=False)
+    assert verdicts(scan, ()) == []
+    assert not limit_table(scan).rows
+    assert not drive_table(scan).rows
+    circuit = SECTIONS["Circuit"](_results(free, scan))
+    assert any(words in block for block in circuit.blocks if isinstance(block, str))
+    assert not any("LDC" in block or "oscillates" in block for block in circuit.blocks if isinstance(block, str))
+    refused(GoalError, 'readout.converter = "none"', evaluate, free, ["drive_margin"])
+
+
+def _results(design, scan):
+    """What the section of the circuit takes of a report."""
+    sweep = sweep_design(design, [1e6, 2e6])
+    circuit: Future = Future()
+    circuit.set_result((scan, sweep))
+    plot = lambda *arguments, **options: ""  # noqa: E731 - a picture that is not drawn
+    words = {"strays": "strays", "beside_q": "", "close_states": [], "several": True, "plot": plot}
+    return SimpleNamespace(design=design, scan=scan, circuit=circuit, **words)

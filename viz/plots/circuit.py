@@ -32,6 +32,7 @@ _POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # with a p
 _MANY = 10.0  # largest over least resistance on an axis of equal steps; it spans decades near a self-resonance
 _CEILING, _HEADROOM = 4.0, 1.08  # height of the axis over a pole's value at the lowest frequency, and over all values
 _MOST_CURVES = 9  # number of curves that can be distinguished if coils are alike
+_FLOOR = 1e-6  # of |S|, −120 dB
 _RANGE = 0.35  # opacity of the range of all curves
 
 
@@ -214,6 +215,41 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
             ax.set_yscale("log")
             ax.set_ylim(positive.min() / _HEADROOM, positive.max() * _HEADROOM)
             style.logarithmic_ticks(ax.yaxis, math.log10(positive.max() / positive.min()))
+    return figure
+
+
+@style.styled
+def ports_figure(solved: xr.Dataset) -> Figure:
+    """Draw S-parameters over frequency, and the efficiencies below.
+
+    S is for the resistances of sources and loads, and |S| of every pair of ports is drawn once.
+    Dotted lines are the resonances, the grey line is the frequency of the link. `solved` is the
+    result of `coilarray.circuit.ports.solve_ports`.
+    """
+    of_frequency = style.axis_unit(solved.frequency)
+    f, names = of_frequency.of(solved.frequency), solved.port.values.tolist()
+    linked = "efficiency" in solved
+    figure = style.new_figure(6.5, 3.2 * (1 + linked))
+    axes = [figure.add_subplot(1 + linked, 1, k + 1) for k in range(1 + linked)]
+    magnitude = np.hypot(solved.s_real, solved.s_imag).values
+    for k, (i, j) in enumerate(zip(*np.triu_indices(len(names)), strict=True)):
+        shown = 20 * np.log10(np.maximum(magnitude[:, j, i], _FLOOR))
+        label = names[i] if i == j else f"{names[i]} to {names[j]}"
+        axes[0].plot(f, shown, label=label, marker="o" if f.size == 1 else "", **curve_look(k))
+    if linked:
+        links = [(a, b) for a in solved["source"].values for b in solved["load"].values]
+        for k, (a, b) in enumerate(links):
+            for name, line, words in (("efficiency", "-", ""), ("best_efficiency", "--", ", at most")):
+                values = 100 * solved[name].sel(source=a, load=b).values
+                look = curve_look(k) | {"linestyle": line}
+                axes[1].plot(f, values, label=f"{a} to {b}{words}", marker="o" if f.size == 1 else "", **look)
+        axes[1].set_ylim(0.0, 100.0)
+    for ax, label in zip(axes, ("|S| (dB)", "efficiency (%)"), strict=False):
+        for mode in of_frequency.of(solved.mode_frequency):
+            if f[0] <= mode <= f[-1]:
+                ax.axvline(mode, color=GREY, linestyle=":", linewidth=0.9, zorder=0)
+        ax.axvline(float(of_frequency.of(solved.attrs["link_frequency_Hz"])), color=GREY, linewidth=0.9, zorder=0)
+        style.finish_curves(ax, of_frequency.label("frequency"), label)
     return figure
 
 
