@@ -2,8 +2,9 @@
 
 An entry is a dotted key as in `DesignFile.values`, in the unit of its name, such as
 ``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm`` or ``circuit.terminations.coil2``.
-The name of a table stands for its number in a list, as in ``boards.receiver.z_mm``.
-Its value is any that the file can have, tables excepted. The document is checked like a file.
+The name of a table stands for its number in a list, as in ``boards.receiver.z_mm``, and so does
+the coil of a port, as in ``circuit.ports.coil1.load_ohm``. Its value is
+any that the file can have, tables excepted. The document is checked like a file.
 """
 
 import difflib
@@ -107,12 +108,12 @@ def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     """Copy a table or list with one entry set."""
     if isinstance(table, list):
-        named = [k for k, item in enumerate(table) if isinstance(item, Mapping) and item.get("name") == parts[0]]
+        names = [_name_of(item) for item in table]
+        named = [k for k, name in enumerate(names) if name == parts[0]]
         parts = [str(named[0]), *parts[1:]] if len(named) == 1 else parts
         if not parts[0].isdecimal() or int(parts[0]) >= len(table):
             numbers = "0" if len(table) == 1 else f"a number from 0 to {len(table) - 1}"
-            names = [str(item["name"]) for item in table if isinstance(item, Mapping) and "name" in item]
-            named_too = f" or a name ({', '.join(names)})" if names else ""
+            named_too = f" or a name ({', '.join(filter(None, names))})" if any(names) else ""
             raise DesignError(f"{key} must have {numbers}{named_too} for {parts[0]!r}.")
         place = int(parts[0])
         return [*table[:place], _set(table[place], parts[1:], value, key), *table[place + 1 :]]
@@ -121,6 +122,11 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     taken = _longest_key(table, parts) or 1
     name = ".".join(parts[:taken])
     return {**table, name: _set(table.get(name), parts[taken:], value, key)}
+
+
+def _name_of(item: Any) -> str:
+    """Return the name of a table in a list, of a port the name of its coil."""
+    return str(item.get("name", item.get("coil", ""))) if isinstance(item, Mapping) else ""
 
 
 def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:

@@ -65,6 +65,7 @@ def design_text_with_comments(design):
         {"circuit.ports.0.capacitor_quality": 500},
         {"circuit.ports.1.coil": "coil5"},
         {"circuit.link_frequency_MHz": 6.78},
+        {"circuit.ports.coil6.load_ohm": 11},
     ],
 )
 def test_every_key_of_a_port_can_be_varied_and_counts(change):
