@@ -267,8 +267,8 @@ def scattering(impedance: ComplexArray, resistances: npt.ArrayLike) -> ComplexAr
 def input_impedance(circuit: PortCircuit, impedance: ComplexArray) -> ComplexArray:
     """Return the impedance (…, m) in Ω at the terminals of each active port.
 
-    All other ports have their sources and loads. `impedance` (…, m, m) in Ω is a result of
-    `port_impedance`.
+    All other ports of the `circuit` have their sources and loads. `impedance` (…, m, m) in Ω is a
+    result of `port_impedance`.
     """
     r = circuit.resistances
     own = np.diagonal(np.linalg.inv(impedance + np.diag(r)), axis1=-2, axis2=-1)

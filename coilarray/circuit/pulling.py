@@ -116,7 +116,7 @@ def pulling(
     modes = np.sqrt(squares)
     omega = vectors * modes @ vectors.T
     damping, drive = R / (2 * np.diag(L)), np.sqrt(C) * V
-    unit, middle = float(drive.mean()), float(np.diag(omega).mean())
+    middle = float(np.diag(omega).mean())
     spread = omega - middle * np.eye(2)
 
     def slope(_: float, state: FloatArray) -> FloatArray:
@@ -128,11 +128,17 @@ def pulling(
     gamma, distance = float(damping.min()), abs(omega[1, 1] - omega[0, 0])
     rate = min(max(2 * omega[0, 1] ** 2 / gamma, _SLOWEST * gamma), gamma)  # at which weakly coupled phases lock
     settled = _SETTLED / gamma + (_SETTLED / rate if distance < _NEAR * rate else 0.0)
-    end = settled + _BEATS * 2 * math.pi / max(distance, rate)
+    end = float(settled + _BEATS * 2 * math.pi / max(distance, rate))
     times = np.linspace(settled, end, _SAMPLES)
     start = drive * np.exp(1j * np.array([0.0, math.pi / 3]))
     found = solve_ivp(
-        slope, (0.0, end), np.concatenate((start.real, start.imag)), "DOP853", times, rtol=1e-8, atol=1e-9 * unit
+        slope,
+        (0.0, end),
+        np.concatenate((start.real, start.imag)),
+        "DOP853",
+        times,
+        rtol=1e-8,
+        atol=1e-9 * float(drive.mean()),
     )
     phases = np.unwrap(np.angle(found.y[:2] + 1j * found.y[2:]), axis=1)
     apart = phases[1] - phases[0]
@@ -148,7 +154,7 @@ def pulling(
         advance = np.array([np.interp(last, times, phase) - phase[0] for phase in phases])
         together = middle + advance / (last - settled)
     beat = 0.0 if turns < 1 else abs(float(together[1] - together[0])) / (2 * math.pi)
-    return Pulling(*(np.asarray(one / (2 * math.pi)) for one in (alone, modes, together)), beat)
+    return Pulling(alone / (2 * math.pi), modes / (2 * math.pi), together / (2 * math.pi), beat)
 
 
 def converter_pair(design: Design, first: str, second: str) -> Pulling:

@@ -86,7 +86,7 @@ class Port:
         return self.series_capacitance, self.parallel_capacitance
 
     def with_capacitors(self, series: float | None, parallel: float | None) -> Port:
-        """Return the port with other capacitances in F."""
+        """Return the port with other `series` and `parallel` capacitances in F, None for none."""
         return replace(self, series_capacitance=series, parallel_capacitance=parallel)
 
 
