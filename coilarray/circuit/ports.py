@@ -30,6 +30,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import serial_algebra
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.ports import Port
+from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import NetworkError
 
 _BAND = 3.0  # factor around the frequency of the link within which its R holds for a resonance
@@ -427,7 +428,9 @@ def port_resonances(
 
 
 @serial_algebra()
-def design_ports(design: Design, frequencies: npt.ArrayLike | None = None) -> tuple[PortCircuit, Network]:
+def design_ports(
+    design: Design, frequencies: npt.ArrayLike | None = None, accuracy: Accuracy = "full"
+) -> tuple[PortCircuit, Network]:
     """Return the ports of a design with the capacitances of its windings, and its network.
 
     Parameters
@@ -437,6 +440,8 @@ def design_ports(design: Design, frequencies: npt.ArrayLike | None = None) -> tu
     frequencies : array_like, shape (n,), optional
         Rising frequencies in Hz between which the network's resistance holds, besides that of the
         link.
+    accuracy : {"full", "screen"}
+        Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
 
     Returns
     -------
@@ -456,12 +461,14 @@ def design_ports(design: Design, frequencies: npt.ArrayLike | None = None) -> tu
         raise NetworkError(f"frequencies of ports must be positive, finite and rising; got {f.ravel()[:3]} Hz.")
     low, high = min(f[0], frequency), max(f[-1], frequency)
     nodes = np.geomspace(low, high, _SAMPLES) if high > low else f[:1]
-    network = board_circuit(design).swept(np.unique(np.append(nodes, frequency)))
+    network = board_circuit(design, accuracy=accuracy).swept(np.unique(np.append(nodes, frequency)))
     return port_circuit(design, network), network
 
 
 @serial_algebra()
-def solve_ports(design: Design | DesignFile, frequencies: npt.ArrayLike | None = None) -> xr.Dataset:
+def solve_ports(
+    design: Design | DesignFile, frequencies: npt.ArrayLike | None = None, *, accuracy: Accuracy = "full"
+) -> xr.Dataset:
     """Compute the links between the ports of a design.
 
     Parameters
@@ -470,6 +477,8 @@ def solve_ports(design: Design | DesignFile, frequencies: npt.ArrayLike | None =
         Design with ports.
     frequencies : array_like, shape (n,), optional
         Rising frequencies in Hz. By default that of the link alone.
+    accuracy : {"full", "screen"}
+        Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
 
     Returns
     -------
@@ -488,7 +497,7 @@ def solve_ports(design: Design | DesignFile, frequencies: npt.ArrayLike | None =
         A design without ports, without any source and load, or a frequency that is not positive.
     """
     design = design_of(design)
-    there, network = design_ports(design, frequencies)
+    there, network = design_ports(design, frequencies, accuracy)
     f = np.atleast_1d(np.asarray(there.frequency if frequencies is None else frequencies, dtype=np.float64))
     coils = coil_impedance(network, f)
     Z = port_impedance(there, coils, f)
@@ -504,7 +513,7 @@ def solve_ports(design: Design | DesignFile, frequencies: npt.ArrayLike | None =
         ("input_resistance", of_port, own.real, "ohm", "input resistance"),
         ("input_reactance", of_port, own.imag, "ohm", "input reactance"),
         ("mode_frequency", ("mode",), modes, "Hz", "resonance"),
-        ("mode_quality", ("mode",), np.where(np.isfinite(quality), quality, 0.0), "1", "quality factor"),
+        ("mode_quality", ("mode",), quality, "1", "quality factor"),
     ]
     coords: dict[str, Any] = {"frequency": ("frequency", f, {"units": "Hz", "long_name": "frequency"}), "port": names}
     if there.sources and there.loads:

@@ -13,6 +13,8 @@ from command_pages import write_page
 from sphinx.errors import ExtensionError
 
 import coilarray as ca
+from coilarray.circuit.ports import solve_ports
+from coilarray.design.ports import Port
 from coilarray.hardware import design_settings, open_board
 from coilarray.hardware.record import recording as recording_module
 from coilarray.hardware.record.recorded_response import recorded_series
@@ -65,6 +67,11 @@ def results() -> Iterator[tuple[str, str, xr.Dataset]]:
         "`coilarray impedance --out`, {doc}`sweep_design`",
         ca.sweep_design(starter, [1e6]),
     )
+    coils = ca.Array.row(ca.Spiral(4, 20e-3, 3, 0.5e-3, 0.5e-3), 2, pitch=22e-3)
+    ports = Port("coil1", source_resistance=50.0), Port("coil2", load_resistance=20.0, series_capacitance=180e-12)
+    circuit = ca.Circuit(ports=ports, link_frequency=13.56e6)
+    link = ca.Design(coils, circuit=circuit)
+    yield "Ports", "`coilarray impedance --ports --out`, ``report/ports.nc`` of a report", solve_ports(link)
     yield (
         "Response to an indentation",
         "`coilarray response --out`, {doc}`response_map`",

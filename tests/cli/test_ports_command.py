@@ -14,10 +14,12 @@ from support.refusals import refused as refuses
 from coilarray.circuit.network import coil_impedance
 from coilarray.circuit.ports import design_ports, port_impedance, power_transfer, scattering, solve_ports
 from coilarray.design.model import build_design, build_design_file
+from coilarray.design.vary import vary
 from coilarray.design.write import design_document
-from coilarray.errors import NetworkError
+from coilarray.errors import GoalError, NetworkError
 from coilarray.geometry import Array, Spiral
 from coilarray.report.sections import SECTIONS
+from coilarray.studies.quantities import evaluate
 
 good, answer = successes("impedance")
 run, refused = runner("impedance")
@@ -58,6 +60,24 @@ def test_a_design_is_solved_as_its_matrices_are(document):
     only = solve_ports(design)
     assert only.frequency.values.tolist() == [13.56e6]
     np.testing.assert_allclose(only.s_real[0], solved.s_real[1], rtol=1e-4)  # R(f) between samples
+
+
+def test_links_are_quantities_of_sweeps(document):
+    file = build_design_file(document)
+    loads = [5.0, 20.0]
+    values = [
+        evaluate(vary(file, {"circuit.ports.coil2.load_ohm": load}), ["link_efficiency", "link_reflection"])
+        for load in loads
+    ]
+    for load, found in zip(loads, values, strict=True):
+        solved = solve_ports(vary(file, {"circuit.ports.1.load_ohm": load}))
+        assert found["link_efficiency"] == solved.efficiency.item()
+        S = np.hypot(solved.s_real, solved.s_imag).values[0]
+        assert found["link_reflection"] == max(S[0, 0], S[1, 1])
+    for key, words in (("ports", "circuit.ports with"), ("efficiency", "source_ohm and a load_ohm")):
+        plain = CIRCUIT | {"ports": [SOURCE] if key == "efficiency" else []}
+        design = build_design(document | {"circuit": plain})
+        refuses(GoalError, words, evaluate, design, ["link_efficiency"])
 
 
 def test_a_source_alone_has_no_efficiency(document):

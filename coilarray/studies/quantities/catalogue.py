@@ -15,6 +15,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from coilarray.circuit.converter_limits import DRIVE_WINDOW, check_channel
+from coilarray.circuit.ports import solve_ports
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
@@ -85,6 +86,27 @@ def _pairs(evaluation: Evaluation) -> FloatArray:
     return np.asarray(evaluation.coupling[np.triu_indices(count, 1)])
 
 
+def _link(evaluation: Evaluation) -> xr.Dataset:
+    """Ports at the frequency of the link."""
+    if not any(port.resistance is not None for port in evaluation.design.circuit.ports):
+        raise GoalError(f"{evaluation.design.name} has no circuit.ports with a source or a load.")
+    return solve_ports(evaluation.design, accuracy=evaluation.accuracy).isel(frequency=0)
+
+
+def _link_efficiency(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Least efficiency from a source to a load."""
+    solved = _link(evaluation)
+    if "efficiency" not in solved:
+        raise GoalError(f"the circuit.ports of {evaluation.design.name} need a source_ohm and a load_ohm.")
+    return float(solved.efficiency.min())
+
+
+def _link_reflection(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    """Largest |S| of a port."""
+    solved = _link(evaluation)
+    return float(np.diagonal(np.hypot(solved.s_real, solved.s_imag)).max())
+
+
 def _of_state(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
     """Quantity of a scan's variable for one coil alone."""
 
@@ -153,6 +175,11 @@ COILS = (
         lambda evaluation, options: float(evaluation.inductance.diagonal()[evaluation.coil(options["coil"])]) * 1e6,
         (COIL,),
     ),
+    Quantity(
+        "link_efficiency", "1", "coupling",
+        "power in a load over that which enters at a source of circuit.ports, least of all pairs", _link_efficiency,
+    ),
+    Quantity("link_reflection", "1", "coupling", "|S| at the ports of the link's frequency, largest", _link_reflection),
     _of_state(
         "effective_inductance_uH", "µH", "effective_inductance", 1e6,
         "inductance of a measured coil, its neighbours terminated as the scan has them",
