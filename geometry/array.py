@@ -374,6 +374,12 @@ class Array(SeveralCoils):
         return np.array([[placement.x, placement.y] for placement in self.placements])
 
     @property
+    def places(self) -> FloatArray:
+        """Centres of the coils on the bent board in m, shape (coils, 3)."""
+        flat = np.column_stack((self.centres, np.zeros(len(self.placements))))
+        return flat if self.form is None else self.form.surface(flat)
+
+    @property
     def least_distance(self) -> float:
         """Smallest distance in m between two coils, inf for one."""
         gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)

@@ -19,12 +19,14 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LARGEST, GeometryError, require_finite, require_positive
 from coilarray.geometry.conductor import Conductor
 
-_STEP = 0.03  # rad of a bend along one chord, at most: 1/24 of its square is 4e-5 of a length
+_STEP = 0.04  # rad of a bend along one chord, at most: 1/24 of its square is 7e-5 of a length
 _MOST_PIECES = 1e6
 _LEAST_LEFT = 1e-3  # of a length on the neutral plane, which is left at a height inside the bend
 _TOUCH = 1e-12  # m; zones that overlap by less are beside each other
-_SAGITTA = 2e-5  # of a path's extent, between a chord and the bent surface
+_SAGITTA = 6e-5  # of a path's extent, between a chord and the bent surface: some 3e-5 of L
 _FACET = 0.06  # rad of a bend along one facet of a solid, at most: 2 µm from the surface at a radius of 5 mm
+_UNEVEN = (3 - math.sqrt(5)) / 2  # golden section: no corner of copper is at such a part of a range
+_BEYOND = 1e-3  # rad, by which strips reach beyond a board
 
 Bounds = tuple[float, float, float, float]
 """Edges of a flat board in m: x_min, y_min, x_max, y_max."""
@@ -188,6 +190,39 @@ class Bend:
         vertices = self.surface(np.vstack((starts, path.vertices[-1:])))
         across = self.turned(middles, path.across[row])
         return Conductor(vertices, path.widths[row], path.thicknesses[row], path.areas[row], path.name, across)
+
+    def strips(self, bounds: Bounds) -> tuple[shapely.Polygon, ...]:
+        """Return strips of the flat board that are nearly flat on the bent board.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            Edges of the flat board in m, as in `Array.bounds`.
+
+        Returns
+        -------
+        tuple of shapely.Polygon
+            Strips in m that cover the board, each turned by 0.06 rad at most.
+        """
+        low, high = self.edges(bounds)
+        start, stop = self._ends(bounds)
+        size = high - low + stop - start
+        if self.apex is not None:
+            away, far = -np.sign(self.apex), 2 * (size + abs(self.apex))
+            alpha = np.arctan2((low, low, high, high), away * (np.array([start, stop, start, stop]) - self.apex))
+            step = _FACET * math.sin(math.atan(abs(self.zones[0].radius / self.apex)))
+            turns = _levels(float(alpha.min()) - _BEYOND, float(alpha.max()) + _BEYOND, step)
+            ends = np.column_stack((self.apex + away * far * np.cos(turns), far * np.sin(turns)))
+            starts = np.tile((self.apex, 0.0), (len(ends), 1))
+        else:
+            ranges = [(zone.at - zone.width / 2, zone.at + zone.width / 2, abs(zone.radius)) for zone in self.zones]
+            inside = [(max(low, one), min(high, other), radius) for one, other, radius in ranges]
+            parts = [_levels(one, other, _FACET * radius) for one, other, radius in inside if one < other]
+            levels = np.unique(np.concatenate(([low - size, high + size], *parts)))
+            starts, ends = (np.column_stack((np.full_like(levels, at), levels)) for at in (start - size, stop + size))
+        frame = self._frame[:2, :2]
+        corners = np.stack((starts[:-1] @ frame, ends[:-1] @ frame, ends[1:] @ frame, starts[1:] @ frame), axis=1)
+        return tuple(shapely.Polygon(strip) for strip in corners)
 
     def inner_radius(self, bounds: Bounds, thickness: float) -> float:
         """Return the least radius of curvature of the inner face of a board.
@@ -443,6 +478,12 @@ class Bend:
 def _corners(bounds: Bounds) -> FloatArray:
     """Corners (4, 2) of a board."""
     return shapely.get_coordinates(shapely.box(*bounds))[:4]
+
+
+def _levels(low: float, high: float, step: float) -> FloatArray:
+    """Values from `low` to `high` by a step at most, none at a round number."""
+    count = 1 + math.ceil((high - low) / step)
+    return np.asarray(low + (high - low) * (np.arange(count) + _UNEVEN) / count)
 
 
 def _bent_line(zones: Sequence[Zone], s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

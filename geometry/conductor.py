@@ -18,6 +18,7 @@ from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry.pose import Pose
 
 if TYPE_CHECKING:
+    import shapely
     import xarray as xr
     from matplotlib.axes import Axes
 
@@ -250,6 +251,12 @@ class Form(Protocol):
 
     def surface(self, points: npt.ArrayLike) -> FloatArray:
         """Return points (..., 3) in m of the flat board where the map takes them."""
+
+    def strips(self, bounds: tuple[float, float, float, float]) -> tuple[shapely.Polygon, ...]:
+        """Return parts in m that cover the flat board, whose solids stay nearly flat."""
+
+    def inner_radius(self, bounds: tuple[float, float, float, float], thickness: float) -> float:
+        """Return the least radius in m of the inner face of a board, inf for one that is not bent."""
 
     def require_fits(self, bounds: tuple[float, float, float, float], thickness: float) -> None:
         """Refuse a board with edges x_min, y_min, x_max, y_max and a thickness in m."""

@@ -13,10 +13,11 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.bodies import FinitePlate, Plate
+from coilarray.geometry.conductor import Form
 from coilarray.geometry.elastomer import Sheet
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 MITRE_LIMIT = 4.0
 # Segments per quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle.
 _QUADRANT = 32
+_SAME_CORNER = 1e-10  # m, of strips that are cut beside each other
 
 
 @dataclass(frozen=True)
@@ -254,6 +256,8 @@ def solids(array: Array, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trim
       of one copper layer has no laminate.
     - ``sheet/<name>``: stacked upwards from z = 0.
 
+    They are bent as the board, in facets of 3.4° at most.
+
     Every solid is watertight, and its volume is the area of its outline times its height. Circles
     have 128 corners.
 
@@ -270,7 +274,16 @@ def solids(array: Array, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trim
 
 def sheet_solids(array: Array, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
     """Build the sheets of `solids` alone, which is much faster."""
-    return {key: _extruded(prism) for key, prism in sheet_prisms(array, sheets).items()}
+    return _as_bent(array, sheet_prisms(array, sheets))
+
+
+def _as_bent(array: Array, prisms: Mapping[str, Prism]) -> dict[str, trimesh.Trimesh]:
+    """Make the solids of prisms, bent as the board."""
+    form = array.form
+    if form is None:
+        return {key: _extruded(prism) for key, prism in prisms.items()}
+    strips = np.array(form.strips(array.bounds))
+    return {key: _bent(prism, form, strips) for key, prism in prisms.items()}
 
 
 def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> trimesh.Trimesh:
@@ -288,6 +301,8 @@ def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
     """Copper, barrels and laminate of `solids`, cached: do not change."""
     import trimesh  # takes longer to import than the rest of the geometry together
 
+    if array.form is not None:
+        return _as_bent(array, board_prisms(array))
     holes = _holes(array)
     at = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
     nets = np.array([hole.net for hole in holes])
@@ -319,25 +334,55 @@ def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
 def _extruded(prism: Prism) -> trimesh.Trimesh:
     """Make a closed prism over every polygon of the outline."""
     import trimesh
-    from mapbox_earcut import triangulate_float64
 
     vertices, faces = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)]
-    for piece in shapely.get_parts(prism.shape):
-        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(piece)]
-        flat, n = np.vstack(rings), sum(map(len, rings))
-        ends = np.cumsum([len(ring) for ring in rings], dtype=np.uint32)
-        lid = triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
-        (ux, uy), (vx, vy) = ((flat[lid[:, k]] - flat[lid[:, 0]]).T for k in (1, 2))
-        if (ux * vy - uy * vx).sum() < 0:  # clockwise
-            lid = lid[:, ::-1]
-        edges = lid[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        # the triangles leave out corners on straight lines: their own rim closes the walls
-        start, end = edges[~np.isin(edges @ (n, 1), edges @ (1, n))].T
-        first = sum(map(len, vertices))
-        walls = (np.column_stack((start, end, end + n)), np.column_stack((start, end + n, start + n)))
-        faces.append(first + np.vstack((lid + n, lid[:, ::-1], *walls)))
-        vertices += [np.column_stack((flat, np.full(n, height))) for height in (prism.bottom, prism.top)]
+    for flat, lid in _lids(prism.shape):
+        faces.append(sum(map(len, vertices)) + _with_walls(lid, len(flat)))
+        vertices += [np.column_stack((flat, np.full(len(flat), height))) for height in (prism.bottom, prism.top)]
     return trimesh.Trimesh(np.vstack(vertices), np.vstack(faces), process=False)
+
+
+def _bent(prism: Prism, form: Form, strips: npt.NDArray[np.object_]) -> trimesh.Trimesh:
+    """Bend a prism in strips, which stay joined."""
+    import trimesh
+    from scipy.spatial import KDTree
+
+    points, lids, count = [], [], 0
+    for part in shapely.intersection(prism.shape, strips):
+        for flat, lid in _lids(part):
+            points.append(flat)
+            lids.append(lid + count)
+            count += len(flat)
+    flat = np.vstack(points)
+    # corners on the cuts, which both strips have
+    number = np.array(groups(count, KDTree(flat).query_pairs(_SAME_CORNER)))
+    used, lid = np.unique(number[np.vstack(lids)], return_inverse=True)
+    flat, lid = flat[used], lid.reshape(-1, 3)
+    vertices = [np.column_stack((flat, np.full(len(flat), height))) for height in (prism.bottom, prism.top)]
+    return trimesh.Trimesh(form.surface(np.vstack(vertices)), _with_walls(lid, len(flat)), process=False)
+
+
+def _lids(shape: BaseGeometry) -> Iterator[tuple[FloatArray, IntArray]]:
+    """Yield corners (n, 2) and triangles, counter-clockwise, of every polygon."""
+    from mapbox_earcut import triangulate_float64
+
+    for piece in shapely.get_parts(shape):
+        if isinstance(piece, shapely.Polygon) and not piece.is_empty:
+            rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(piece)]
+            flat = np.vstack(rings)
+            ends = np.cumsum([len(ring) for ring in rings], dtype=np.uint32)
+            lid = triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
+            (ux, uy), (vx, vy) = ((flat[lid[:, k]] - flat[lid[:, 0]]).T for k in (1, 2))
+            yield flat, lid[:, ::-1] if (ux * vy - uy * vx).sum() < 0 else lid
+
+
+def _with_walls(lid: IntArray, n: int) -> IntArray:
+    """Close a lower and an upper lid of n corners by walls."""
+    edges = lid[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    # the triangles leave out corners on straight lines: their own rim closes the walls
+    start, end = edges[~np.isin(edges @ (n, 1), edges @ (1, n))].T
+    walls = (np.column_stack((start, end, end + n)), np.column_stack((start, end + n, start + n)))
+    return np.vstack((lid + n, lid[:, ::-1], *walls))
 
 
 def board_prisms(array: Array) -> dict[str, Prism]:

@@ -83,6 +83,9 @@ class FabRules:
         Largest sides of the board in m, in either orientation.
     blind_holes : bool
         If False, every hole must go through the whole board.
+    min_bend_ratio : float or None
+        Smallest ratio of the inner radius of a bend to the thickness of the board. None for
+        `usual_bend_ratio`.
     """
 
     min_trace: float = 0.1e-3
@@ -97,18 +100,32 @@ class FabRules:
     max_aspect_ratio: float | None = None
     max_board: tuple[float, float] | None = None
     blind_holes: bool = True
+    min_bend_ratio: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             for number in () if value is None else value if isinstance(value, tuple) else (value,):
                 if not 0 <= number <= LARGEST:
-                    unit = "" if field.name in ("max_layers", "max_aspect_ratio") else " m"
+                    unit = "" if field.name in ("max_layers", "max_aspect_ratio", "min_bend_ratio") else " m"
                     raise GeometryError(f"{field.name} must be finite and not negative; got {number}{unit}.")
 
     def most_copper(self, layer: int, layers: int) -> float | None:
         """Thickest copper in m of `layer` of `layers`, None without a limit."""
         return self.max_inner_copper if 0 < layer < layers - 1 else self.max_outer_copper
+
+
+BEND_RATIO_SOURCE = "usual for a bend that does not move, IPC-2223: 10 for one or two copper layers, 20 for more"
+"""Reason for the ratio that holds where none is given."""
+
+
+def usual_bend_ratio(layers: int) -> float:
+    """Smallest ratio of the inner radius of a bend to the thickness of a board.
+
+    IPC-2223 as board houses quote it (All Flex, I-Connect007, 11 October 2019), for a board of
+    `layers` copper layers that is bent once. Bends that move need ten times as much.
+    """
+    return 10.0 if layers <= 2 else 20.0
 
 
 @dataclass(frozen=True)
@@ -121,8 +138,8 @@ class Margin:
     ----------
     rule : str
         "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing",
-        "edge clearance", "aspect ratio", "blind holes", "copper thickness", "layer count" or "board
-        size".
+        "edge clearance", "aspect ratio", "bend ratio", "blind holes", "copper thickness", "layer
+        count" or "board size".
     layer : str
         Copper layer. For holes it is the topmost layer they pierce. Empty for the board as a whole.
     feature : str
@@ -326,6 +343,10 @@ def _of_board(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterat
         x_min, y_min, x_max, y_max = array.bounds
         for side, limit in zip(sorted((x_max - x_min, y_max - y_min)), sorted(rules.max_board), strict=True):
             yield _margin("board size", "", "board", side, limit)
+    if array.form is not None:
+        ratio = array.form.inner_radius(array.bounds, stackup.thickness) / stackup.thickness
+        limit = usual_bend_ratio(count) if rules.min_bend_ratio is None else rules.min_bend_ratio
+        yield _margin("bend ratio", "", "board", ratio, limit, unit="")
     if holes and rules.max_aspect_ratio is not None:
         ratios = [
             (stackup.span(hole.layers[0])[1] - stackup.span(hole.layers[-1])[0]) / hole.diameter for hole in holes

@@ -120,8 +120,9 @@ def couple_design(
     xarray.Dataset
         The variables of `couple`, under the flat sheets and as the converter sees them. Over (coil)
         also ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz, the same with the
-        direct-current resistance of the copper and without strays, and the centres ``x`` and ``y``
-        in m. ``sheet_inductance`` (coil, other) in H is the part due to the magnetic sheets.
+        direct-current resistance of the copper and without strays, and the centres ``x`` and ``y``,
+        of a bent board also ``z``, in m. ``sheet_inductance`` (coil, other) in H is the part due to
+        the magnetic sheets.
 
         With plates, ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other) are their
         contribution at the attribute ``working_frequency_Hz``, for which inductance and coupling
@@ -142,8 +143,8 @@ def couple_design(
     network = circuit.ideal if ideal else circuit.network
     result = _coupled(network, design.coils_in_turn, terminations_of(design), circuit.direct_resistance)
     without = resonances(circuit.ideal, design.coils_in_turn)
-    single = ("coil",)
-    centres = design.centres if design.boards else design.array.centres
+    single, array = ("coil",), design.array
+    centres = array.centres if array.form is None and not design.boards else design.centres
     meaning = "ideal: direct-current copper, no strays"
     L, f = np.array([(one.effective_inductance, one.frequency) for one in without]).T
     rows = [

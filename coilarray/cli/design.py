@@ -432,7 +432,7 @@ def check(
     from coilarray.design.model import load_design_file
     from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.array import array_words
-    from coilarray.geometry.rules import KEPT_WITHIN
+    from coilarray.geometry.rules import BEND_RATIO_SOURCE, KEPT_WITHIN
     from coilarray.report.tables import rules_table
 
     if list_fabs:
@@ -479,6 +479,8 @@ def check(
         )
     )
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
+    if opened.array.form is not None and limits.min_bend_ratio is None:
+        lines.append(f"assumed limit of the bend ratio: {BEND_RATIO_SOURCE}")
     source = profile and {
         "profile": profile.name, "title": profile.title, "read": profile.read.isoformat(),
         "sources": [{"title": title, "url": url} for title, url in profile.sources], "assumed": dict(profile.assumed),

@@ -58,6 +58,7 @@ from coilarray.geometry.board_clearance import board_pieces, cut_through, free_s
 from coilarray.geometry.conductor import CurrentPaths
 from coilarray.geometry.connector import route_leads
 from coilarray.geometry.elastomer import Base, Strain
+from coilarray.geometry.rules import BEND_RATIO_SOURCE, usual_bend_ratio
 from coilarray.geometry.spiral import Winding
 from coilarray.geometry.usual_values import reading, unusual_values
 
@@ -289,8 +290,7 @@ class Board:
     @property
     def centres(self) -> FloatArray:
         """Centres of its coils in space in m, shape (coils, 3)."""
-        flat = np.column_stack((self.array.centres, np.zeros(len(self.array.names))))
-        return self.pose.apply(flat if self.array.form is None else self.array.form.surface(flat))
+        return self.pose.apply(self.array.places)
 
     @cached_property
     def pieces(self) -> FloatArray:
@@ -392,7 +392,7 @@ class Design:
         except NetworkError as error:
             raise DesignError(str(error)) from None
         if self.array.form is not None:
-            _require_flat(self)
+            _require_bent(self)
         if (setup := self.indentation) is not None:
             for k, sheet in enumerate(self.sheets):
                 if sheet.youngs_modulus is None:
@@ -571,8 +571,8 @@ def _over_array(setup: _Placed, array: Array, table: str, within: Edges | None =
     return setup
 
 
-def _require_flat(design: Design) -> None:
-    """Refuse whatever is computed for flat boards only."""
+def _require_bent(design: Design) -> None:
+    """Refuse whatever is computed for flat boards only, and sheets that are thicker than a bend."""
     magnetic = [f"elastomer.{k}.relative_permeability" for k, sheet in enumerate(design.sheets) if sheet.magnetic]
     needs = {
         **dict.fromkeys(magnetic[:1], "above 1"),
@@ -583,6 +583,13 @@ def _require_flat(design: Design) -> None:
     for key, there in needs.items():
         if there is not None:
             raise DesignError(f"{key} needs a flat board; this board is bent, see [board].")
+    x_min, y_min, x_max, y_max = design.array.bounds
+    corners = [(x, y, design.top) for x in (x_min, x_max) for y in (y_min, y_max)]
+    if design.array.form is not None and design.sheets:
+        try:
+            design.array.form.surface(corners)
+        except GeometryError as error:
+            raise DesignError(f"elastomer is too thick for the board: {error}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -795,6 +802,9 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
     given = frozenset(_flatten(document))
     profile = {} if parsed.fab.profile is None else load_profile(parsed.fab.profile).assumed
     assumed = {f"fab.{key}": reason for key, reason in profile.items() if f"fab.{key}" not in given}
+    if design.array.form is not None and parsed.fab.min_bend_ratio is None:
+        values["fab.min_bend_ratio"] = usual_bend_ratio(len(design.array.stackup.names))
+        assumed["fab.min_bend_ratio"] = BEND_RATIO_SOURCE
     assumed |= {f"circuit.{key}": reason for key, reason in parsed.circuit.of_part.items()}
     return DesignFile(design, document, given, assumed | dict(parsed.assumed), values, text)
 
@@ -938,6 +948,10 @@ def _plain(value: Any) -> Any:
             zones = np.array([(zone.radius, zone.at, zone.width) for zone in value.zones])
             slope = 0.0 if value.apex is None else value.zones[0].radius / value.apex
             return ["Bend", _plain(zones), _plain(np.array([value.axis, value.neutral, slope]))]
+        case FabRules():
+            limits = [_plain(getattr(value, field.name)) for field in fields(value) if field.name != "min_bend_ratio"]
+            bend = [] if value.min_bend_ratio is None else [_plain(value.min_bend_ratio)]
+            return ["FabRules", *limits, *bend]
         case FinitePlate():
             shape = [value.outline, value.material, value.thickness, value.tilt, value.tilt_direction]
             return [value.name, _plain(shape), _plain(np.array(value.centre))]

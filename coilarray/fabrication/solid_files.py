@@ -69,9 +69,12 @@ def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] =
     """Write a board and its sheets as STEP in mm, of named and coloured parts.
 
     Barrels, drilled holes and free edges of pads are true cylinders. Everything else has flat
-    faces, also the arcs of traces, by `faceted_prisms`. z = 0 is the top of the top copper.
+    faces, also the arcs of traces, by `faceted_prisms`. z = 0 is the top of the top copper. A bent
+    board raises an OutputError.
     """
     require_suffix(path, ".step", ".stp")
+    if array.form is not None:
+        raise OutputError(f"cannot write {path}: STEP is written of flat boards only; a bent one goes to .stl or .glb.")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
     prisms = sheet_prisms(array, sheets) | faceted_prisms(array)
     circles = np.array(  # centres and radii in m of pads, holes and the inside of barrels

@@ -1,11 +1,13 @@
 """Bent boards in design files: radii of the inner face, cones, strips, and what is refused by its key."""
 
+import json
 import math
 
 import pytest
 
 from coilarray import Array, Design, Spiral, load_design, parse_design, save_design
-from coilarray.design.model import build_design, load_design_file
+from coilarray.cli.main import main
+from coilarray.design.model import build_design, build_design_file, load_design_file
 from coilarray.design.vary import vary
 from coilarray.design.write import design_document, design_text
 from coilarray.errors import DesignError
@@ -111,3 +113,25 @@ def test_impossible_bends_are_refused_by_their_key(board, key, value):
 def test_magnetic_sheets_are_refused_on_a_bent_board():
     with pytest.raises(DesignError, match=r"elastomer\.1\.relative_permeability"):
         vary(load_design_file("starter"), {"board.bend_radius_mm": 40})
+
+
+def test_the_usual_ratio_of_a_bend_is_marked_as_assumed():
+    file = build_design_file({**PLAIN, "board": {"bend_radius_mm": 25}})
+    assert file.values["fab.min_bend_ratio"] == 10.0
+    assert "IPC-2223" in file.assumed["fab.min_bend_ratio"]
+    given = build_design_file({**PLAIN, "board": {"bend_radius_mm": 25}, "fab": {"min_bend_ratio": 12.5}})
+    assert given.values["fab.min_bend_ratio"] == given.design.rules.min_bend_ratio == 12.5
+    assert "fab.min_bend_ratio" not in given.assumed
+    assert given.design.digest != file.design.digest
+    assert "fab.min_bend_ratio" not in FILE.values
+
+
+def test_check_and_show_of_a_bent_board(tmp_path, capsys):
+    save_design(bent(bend_radius_mm=25), tmp_path / "bent.toml")
+    assert main(["check", str(tmp_path / "bent.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "bend ratio" in said
+    assert "IPC-2223" in said
+    assert main(["check", str(tmp_path / "bent.toml"), "--json"]) == 0
+    (margin,) = [row for row in json.loads(capsys.readouterr().out)["rules"] if row["rule"] == "bend ratio"]
+    assert margin["value"] == pytest.approx(25e-3 / THICKNESS)

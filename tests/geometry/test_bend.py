@@ -5,17 +5,21 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coilarray import Array, Design, Spiral, couple_design, inductance_matrix, mutual_inductance
 from coilarray.circuit.board_circuit import board_circuit
 from coilarray.circuit.network_files import fasthenry_input
+from coilarray.design.export import export
 from coilarray.design.model import Indentation
 from coilarray.electromagnetics.resistance import dc_resistance, resistance_matrix
-from coilarray.errors import DesignError, GeometryError
-from coilarray.geometry import MATERIALS, Conductor, Hemisphere, Plate, Sheet, Target
+from coilarray.errors import DesignError, GeometryError, OutputError
+from coilarray.geometry import MATERIALS, Conductor, Hemisphere, Plate, Sheet, Target, solids
 from coilarray.geometry.bend import Bend, Zone
+from coilarray.viz.datasets import results as meshes
+from coilarray.viz.scenes.board import board_scene
 
 BENDS = {
     "cylinder": Bend((Zone(8e-3),), axis=0.4),
@@ -106,7 +110,7 @@ def test_impossible_bends_are_refused(make, named):
 def test_a_trace_along_the_axis_of_a_cone_follows_its_surface():
     path = Conductor([[-20e-3, 20e-3, 0], [20e-3, 20e-3, 0]], 1e-4, 35e-6)
     bent = Bend((Zone(10e-3),), apex=30e-3).bent(path)
-    assert bent.lengths.sum() == pytest.approx(40e-3, rel=1e-4)  # chords: 1/24 of the square of 0.03 rad
+    assert bent.lengths.sum() == pytest.approx(40e-3, rel=1e-4)  # chords: 1/24 of the square of 0.04 rad
 
 
 @pytest.mark.parametrize(("bend", "named"), [
@@ -179,11 +183,12 @@ def test_resistance_refuses_tilted_paths_by_name():
     ({"target": Target(Plate("plate", 0.0, 1e-3, MATERIALS["copper"]), (1e-3,))}, "target"),
     ({"sheets": (Sheet("base", 1e-3, youngs_modulus=1e5, poissons_ratio=0.49),),
       "indentation": Indentation(Hemisphere(2e-3), (0.2e-3,))}, "indentation"),
+    ({"sheets": (Sheet("thick", 30e-3),)}, "elastomer"),
 ])  # fmt: skip
 def test_designs_refuse_what_needs_a_flat_board(more, key):
     Design(STRIP, **more)
     with pytest.raises(DesignError, match=key):
-        Design(STRIP.bent(Bend((Zone(20e-3),))), **more)
+        Design(STRIP.bent(Bend((Zone(-20e-3),))), **more)
 
 
 def test_the_circuit_of_a_bent_board_names_what_it_leaves_out():
@@ -203,3 +208,51 @@ def test_fasthenry_gets_the_direction_of_tilted_widths():
         given = [float(part) for part in re.findall(r" w[xyz]=(\S+)", line)]
         assert given == across.tolist() or (not given and abs(across[2]) < 1e-6)
     assert sum(" wz=" in line for line in bars) > len(bars) / 4
+
+
+@pytest.mark.parametrize("bend", [
+    Bend((Zone(8e-3),), axis=math.pi / 2, neutral=-0.135e-3), Bend((Zone(-9e-3),), axis=0.3),
+    Bend((Zone(6e-3, -6e-3, 5e-3), Zone(-8e-3, 6e-3, 5e-3)), axis=1.7), Bend((Zone(12e-3),), apex=60e-3),
+])  # fmt: skip
+def test_solids_are_bent_and_stay_closed(bend):
+    sheets = (Sheet("base", 1e-3),)
+    flat, bent = solids(STRIP, sheets), solids(STRIP.bent(bend), sheets)
+    assert set(bent) == set(flat)
+    for name, solid in bent.items():
+        assert solid.is_watertight, name
+        assert solid.is_winding_consistent, name
+        low, high = flat[name].bounds[:, 2] - bend.neutral
+        if len(bend.zones) == 1 and bend.apex is None:
+            # a shell grows by its mean height over the radius, and facets of 0.06 rad lose 1/24 of their square
+            grown = 1 + (low + high) / 2 / bend.zones[0].radius
+            assert solid.volume == pytest.approx(flat[name].volume * grown, rel=2e-4)
+
+
+def test_files_of_solids_are_bent(tmp_path):
+    bent = Design(STRIP.bent(Bend((Zone(8e-3),), axis=math.pi / 2)))
+    export(bent, tmp_path / "board.stl")
+    (x_min, _, z_min), (x_max, _, z_max) = trimesh.load(tmp_path / "board.stl").bounds
+    assert -8.0 <= x_min < -7.5
+    assert 7.5 < x_max <= 8.0
+    assert z_min < -10.0
+    assert z_max == pytest.approx(0.0, abs=1e-6)
+    export(bent, tmp_path / "board.glb")
+    for design, name in ((bent, "bent"), (Design(STRIP), "flat")):
+        export(design, tmp_path / f"{name}.svg")
+    assert (tmp_path / "bent.svg").read_bytes() == (tmp_path / "flat.svg").read_bytes()
+    with pytest.raises(OutputError, match="STEP"):
+        export(bent, tmp_path / "board.step")
+    assert not (tmp_path / "board.step").exists()
+
+
+def test_a_scene_shows_the_bent_board_and_names_its_coils_there():
+    bend = Bend((Zone(8e-3),), axis=math.pi / 2)
+    bent = STRIP.bent(bend)
+    scene = board_scene(bent, (Sheet("base", 1e-3),))
+    places = {text.text: text.position for text in scene.texts if text.text in bent.names}
+    np.testing.assert_allclose([places[name] for name in bent.names], 1e3 * bent.places)
+    np.testing.assert_allclose(bent.places, bend.surface(np.column_stack((STRIP.centres, np.zeros(3)))))
+    edges = next(part.mesh for part in scene.parts if part.name == "edges of board")
+    laminate = next(part.mesh for part in scene.parts if part.name == "board")
+    np.testing.assert_allclose(edges.bounds, laminate.bounds, atol=5e-3)  # mm; facets of 0.06 rad of 8 mm
+    assert meshes.coupling_arcs(bent.places, np.full((3, 3), 0.1)).bounds[4] < -5.0

@@ -20,7 +20,7 @@ from support.refusals import refused
 
 from coilarray import Conductor, Lattice, inductance_matrix, lattice_array, mutual_inductance
 from coilarray.errors import GeometryError, RuleViolationError
-from coilarray.geometry import Array, Placement, PlatedHole, RoundedSpiral, Spiral, path_coil
+from coilarray.geometry import Array, Bend, Placement, PlatedHole, RoundedSpiral, Spiral, Zone, path_coil
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.rules import KEPT_WITHIN, FabRules, check_rules, require_apart, require_rules
 
@@ -411,3 +411,17 @@ def test_lattices_that_overlap_on_other_layers_are_apart(kind):
     apart(array)
     flat = replace(array, placements=tuple(replace(one, layers=layers[0]) for one in array.placements))
     refused(GeometryError, "copper of .* overlaps on layer L1", apart, flat)
+
+
+@pytest.mark.parametrize(("layers", "usual"), [(1, 10.0), (2, 10.0), (3, 20.0)])
+def test_the_ratio_of_a_bend_has_a_margin(layers, usual):
+    """The inner radius over the thickness, against the usual limit (IPC-2223) or the board house's."""
+    strip = Array.row(Spiral(6, 10e-3, 4, 0.3e-3, 0.3e-3, layers=layers), 1)
+    thickness = strip.stackup.thickness
+    bent = strip.bent(Bend((Zone(12 * thickness, at=0.0, width=1e-3),), neutral=-thickness / 2))
+    (margin,) = [one for one in check_rules(bent, FabRules()) if one.rule == "bend ratio"]
+    assert (margin.value, margin.limit) == (pytest.approx(11.5), usual)
+    assert margin.kept is (usual == 10.0)
+    (margin,) = [one for one in check_rules(bent, FabRules(min_bend_ratio=11.6)) if one.rule == "bend ratio"]
+    assert margin.margin == pytest.approx(-0.1)
+    assert not [one for one in check_rules(strip, FabRules()) if one.rule == "bend ratio"]

@@ -156,7 +156,7 @@ def sheet_meshes(
     above the board, `spread` the height of every other sheet above the sheet below it.
     """
     solids = {key.removeprefix("sheet/"): solid for key, solid in parts.items() if key.startswith("sheet/")}
-    in_order = sorted(solids, key=lambda name: float(solids[name].bounds[0, 2]))
+    in_order = sorted(solids, key=lambda name: float(solids[name].centroid[2]))
     return {
         name: solid_mesh(solids[name]).translate((0.0, 0.0, (lift + place * spread) * MM_PER_M))
         for place, name in enumerate(in_order)

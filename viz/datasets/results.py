@@ -50,17 +50,18 @@ def of_state(dataset: xr.Dataset, state: str) -> xr.Dataset:
 def coupling_arcs(centres: npt.ArrayLike, coupling: npt.ArrayLike, *, least: float = 0.0) -> pyvista.PolyData:
     """Join every pair of coils by an arc in mm.
 
-    `centres` (coils, 2) are in m. A pair with |k| below `least` has no arc. Arcs are parabolas that
+    `centres` (coils, 2) or (coils, 3) are in m. A pair with |k| below `least` has no arc. Arcs are parabolas that
     rise by 0.3 of their span, with the cell arrays ``"coil"``, ``"other"`` (indices of the coils)
     and ``"k"``.
     """
     places, k = np.asarray(centres, dtype=np.float64), np.asarray(coupling, dtype=np.float64)
+    places = np.column_stack((places, np.zeros((len(places), 3 - places.shape[1]))))
     share = np.linspace(0.0, 1.0, _POINTS_OF_ARC)
     pairs = [(i, j) for i, j in combinations(range(len(places)), 2) if abs(k[i, j]) >= least]
     lines = []
     for start, end in ((places[i], places[j]) for i, j in pairs):
         rise = 4 * _RISE * float(np.linalg.norm(end - start)) * share * (1 - share)
-        lines.append(np.column_stack((start + share[:, None] * (end - start), rise)))
+        lines.append(start + share[:, None] * (end - start) + np.outer(rise, (0.0, 0.0, 1.0)))
     arcs = polylines(lines)
     if pairs:
         first, second = np.array(pairs).T

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from coilarray.compute.display_units import true_minus
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import Array
-from coilarray.geometry.copper import board_solids, sheet_solids
+from coilarray.geometry.copper import board_solids, sheet_prisms, sheet_solids
 from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.viz.datasets import meshes
 from coilarray.viz.datasets.results import at_depth
@@ -29,6 +31,7 @@ Box = tuple[float, float, float, float]
 
 _GLASS = 0.12  # opacity of a sheet
 _RISER = "#BBBBBB"
+_SMOOTH = 97  # points of a bent edge of a board
 _COPPER = "copper "
 
 
@@ -56,7 +59,8 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
         Elastomer sheets on it, the lowest first.
     """
     # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
-    lift = (array.bounds[3] - array.bounds[1]) * math.tan(math.radians(ANGLES["oblique"][0]))
+    x_min, y_min, x_max, y_max = array.bounds
+    lift = (y_max - y_min) * math.tan(math.radians(ANGLES["oblique"][0]))
     above = scene_of_sheets(array, sheets, lift, lift / 3)
     scene = above + scene_of_board(array)
     if not above.parts:
@@ -64,8 +68,8 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     from coilarray.viz.extra_3d import pyvista
 
     # upright lines from the board's far corners to the lifted sheets
-    (x_min, _, x_max, y_max), top = (meshes.MM_PER_M * edge for edge in array.bounds), above.bounds[4]
-    lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
+    far = _in_space(array, np.array([(x, y_max, 0.0) for x in (x_min, x_max)]))
+    lines = pyvista.line_segments_from_points(np.repeat(far, 2, axis=0) + np.outer((0, 1, 0, 1), (0, 0, lift)) * 1e3)
     return scene + Scene((Part("risers", lines, colour=_RISER, lit=False),))
 
 
@@ -98,13 +102,19 @@ def scene_of_board(
     if box is not None:
         return Scene(tuple(parts))
     if board.n_cells:
-        parts.append(_edges("edges of board", board, "laminate", LAMINATE))
-    x_min, y_min, x_max, y_max = (meshes.MM_PER_M * edge for edge in array.bounds)
+        ends = array.stackup.names[-1], array.stackup.names[0]
+        span = array.stackup.span(ends[0])[1], array.stackup.span(ends[1])[0]
+        parts.append(_edges("edges of board", board, "laminate", LAMINATE, array, span))
+    (x_min, y_min, x_max, y_max), low = (meshes.MM_PER_M * edge for edge in array.bounds), 0.0
+    if array.form is not None:
+        boxes = np.array([part.mesh.bounds for part in parts])
+        x_min, y_min, low = boxes[:, ::2].min(axis=0).tolist()
+        x_max, y_max, _ = boxes[:, 1::2].max(axis=0).tolist()
     length = 0.012 * (x_max - x_min + y_max - y_min)
-    front, numbers = _ruler("x", (x_min, x_max), y_min, length)
-    left, more = _ruler("y", (y_min, y_max), x_min, length)
-    heights = meshes.MM_PER_M * np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
-    places = np.column_stack((meshes.MM_PER_M * array.centres, heights)).tolist()
+    front, numbers = _ruler("x", (x_min, x_max), y_min, length, low)
+    left, more = _ruler("y", (y_min, y_max), x_min, length, low)
+    heights = np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
+    places = _in_space(array, np.column_stack((array.centres, heights))).tolist()
     names = [Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True)]
     return Scene((*parts, front, left), (*names, *numbers, *more))
 
@@ -133,9 +143,12 @@ def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, sp
     labels = _sheet_labels(sheets)
     colours = cycled(SHEETS, list(labels))
     parts: list[Part] = []
+    prisms = sheet_prisms(array, sheets)
+    lifts = {sheet.name: lift + place * spread for place, sheet in enumerate(sheets)}
     for name, mesh in reversed(meshes.sheet_meshes(sheet_solids(array, sheets), lift, spread).items()):
+        span = prisms[f"sheet/{name}"].bottom, prisms[f"sheet/{name}"].top
         parts.append(Part(f"sheet {name}", mesh, labels[name], colours[name], opacity=_GLASS, lit=False))
-        parts.append(_edges(f"edges of sheet {name}", mesh, labels[name], colours[name]))
+        parts.append(_edges(f"edges of sheet {name}", mesh, labels[name], colours[name], array, span, lifts[name]))
     return Scene(tuple(parts))
 
 
@@ -152,12 +165,35 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
     return meshes.surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
 
 
-def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
-    """Edges of a mesh's bounding box."""
-    return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
+def _in_space(array: Array, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Points (n, 3) in mm of points of a flat board in m, bent as the board."""
+    return meshes.MM_PER_M * (points if array.form is None else array.form.surface(points))
 
 
-def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:
+def _edges(
+    name: str,
+    mesh: pyvista.PolyData,
+    group: str,
+    colour: str,
+    array: Array,
+    span: tuple[float, float],
+    lift: float = 0.0,
+) -> Part:
+    """Edges of a mesh's bounding box, bent as the board, with a span of heights and a lift in m."""
+    lines = mesh.outline()
+    if array.form is not None:
+        corners = shapely.get_coordinates(shapely.box(*array.bounds))
+        ring = np.vstack([np.linspace(start, stop, _SMOOTH) for start, stop in pairwise(corners)])
+        around = [np.column_stack((ring, np.full(len(ring), height))) for height in span]
+        upright = [np.array([(*corner, height) for height in span]) for corner in corners[:4]]
+        lines = meshes.polylines([array.form.surface(line) for line in (*around, *upright)])
+        lines.translate((0.0, 0.0, lift * meshes.MM_PER_M), inplace=True)
+    return Part(name, lines, group, colour, line_width=2.0, lit=False)
+
+
+def _ruler(
+    axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float, height: float
+) -> tuple[Part, list[Text]]:
     """Ticks of a length with numbers along an axis, in mm."""
     from matplotlib.ticker import MaxNLocator
 
@@ -170,7 +206,8 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
 
     def place(along: float, outwards: float) -> tuple[float, float, float]:
         """Place equally far below and outside, for side views."""
-        return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
+        beside = at - outwards, height - outwards
+        return (along, *beside) if axis == "x" else (beside[0], along, beside[1])
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
     texts = [Text(true_minus(f"{t:g}"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]

@@ -43,7 +43,7 @@ _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of 
 
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     """Scene of arcs between all pairs of coils of `couple_design`."""
-    centres = np.column_stack((coupling.x.values, coupling.y.values))
+    centres = np.column_stack([coupling[axis].values for axis in "xyz" if axis in coupling])
     k = coupling.coupling.values
     apart = ~np.eye(len(k), dtype=bool)
     pairs = np.abs(k[apart])
@@ -204,6 +204,8 @@ def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Span
     """Level and upright plane for a coil's field."""
     x_min, y_min, x_max, y_max = design.array.bounds
     z, y = design.field_height, float(_middle_and_radii(design.array, coil)[0][1])
+    if design.array.form is not None:
+        x_min, x_max, y_min, y_max = _extent(design.array)
     along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     top = max(2 * z, (y_max - y_min) / 2)
     return ((along, across, Span(z, z, spacing)), (along, Span(y, y, spacing), Span(min(spacing, z), top, spacing)))
@@ -212,14 +214,18 @@ def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Span
 def field_box(design: Design, coil: str, spacing: float) -> Spans:
     """Box about a coil."""
     (x, y), _, radius = _middle_and_radii(design.array, coil)
-    wide, tall = _WIDE * radius, _TALL * radius
-    bottom = -design.array.stackup.thickness - tall
-    return Span(x - wide, x + wide, spacing), Span(y - wide, y + wide, spacing), Span(bottom, tall, spacing)
+    wide, tall, z = _WIDE * radius, _TALL * radius, 0.0
+    if design.array.form is not None:
+        x, y, z = design.array.places[design.array.names.index(coil)].tolist()
+    bottom = z - design.array.stackup.thickness - tall
+    return Span(x - wide, x + wide, spacing), Span(y - wide, y + wide, spacing), Span(bottom, z + tall, spacing)
 
 
 def points_of_box(design: Design, box: Spans) -> Axes:
-    """Axes of a box outside the copper, across which B_z is interpolated."""
+    """Axes of a box outside the copper of a flat board, across which B_z is interpolated."""
     x, y, z = box
+    if design.array.form is not None:
+        return x.points, y.points, z.points
     above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
     below = np.arange(-design.array.stackup.thickness - z.spacing / 2, z.low - z.spacing / 2, -z.spacing)[::-1]
     return x.points, y.points, np.concatenate((below, above))
@@ -248,7 +254,15 @@ def line_seeds(design: Design, coil: str) -> FloatArray:
         angle = 2 * np.pi * (np.arange(count) + 0.25) / count
         ring = centre + share * inner * np.column_stack((np.cos(angle), np.sin(angle)))
         rings.append(np.column_stack((ring, np.full(count, height))))
-    return np.vstack(rings)
+    seeds = np.vstack(rings)
+    return seeds if design.array.form is None else design.array.form.surface(seeds)
+
+
+def _extent(array: Array) -> tuple[float, float, float, float]:
+    """Lowest and highest x, and y, of the coils of a bent board in m."""
+    paths = np.vstack([path.vertices[:, :2] for path in array.conductors()])
+    (x_min, y_min), (x_max, y_max) = (paths.min(axis=0) - array.board_margin, paths.max(axis=0) + array.board_margin)
+    return float(x_min), float(x_max), float(y_min), float(y_max)
 
 
 def _middle_and_radii(array: Array, coil: str) -> tuple[FloatArray, float, float]:

@@ -86,6 +86,9 @@ class FabTable(Table):
     """Largest size [x, y] of the board."""
     blind_holes: bool = True
     """Whether the board house makes blind and buried holes."""
+    min_bend_ratio: Annotated[float, Field(gt=0, le=1000)] | None = None
+    """Least inner radius of a bend over the thickness of the board; by default 10 for one or two
+    copper layers and 20 for more, assumed."""
 
     @model_validator(mode="before")
     @classmethod
