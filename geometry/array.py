@@ -548,10 +548,14 @@ def array_facts(array: Array) -> list[tuple[str, str]]:
     names, layers = array.names, array.stackup.names
     shown = names if len(names) <= _MOST_NAMES else (*names[:_MOST_NAMES], f"and {len(names) - _MOST_NAMES} more")
     x_min, y_min, x_max, y_max = array.bounds
+    bent = ""
+    if array.form is not None:
+        radius = array.form.inner_radius(array.bounds, array.stackup.thickness)
+        bent = f", bent to an inner radius of {MM.of(radius):.4g} mm" if math.isfinite(radius) else ", not flat"
     return [
         ("coils", array_words(array)),
         ("names", ", ".join(shown)),
-        ("board", f"{MM.of(x_max - x_min):.4g} × {MM.of(y_max - y_min):.4g} mm, copper {', '.join(layers)}"),
+        ("board", f"{MM.of(x_max - x_min):.4g} × {MM.of(y_max - y_min):.4g} mm{bent}, copper {', '.join(layers)}"),
     ]
 
 
