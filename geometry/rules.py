@@ -343,8 +343,9 @@ def _of_board(array: Array, holes: tuple[Drill, ...], rules: FabRules) -> Iterat
         x_min, y_min, x_max, y_max = array.bounds
         for side, limit in zip(sorted((x_max - x_min, y_max - y_min)), sorted(rules.max_board), strict=True):
             yield _margin("board size", "", "board", side, limit)
-    if array.form is not None:
-        ratio = array.form.inner_radius(array.bounds, stackup.thickness) / stackup.thickness
+    radius = math.inf if array.form is None else array.form.inner_radius(array.bounds, stackup.thickness)
+    if math.isfinite(radius):
+        ratio = radius / stackup.thickness
         limit = usual_bend_ratio(count) if rules.min_bend_ratio is None else rules.min_bend_ratio
         yield _margin("bend ratio", "", "board", ratio, limit, unit="")
     if holes and rules.max_aspect_ratio is not None:

@@ -10,6 +10,7 @@ from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 from scipy.spatial import cKDTree
 
 from coilarray.compute.arrays import FloatArray
@@ -28,6 +29,8 @@ _CHORD = 0.05  # of a wrapped path's extent: longest piece that is laid on the s
 _KEPT = 0.5  # of a coil's half width, at least, that a wrapped coil must keep
 _FINE = 1e-3  # of a path's length: shortest pieces whose distances are measured
 _VERTICAL = 0.1  # sine of the angle to the normal, below which a piece is a via
+_TILES = 24  # along the longer edge of a board
+_UNEVEN = (3 - math.sqrt(5)) / 2  # golden section: no corner of copper is at such a part of a tile
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,6 +292,45 @@ class Wrap:
                 f"a wrapped coil must keep half of its width on the surface; a board of {(x_max - x_min) * 1e3:.4g} × "
                 f"{(y_max - y_min) * 1e3:.4g} mm keeps {100 * kept.min():.0f} %."
             )
+
+    def strips(self, bounds: tuple[float, float, float, float]) -> tuple[shapely.Polygon, ...]:
+        """Return tiles of the flat board, which are nearly flat on the surface.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            Edges of the flat board in m, as in `Array.bounds`.
+
+        Returns
+        -------
+        tuple of shapely.Polygon
+            Tiles in m that cover the board, 1/24 of its longer edge wide.
+        """
+        x_min, y_min, x_max, y_max = bounds
+        size = max(x_max - x_min, y_max - y_min) / _TILES
+        x, y = (
+            low + size * (np.arange(-1, math.ceil((high - low) / size) + 1) + _UNEVEN)
+            for low, high in ((x_min, x_max), (y_min, y_max))
+        )
+        low, high = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
+        return tuple(shapely.box(*low, *high).ravel().tolist())
+
+    def inner_radius(self, bounds: tuple[float, float, float, float], thickness: float) -> float:
+        """Return inf: boards on surfaces have no rule for their bend.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            Edges of the flat board in m.
+        thickness : float
+            Thickness of the board in m.
+
+        Returns
+        -------
+        float
+            Infinity.
+        """
+        return math.inf
 
     def _laid(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points on the wrapped board and normals there, (n, 3) each, in the board's coordinates."""

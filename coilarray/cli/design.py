@@ -479,7 +479,7 @@ def check(
         )
     )
     lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
-    if opened.array.form is not None and limits.min_bend_ratio is None:
+    if limits.min_bend_ratio is None and any(margin.rule == "bend ratio" for margin in margins):
         lines.append(f"assumed limit of the bend ratio: {BEND_RATIO_SOURCE}")
     source = profile and {
         "profile": profile.name, "title": profile.title, "read": profile.read.isoformat(),

@@ -585,7 +585,7 @@ def _require_bent(design: Design) -> None:
             raise DesignError(f"{key} needs a flat board; this board is bent, see [board].")
     x_min, y_min, x_max, y_max = design.array.bounds
     corners = [(x, y, design.top) for x in (x_min, x_max) for y in (y_min, y_max)]
-    if design.array.form is not None and design.sheets:
+    if design.array.form is not None and design.top:
         try:
             design.array.form.surface(corners)
         except GeometryError as error:
@@ -802,7 +802,7 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
     given = frozenset(_flatten(document))
     profile = {} if parsed.fab.profile is None else load_profile(parsed.fab.profile).assumed
     assumed = {f"fab.{key}": reason for key, reason in profile.items() if f"fab.{key}" not in given}
-    if design.array.form is not None and parsed.fab.min_bend_ratio is None:
+    if isinstance(design.array.form, Bend) and parsed.fab.min_bend_ratio is None:
         values["fab.min_bend_ratio"] = usual_bend_ratio(len(design.array.stackup.names))
         assumed["fab.min_bend_ratio"] = BEND_RATIO_SOURCE
     assumed |= {f"circuit.{key}": reason for key, reason in parsed.circuit.of_part.items()}

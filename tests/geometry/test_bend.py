@@ -223,9 +223,10 @@ def test_solids_are_bent_and_stay_closed(bend):
         assert solid.is_winding_consistent, name
         low, high = flat[name].bounds[:, 2] - bend.neutral
         if len(bend.zones) == 1 and bend.apex is None:
-            # a shell grows by its mean height over the radius, and facets of 0.06 rad lose 1/6 of their square
+            # a shell grows by its mean height over the radius, and facets of 0.06 rad lose 1/6 of their square,
+            # twisted walls at oblique edges as much again
             grown = 1 + (low + high) / 2 / bend.zones[0].radius
-            assert solid.volume == pytest.approx(flat[name].volume * grown, rel=7e-4)
+            assert solid.volume == pytest.approx(flat[name].volume * grown, rel=1.2e-3)
 
 
 def test_files_of_solids_are_bent(tmp_path):

@@ -11,7 +11,17 @@ from support.refusals import refused
 from coilarray import coupling_matrix, inductance_matrix, self_inductance
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError
-from coilarray.geometry import PlatedHole, Pose, RoundedSpiral, Spiral, Stackup, path_coil
+from coilarray.geometry import (
+    Array,
+    PlatedHole,
+    Pose,
+    RoundedSpiral,
+    Spiral,
+    Stackup,
+    path_coil,
+    solids,
+)
+from coilarray.geometry.rules import FabRules, check_rules
 from coilarray.geometry.surface import Surface, neighbours, spread
 from coilarray.geometry.surface_array import SurfaceLattice, Wrap, levels, resized
 
@@ -328,3 +338,12 @@ def test_couplings_of_an_icosahedron_are_equal():
     near = [k[pair] for pair in neighbours(sphere, points)]
     assert np.ptp(near) < 0.15 * abs(np.mean(near))
     assert np.mean(near) < 0  # side by side
+
+
+def test_solids_of_a_wrapped_board_are_closed_and_have_no_rule_of_bends():
+    board = Array.row(Spiral(6, 20e-3, 4, 0.3e-3, 0.3e-3), 1).bent(Wrap(ball(50e-3, 5), Pose(z=50e-3)))
+    for name, solid in solids(board).items():
+        assert solid.is_watertight, name
+    far = np.linalg.norm(solids(board)["board"].vertices + np.array([0, 0, 50e-3]), axis=1)
+    assert np.ptp(far) < 0.3e-3  # the thickness of the laminate, 0.2 mm, and the facets of the sphere
+    assert not [margin for margin in check_rules(board, FabRules()) if margin.rule == "bend ratio"]
