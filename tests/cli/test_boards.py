@@ -33,6 +33,7 @@ def test_check_knows_each_board_and_the_clearance_between_them(pair, capsys):
     assert between["clearance_m"] == pytest.approx(8e-3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_pose_of_a_board_is_swept(pair, tmp_path, capsys):
     out = tmp_path / "k.csv"
     command = ["sweep", pair, "--vary", "boards.tag.z_mm=5:20:2", "--quantity", "k[coil1,tag/coil1]", "--out", str(out)]
