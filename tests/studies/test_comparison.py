@@ -208,6 +208,12 @@ def test_inductances_stand_beside_each_other():
 @pytest.mark.parametrize(("change", "words"), [
     (lambda m, s: (m.drop_vars("delta"), s), "a measured response must have delta"),
     (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "delta of a measured response must be finite"),
+    (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "different names; got a, a, b"),
+    (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must rise"),
+    (lambda m, s: (m.isel(x=slice(0, 0)), s), "at least one value"),
+    (lambda m, s: (m, s.drop_vars("state")), "state is missing"),
+    (lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s), "delta_std of a measured response must be finite"),
+    (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of a measured response must be over"),
     (lambda m, s: (m, s.drop_vars("delta")), "a simulated response must have delta"),
     (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
     (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),
