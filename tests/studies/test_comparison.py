@@ -73,15 +73,15 @@ def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
 
 
 def test_the_uncertainties_are_those_of_repeated_measurements(monkeypatch):
-    """Every figure's standard deviation against the scatter over 60 seeds, which is known to 9 %."""
+    """Every figure's standard deviation against the scatter over 30 seeds, which is known to 13 %."""
     none = level_curves(-NARROW)
     monkeypatch.setattr(coilarray.studies.comparison, "level_curves", lambda *_: none)
     measured = world(1.1, (0.3e-3, 0.0))
-    runs = [compared(noisy(measured, seed)) for seed in range(60)]
+    runs = [compared(noisy(measured, seed)) for seed in range(30)]
     for name in (*FIGURES, "shift"):
         seen = np.std([run[name].values for run in runs], axis=0, ddof=1)
         told = np.mean([run[f"{name}_std"].values for run in runs], axis=0)
-        np.testing.assert_allclose(told, seen, rtol=0.36, err_msg=name)  # four of its standard deviations
+        np.testing.assert_allclose(told, seen, rtol=0.52, err_msg=name)  # four of its standard deviations
 
 
 def test_residuals_are_the_difference():
