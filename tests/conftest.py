@@ -79,6 +79,9 @@ def _one_store(tmp_path_factory, request):
         folder = folder.parent
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(folder / "store"))
+        if os.environ.get("PYTHONDONTWRITEBYTECODE"):  # each process of a test would compile all packages anew
+            patch.delenv("PYTHONDONTWRITEBYTECODE")
+            patch.setenv("PYTHONPYCACHEPREFIX", str(folder / "bytecode"))
         yield
 
 

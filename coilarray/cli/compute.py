@@ -200,7 +200,7 @@ def impedance(
         raise GeometryError("--match is for --ports.")
     if noise and ports:
         raise GeometryError("--noise and --ports print instead of the rest; give one of them.")
-    opened = shared.open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations, boards=True)
     if noise:
         _print_noise(opened, reference or [], as_json=as_json)
         return
@@ -240,7 +240,7 @@ def impedance(
     states, windings = tables.state_table(scan), tables.winding_table(scan)
     drives, limits = tables.drive_table(scan), tables.limit_table(scan)
     close = circuit.close_channels(scan.state.values.tolist(), scan.frequency.values)
-    data: dict[str, object] = {**shared.design_record(opened), "names": list(opened.array.names)}
+    data: dict[str, object] = {**shared.design_record(opened), "names": list(opened.coil_names)}
     if as_json:
         coupling = circuit.couple_design(opened)
         data |= {
@@ -266,7 +266,7 @@ def impedance(
     if opened.circuit.ports:
         lines.append(f"ports of {', '.join(port.coil for port in opened.circuit.ports)}: coilarray impedance --ports")
     lines = [*filter(None, lines), *shared.left_out_lines(scan.attrs["left_out"])]
-    matrices = tables.matrix_tables(list(opened.array.names), inductance)
+    matrices = tables.matrix_tables(list(opened.coil_names), inductance)
     shown = [*matrices, states, windings, *([drives] if drives.rows else [])]
     shared.print_result(data, as_json=as_json, tables=shown, lines=lines, files=(out, plot))
 

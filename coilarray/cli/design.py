@@ -6,7 +6,8 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from itertools import pairwise
+from functools import partial
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -429,9 +430,10 @@ def check(
     """
     from coilarray.design import fabs
     from coilarray.design.fabs import load_profile
-    from coilarray.design.model import load_design_file
+    from coilarray.design.model import load_design_file, one_board
     from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.array import array_words
+    from coilarray.geometry.board_clearance import boards_apart
     from coilarray.geometry.rules import BEND_RATIO_SOURCE, KEPT_WITHIN
     from coilarray.report.tables import rules_table
 
@@ -451,41 +453,58 @@ def check(
     opened = file.design
     named = fab or file.values.get("fab.profile")
     profile = None if named is None else load_profile(str(named))
-    limits = load_profile(fab).rules if fab else opened.rules
-    with shared.progress_bar(f"rules of {len(opened.array.names)} coils") as progress:
-        margins = check_rules(opened.array, limits, progress=progress)
-    first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
-    shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
-    alike: dict[object, list[Margin]] = {}
-    for k, margin in enumerate(shown):
-        same = (margin.rule, margin.unit, round(margin.value, _SAME), round(margin.limit, _SAME))
-        alike.setdefault(k if every else same, []).append(margin)
-    groups = list(alike.values())
-    numbers = {id(margin): k + 1 for k, group in enumerate(groups) for margin in group}
+    if picture is not None:
+        one_board(opened, "--picture")
+    several, whose = bool(opened.boards), profile.title if profile else "the design"
+    lines: list[str | Table] = []
+    margins: list[Margin] = []
+    for board in opened.placed:
+        limits = load_profile(fab).rules if fab else board.design.rules
+        with shared.progress_bar(f"rules of {len(board.array.names)} coils") as progress:
+            found = check_rules(board.array, limits, progress=progress)
+        # margins are sorted, the worst first
+        first = {(margin.rule, margin.layer): margin for margin in reversed(found)}
+        shown = [margin for margin in found if every or margin is first[margin.rule, margin.layer]]
+        alike: dict[object, list[Margin]] = {}
+        for k, margin in enumerate(shown):
+            same = (margin.rule, margin.unit, round(margin.value, _SAME), round(margin.limit, _SAME))
+            alike.setdefault(k if every else same, []).append(margin)
+        groups = list(alike.values())
+        numbers = {id(margin): k + 1 for k, group in enumerate(groups) for margin in group}
+        if picture is not None:
+            marks = [numbers[id(margin)] for margin in shown]
+            shared.draw(picture, partial(viz.check_figure, board.array, shown, marks))
+        names = board.array.stackup.names
+        worst = [replace(group[0], layer=_layers_text(names, {one.layer for one in group})) for group in groups]
+        lines.append(f"board{f' {board.name or opened.name}' if several else ''}: {array_words(board.array)}")
+        shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in worst])
+        lines.append(
+            replace(
+                shown_table,
+                title=f"margins to the limits of {whose}: the worst first, what is kept of the bare board last",
+                columns=(Column("no."), *shown_table.columns),
+                rows=tuple((str(k + 1), *row) for k, row in enumerate(shown_table.rows)),
+            )
+        )
+        lines += [f"… and {len(found) - len(shown)} more (--all)"] if len(shown) < len(found) else []
+        if limits.min_bend_ratio is None and any(margin.rule == "bend ratio" for margin in found):
+            lines.append(f"assumed limit of the bend ratio: {BEND_RATIO_SOURCE}")
+        of_board = f"{board.name}/" if board.name else ""
+        margins += [replace(margin, layer=f"{of_board}{margin.layer}") for margin in found]
     if out is not None:
         write_text(out, rules_table(margins).csv())
-    shared.draw(picture, lambda: viz.check_figure(opened.array, shown, [numbers[id(margin)] for margin in shown]))
-    names = opened.array.stackup.names
-    worst = [replace(group[0], layer=_layers_text(names, {margin.layer for margin in group})) for group in groups]
-    lines: list[str | Table] = [f"board: {array_words(opened.array)}"]
-    shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in worst])
-    whose = profile.title if profile else "the design"
-    lines.append(
-        replace(
-            shown_table,
-            title=f"margins to the limits of {whose}: the worst first, what is kept of the bare board last",
-            columns=(Column("no."), *shown_table.columns),
-            rows=tuple((str(k + 1), *row) for k, row in enumerate(shown_table.rows)),
-        )
-    )
-    lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
-    if limits.min_bend_ratio is None and any(margin.rule == "bend ratio" for margin in margins):
-        lines.append(f"assumed limit of the bend ratio: {BEND_RATIO_SOURCE}")
     source = profile and {
         "profile": profile.name, "title": profile.title, "read": profile.read.isoformat(),
         "sources": [{"title": title, "url": url} for title, url in profile.sources], "assumed": dict(profile.assumed),
     }  # fmt: skip
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
+    if several:
+        pairs = [(one, other) for one, other in combinations(opened.placed, 2) if one.name or other.name]
+        apart: list[tuple[str | float, ...]] = [
+            (one.name or opened.name, other.name, boards_apart(one.pieces, other.pieces)) for one, other in pairs
+        ]
+        between = Table("board_clearances", "Clearance between boards", _CLEARANCE, tuple(apart))
+        lines, data = [*lines, between], {**data, between.name: between.records()}
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)
@@ -493,6 +512,9 @@ def check(
     if not as_json:
         kept = f"all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)"
         typer.echo(f"{broken} of {len(margins)} rules are broken" if broken else kept)
+
+
+_CLEARANCE = (Column("board"), Column("other"), Column("clearance", unit="m"))
 
 
 def _layers_text(names: Sequence[str], layers: Collection[str]) -> str:

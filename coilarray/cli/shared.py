@@ -172,23 +172,25 @@ SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0
 _MOST_LENGTHS = 1000
 
 
-def open_design(name: str | None, *, allow_violations: bool) -> Design:
-    """Read a design, whose broken rules must be allowed."""
-    return open_design_file(name, allow_violations=allow_violations).design
+def open_design(name: str | None, *, allow_violations: bool, boards: bool = False) -> Design:
+    """Read a design, whose broken rules must be allowed, and which may have several boards only if told."""
+    return open_design_file(name, allow_violations=allow_violations, boards=boards).design
 
 
-def open_design_file(name: str | None, *, allow_violations: bool) -> DesignFile:
+def open_design_file(name: str | None, *, allow_violations: bool, boards: bool = False) -> DesignFile:
     """As `open_design`, with what only the file says."""
-    from coilarray.design.model import load_design_file
+    from coilarray.design.model import load_design_file, one_board
     from coilarray.errors import RuleViolationError
     from coilarray.geometry import require_rules
 
     file = load_design_file(name)
-    if not allow_violations:
+    if not boards:
+        one_board(file.design, "this command")
+    for board in () if allow_violations else file.design.placed:
         try:
-            require_rules(file.design.array, file.design.rules)
+            require_rules(board.array, board.design.rules)
         except RuleViolationError as error:
-            raise RuleViolationError(f"{file.design.name}: {error}") from None
+            raise RuleViolationError(f"{board.name or file.design.name}: {error}") from None
     return file
 
 

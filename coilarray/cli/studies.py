@@ -405,7 +405,7 @@ def tolerance(
         write_text(template, typical_text())
         typer.echo(f"wrote {template}")
         return
-    opened = shared.open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations, boards=True)
     read = load_tolerances(tolerances)
     if read.positions is not None and opened.indentation is None:
         raise GoalError(f"positions need [indenter] and [indentation], which the design {opened.name} does not have.")

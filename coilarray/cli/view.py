@@ -245,8 +245,8 @@ def _write_field(
 ) -> tuple[str, dict[str, object]]:
     """Compute, write and describe B for 1 mA."""
     active = design.array.middle_coil if coil is None else coil
-    if active not in design.array.names:
-        raise GeometryError(f"--coil must be one of {', '.join(design.array.names)}; got {active}.")
+    if active not in design.coil_names:
+        raise GeometryError(f"--coil must be one of {', '.join(design.coil_names)}; got {active}.")
     x_min, y_min, x_max, y_max = design.array.bounds
     ranges = ((x_min, x_max), (y_min, y_max), heights or (design.field_height, design.field_height))
     shape = [math.ceil((end - start) / (spacing_mm * 1e-3) * (1 - 1e-12)) + 1 for start, end in ranges]

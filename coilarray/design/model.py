@@ -435,12 +435,17 @@ class Design:
             )
             own = replace(self, boards=(), pose=Pose(), circuit=circuit)
         boards = [Board(own, self.pose, "")]
-        for number, board in enumerate(self.boards, start=2):
-            start = Board(board.of, board.pose, f"board{number}" if board.name is None else board.name)
+        for name_of, board in zip(self.board_names, self.boards, strict=True):
             for inner in board.design.placed:
-                name = f"{start.prefix}{inner.name}" if inner.name else start.name
+                name = f"{name_of}/{inner.name}" if name_of and inner.name else name_of or inner.name
                 boards.append(Board(inner.of, board.pose.after(inner.pose), name))
         return tuple(boards)
+
+    @property
+    def board_names(self) -> tuple[str, ...]:
+        """Names of `boards`, by default board2, board3 and so on."""
+        given = enumerate(self.boards, start=2)
+        return tuple(f"board{number}" if board.name is None else board.name for number, board in given)
 
     @cached_property
     def coil_names(self) -> tuple[str, ...]:

@@ -104,8 +104,8 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
         if any(not board.name for board in design.placed[1:]) or design.pose != Pose():
             raise DesignError(f"{design.name} has loops on a surface, or a moved board, which a file gives otherwise.")
         document["boards"] = [
-            PlacedBoardTable.of(board, board.name or f"board{k}", board.file or design_document(board.design))
-            for k, board in enumerate(design.boards, start=2)
+            PlacedBoardTable.of(board, name, board.file or design_document(board.design))
+            for name, board in zip(design.board_names, design.boards, strict=True)
         ]
     document["field"] = {"height_mm": entry_of(design.field_height, MM)}
     document["fab"] = FabTable.not_by_default(FabTable.entries_of(design.rules, without=("profile",)))

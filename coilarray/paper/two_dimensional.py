@@ -15,7 +15,7 @@ import xarray as xr
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
-from coilarray.design.model import Design, DesignFile, design_of
+from coilarray.design.model import Design, DesignFile, design_of, one_board
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
 from coilarray.electromagnetics.flat_stack import reflection
@@ -160,7 +160,7 @@ def line_response(
         per length divided by that inductance. ``base_inductance`` and ``inductance`` are in H/m,
         ``force`` is in N/m, and ``contact_radius`` is half the width of the contact in m.
     """
-    design = design_of(design)
+    design = one_board(design_of(design), "the two-dimensional model")
     setup = indentation_of(design)
     if not isinstance(setup.indenter, Hemisphere | Paraboloid | CylinderEdge):
         raise ElastomerError(f"the two-dimensional model needs a round indenter; got a {setup.indenter.name}.")

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:
     """Return the coils alone, and with their neighbours as terminated."""
-    layers = ["+".join(place.layers) for place in design.array.placements]
+    layers = ["+".join(place.layers) for board in design.placed for place in board.array.placements]
     by_sheets = coupling.sheet_inductance
     single = coupling.assign(layers=("coil", layers), sheet_inductance=("coil", np.diag(by_sheets), by_sheets.attrs))
     names = (
-        "coil", "layers", "x", "y", "open_inductance", "effective_inductance", "frequency", "quality_factor",
+        "coil", "layers", *(axis for axis in ("x", "y", "z") if axis in coupling.coords), "open_inductance",
+        "effective_inductance", "frequency", "quality_factor",
         "effective_resistance", "inductance_change", "open_frequency", "sheet_inductance", "resistance",
         "ideal_effective_inductance", "ideal_frequency",
     )  # fmt: skip

@@ -21,7 +21,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Keep, not_kept
 from coilarray.compute.threads import Progress
-from coilarray.design.model import Design, DesignFile, design_of
+from coilarray.design.model import Design, DesignFile, design_of, one_board
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.finite_sample import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
@@ -179,7 +179,7 @@ def response_map(
     >>> response.delta.dims, response.delta.shape
     (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
     """
-    given = design_of(design)
+    given = one_board(design_of(design), "a response map")
     setup, true = indentation_of(given), imperfections or Imperfections()
     if not isinstance(accuracy, MapAccuracy):
         accuracy = MapAccuracy(accuracy)

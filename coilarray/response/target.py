@@ -22,7 +22,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Keep, not_kept
 from coilarray.compute.threads import Progress, part_of
-from coilarray.design.model import Design, DesignFile, design_of
+from coilarray.design.model import Design, DesignFile, design_of, one_board
 from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
@@ -150,7 +150,7 @@ def target_map(
     the copper are computed without the target, and the target has no capacitance to the coils. The
     attribute ``left_out`` lists these effects and the effects that the network lacks.
     """
-    design = design_of(design)
+    design = one_board(design_of(design), "a map of a target")
     target = target_of(design)
     if noise is not None:
         require_positive("noise", noise, "", MetalError)

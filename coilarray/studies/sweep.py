@@ -444,7 +444,7 @@ def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], reques
     reason = ""
     for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, to stay within the limit
         try:
-            names = vary(file, point).array.names
+            names = vary(file, point).coil_names
         except DesignError as error:
             reason = reason or str(error)
             continue

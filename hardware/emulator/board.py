@@ -365,9 +365,11 @@ def emulated_board(
     stored.
     """
     # A board of other coils does not need the physics of a design, which takes a second to load.
+    from coilarray.design.model import one_board
     from coilarray.hardware.emulator.sensor_world import SensorWorld
     from coilarray.hardware.scan.settings import board_network
 
+    one_board(design, "the emulated board")
     missing = [name for name in wiring.coils if name not in design.array.names]
     if missing:
         raise HardwareError(

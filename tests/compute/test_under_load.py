@@ -90,7 +90,7 @@ def started(code, folder, **environment):
 def test_another_process_with_more_threads_gives_the_same(alone):
     code = "import json; from support.load_work import digests, results; print(json.dumps(digests(results())))"
     # not even the number of threads changes a bit
-    running = started(code, Path(__file__).parents[1], OPENBLAS_NUM_THREADS="3", COILARRAY_THREADS="3")
+    running = started(code, Path(__file__).parents[1], OPENBLAS_NUM_THREADS="2", COILARRAY_THREADS="3")
     output = running.communicate(timeout=PATIENCE)[0]
     assert (running.returncode, json.loads(output)) == (0, alone)
 

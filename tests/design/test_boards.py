@@ -16,6 +16,11 @@ from coilarray.errors import DesignError
 from coilarray.geometry import Bend, Pose, Spiral, Zone
 from coilarray.geometry.array import Array
 from coilarray.geometry.board_clearance import cut_through, hull_distance
+from coilarray.hardware.emulator.board import emulated_board
+from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.paper.two_dimensional import line_response
+from coilarray.studies.quantities.catalogue import evaluate
+from coilarray.studies.tolerance.tolerances import contributors, error_names, load_tolerances, perturb
 
 COIL = Array.row(Spiral(6, 10e-3, 4, 0.2e-3, 0.2e-3), 1)
 ROW = Array.row(Spiral(4, 8e-3, 3, 0.2e-3, 0.2e-3), 2, pitch=12e-3)
@@ -153,3 +158,41 @@ def test_a_bent_board_leaves_room_inside_its_bend():
     small = Array.row(Spiral(4, 4e-3, 2, 0.2e-3, 0.2e-3), 1, board_margin=0.5e-3)
     assert Design(around, boards=(Board(small, inside, "bone"),)).coil_names[-1] == "bone/coil1"
     refused(DesignError, naming("bone", "cut through"), Design, around, boards=(Board(small, across, "bone"),))
+
+
+ONE_BOARD = {
+    "response": ca.response_map,
+    "target": ca.target_map,
+    "calibration": lambda pair: ca.calibrate(pair, None, {}),
+    "two-dimensional": lambda pair: line_response(pair, "coil1"),
+    "emulated": lambda pair: emulated_board(pair, load_wiring()),
+    "resistance": ca.dc_resistance,
+    "board_area": lambda pair: evaluate(pair, ["board_area_mm2"]),
+    "covered": lambda pair: evaluate(pair, ["covered_mm2"]),
+    "span": lambda pair: evaluate(pair, ["span_mm"]),
+}
+
+
+@pytest.mark.parametrize("what", ONE_BOARD)
+def test_functions_of_one_board_name_the_others(what):
+    pair = Design(ROW, boards=(Board(COIL, FACING, "receiver"),), name="pair")
+    refused(DesignError, naming(what, "one flat board", "pair", "receiver"), ONE_BOARD[what], pair)
+
+
+def test_quantities_are_of_all_boards():
+    pair = Design(ROW, boards=(Board(COIL, FACING, "receiver"),))
+    found = evaluate(pair, ["k[coil1,receiver/coil1]", "inductance_uH[receiver/coil1]", "worst_k"])
+    coupling = ca.coupling_matrix(ca.inductance_matrix(pair.conductors(), allow_overlaps=True))
+    assert found["k[coil1,receiver/coil1]"] == pytest.approx(coupling[0, 2], abs=1e-4)
+    assert found["worst_k"] == pytest.approx(np.abs(coupling[np.triu_indices(3, 1)]).max(), abs=1e-4)
+
+
+def test_boards_have_fabrication_errors_of_their_own():
+    pair = Design(ROW, boards=(Board(COIL, FACING, "receiver"),))
+    assert {"etch.L1", "receiver/etch.L1", "receiver/dielectric.L1-L2"} <= set(error_names(pair))
+    assert "receiver/capacitance" not in error_names(pair)  # its tank is not used here
+    thin = perturb(pair, {"receiver/etch.L1": -50e-6})
+    assert thin.boards[0].array.placements[0].coil.widths[0][0] == pytest.approx(0.15e-3)
+    assert thin.array.placements[0].coil.widths[0][0] == pytest.approx(0.2e-3)
+    shares = [one for one in contributors(pair, load_tolerances()) if "etch, board" in one.name]
+    assert [one.targets for one in shares] == [("etch.L1", "etch.L2"), ("receiver/etch.L1", "receiver/etch.L2")]

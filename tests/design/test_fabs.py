@@ -184,6 +184,9 @@ def test_each_key_sets_its_limit_in_si(table, name, expected):
     ("profile = 4", "fab.profile must be a text; got 4"), ('profile = ""', "fab has no profile ''"),
     ('profile = "multi-cb-35um"\nmin_trace = 1', "fab has no key 'min_trace'; did you mean min_trace_mm?"),
     ("max_board_mm = [400]", "fab.max_board_mm must have at least 2 entries; got [400]"),
+    ("min_trace_mm = -1", "fab.min_trace_mm must be at least 0; got -1"),
+    ('blind_holes = "no"', "fab.blind_holes must"),
+    ("max_aspect_ratio = inf", "fab.max_aspect_ratio must be a finite number; got inf"),
 ])  # fmt: skip
 def test_a_wrong_table_is_one_clear_line(table, message):
     refused(DesignError, re.escape(message), with_fab, table)

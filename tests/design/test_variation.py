@@ -141,6 +141,10 @@ BAD = {
     "schema": ({"schema": 2}, "gast2020: schema cannot be varied: it says how the file is to be read."),
     "unknown coil": ({"circuit.terminations.coil9": "open"}, "gast2020: circuit.terminations.coil9 names no coil; there are coil1"),
     "a text for a number": ({"array.pitch_mm": "13"}, "gast2020: array.pitch_mm must be a number; got '13'."),
+    "a part of a column": ({"array.columns": 2.5}, "gast2020: array.columns must be a whole number; got 2.5."),
+    "not finite": ({"array.pitch_mm": float("nan")}, "gast2020: array.pitch_mm must be a finite number; got nan."),
+    "negative": ({"array.pitch_mm": -1.0}, "gast2020: array.pitch_mm must be greater than 0; got -1."),
+    "empty": ({"": 1}, "gast2020: the file has no key ''"),
     "a table for a number": ({"array.pitch_mm": {"mm": 3}}, "gast2020: array.pitch_mm must be a number; got {'mm': 3}."),
     "too many turns": ({"coils.hexagon.turns_per_layer": 90, "coils.hexagon.gap_mm": 0.07}, "gast2020: coils.hexagon: 90 turns of 0.1 mm trace and 0.07 mm gap do not fit"),
 }  # fmt: skip

@@ -221,7 +221,7 @@ def test_a_cone_in_a_thick_sheet_is_the_same_at_every_depth(half_angle):
     assert forces[1] / forces[0] == pytest.approx(4.0, rel=0.05)
 
 
-@pytest.mark.parametrize(("half_angle", "base"), [(75, Seat(5.3e6)), (70, Seat(5.3e6)), (65, "bonded"), (60, "bonded")])
+@pytest.mark.parametrize(("half_angle", "base"), [(70, Seat(5.3e6)), (60, "bonded")])
 def test_blunt_cones_come_to_every_depth(half_angle, base):
     """Under a point the pressure is above 2μ: a surface that it does not follow waves between the hats."""
     cone = Cone(math.radians(half_angle))

@@ -66,16 +66,16 @@ FOIL = Plate("foil", -2.5e-3, 0.02e-3, ALUMINIUM)
 
 
 def test_a_wide_disc_behind_a_foil_is_an_infinite_plate(coils):
-    """The foil lets most of the waves pass at 20 kHz; rim, dent's own field and a coarse mesh are 0.8 %.
+    """The foil lets most of the waves pass at 20 kHz; rim, dent's own field and a coarse mesh are 0.4 %.
 
     Without what the plate behind the thin disc sends back up of its currents it would be 3 %.
     """
     thickness, beside = 0.02e-3, (Plate("back", -5e-3, 1e-3, ALUMINIUM),)
-    alike = metal(Disc(18e-3), face=-3e-3, thickness=thickness), Plate("metal", -3e-3 - thickness, thickness, ALUMINIUM)
-    behind, infinite = (over(coils, [FOIL, one, *beside], 2e4, 0.25) for one in alike)
+    alike = metal(Disc(13e-3), face=-3e-3, thickness=thickness), Plate("metal", -3e-3 - thickness, thickness, ALUMINIUM)
+    behind, infinite = (over(coils, [FOIL, one, *beside], 2e4, 0.2) for one in alike)
     without = over(coils, [FOIL, *beside], 2e4)
     assert np.abs(infinite - without).max() > 0.025 * np.abs(without).max()
-    np.testing.assert_allclose(behind, infinite, atol=1e-2 * np.abs(infinite).max())
+    np.testing.assert_allclose(behind, infinite, atol=5e-3 * np.abs(infinite).max())
 
 
 def test_a_foil_of_air_before_a_disc_is_none(coils):
@@ -92,9 +92,9 @@ def test_coil_dent_and_disc_are_those_of_finite_elements(material, errors):
     """What a dent does over a disc, over what it does without: elements of 0.12 mm err alike in both."""
     dent, radius, frequency = pit(), 9e-3, 2e4
     region = disc_region(radius, FACE - METAL, FACE)
-    paths = [polygon(120, *one) for one in LOOPS]
+    paths = [polygon(60, *one) for one in LOOPS]
     alone = dent_inductance(paths, [dent], [[0.0, 0.0]])[0, 0].diagonal()
-    (backing,), _ = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.35)
+    (backing,), _ = backings_of(paths, [metal(Disc(radius), material)], [frequency], SHEETS, fineness=0.25)
     found = dent_inductance(paths, [dent], [[0.0, 0.0]], backing=backing)[0, 0].diagonal() / alone
     solved, without = (
         dent_over_metal(LOOPS, dent, region, *one, frequency)

@@ -129,7 +129,7 @@ def test_a_wide_disc_sends_back_the_field_of_a_near_ball(material, error):
     """0.1 and 0.6 % by higher multipoles and the mesh; without what is sent back it would be 0.7 and 1.9 %."""
     ball, aluminium = Ball(RADIUS, MATERIALS[material]), MATERIALS["aluminium"]
     at = [[1e-3, 0.0, 1e-3 + RADIUS], [4e-3, 2e-3, 4e-3 + RADIUS]]
-    disc = FinitePlate("disc", Disc(20e-3), (0.0, 0.0, -3e-3), 1e-3, aluminium)
+    disc = FinitePlate("disc", Disc(16e-3), (0.0, 0.0, -3e-3), 1e-3, aluminium)
     coils = [polygon(24, 6e-3, -0.5e-3, centre=(1e-3, 0.0)), polygon(24, 5e-3, -0.8e-3, centre=(-3e-3, 2e-3))]
     found = ball_inductance(coils, ball, at, [1e6], (), [disc], fineness=0.35)
     exact = ball_inductance(coils, ball, at, [1e6], (), [Plate("plate", -3.5e-3, 1e-3, aluminium)])

@@ -20,7 +20,7 @@ from coilarray.geometry import Ball, Sheet, Target
 from coilarray.geometry.bodies import MATERIALS, Disc, FinitePlate, Material, Plate, Rectangle, Ring
 from coilarray.metal.ball import target_inductance
 from coilarray.metal.coupled_plates import LayeredAir, _fitted
-from coilarray.metal.finite_plates import eddy_currents, moving_plate, outlined_inductance
+from coilarray.metal.finite_plates import moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
 
 ALUMINIUM = MATERIALS["aluminium"]
@@ -120,8 +120,8 @@ def test_a_perfect_conductor_is_a_mirror():
 def test_a_wide_plate_beside_others_is_one_without_end(plates, sheets):
     """The field beyond its rim, the mesh and one κ for all waves are 2 % of ΔL; also behind a foil."""
     loops = [loop(5e-3), loop(4e-3, -0.5e-3, centre=(2e-3, 0.0))]
-    wide, endless = disc(20e-3, (0.0, 0.0, 3.5e-3), 1e-3), Plate("wide", 3e-3, 1e-3, ALUMINIUM)
-    found = outlined_inductance(loops, [wide, *plates], [2e5], sheets, fineness=0.5)
+    wide, endless = disc(16e-3, (0.0, 0.0, 3.5e-3), 1e-3), Plate("wide", 3e-3, 1e-3, ALUMINIUM)
+    found = outlined_inductance(loops, [wide, *plates], [2e5], sheets, fineness=0.35)
     exact = plate_inductance(loops, [endless, *plates], [2e5], sheets) - plate_inductance(loops, plates, [2e5], sheets)
     np.testing.assert_allclose(np.abs(found - exact), 0, atol=2.5e-2 * np.abs(exact).max())
 
@@ -156,8 +156,6 @@ def test_a_target_beside_a_shield_with_a_hole():
     np.testing.assert_allclose(added, both - alone, atol=1e-4 * np.abs(added).max())
     total = both + plate_inductance(loops, [back], [1e6])
     assert (np.linalg.eigvalsh(-total.imag) > -1e-6 * np.abs(total.imag).max()).all()
-    (found,) = eddy_currents(loops, [back, target, shield], [1e6], fineness=0.12)
-    assert [len(one.density) for one in found] == [2, 2]
     moving = Target(Plate("wide", 0.0, 1e-3, ALUMINIUM), (4e-3,))
     changed = target_inductance(loops, moving, np.zeros((1, 2)), [4e-3], np.array([1e6]), (), [shield], fineness=0.12)[
         0

@@ -60,9 +60,9 @@ def test_without_a_skin_it_is_a_perfect_conductor():
     loops = [loop(5e-3), loop(4e-3, -0.5e-3, 6, (2e-3, 0.0))]
     nearly = disc(6e-3, 1.5e-3, Material("nearly", 1e16, 1.0 + 1e-9))
     perfect = replace(nearly, material=Material("perfect", math.inf))
-    found, exact = (moving_plate(loops, plate, COINS, [1e6], fineness=0.45).change for plate in (nearly, perfect))
+    found, exact = (moving_plate(loops, plate, COINS, [1e6], fineness=0.3).change for plate in (nearly, perfect))
     np.testing.assert_allclose(found.real, exact.real, rtol=2e-2)
-    one, other = (eddy_currents(loops, [plate], [1e6], fineness=0.45)[0][0] for plate in (nearly, perfect))
+    one, other = (eddy_currents(loops, [plate], [1e6], fineness=0.3)[0][0] for plate in (nearly, perfect))
     assert (np.ptp(one.corners - other.corners, axis=1) < 1e-12).all()
     # both faces carry n × H; the perfect conductor's currents have it as their jump, for there is no field inside
     size = np.linalg.norm(np.cross(*np.moveaxis(one.corners[:, 1:] - one.corners[:, :1], 1, 0)), axis=1) / 2
@@ -77,7 +77,7 @@ def test_without_a_skin_it_is_a_perfect_conductor_between_layers():
     nearly = replace(disc(6e-3, 1.5e-3, Material("nearly", 1e16, 1.0 + 1e-9)), tilt=0.1)
     perfect = replace(nearly, material=Material("perfect", math.inf))
     alone, found, exact = (
-        moving_plate(loops, plate, COINS[1:], [1e6], *around, fineness=0.3).change
+        moving_plate(loops, plate, COINS[1:], [1e6], *around, fineness=0.2).change
         for plate, around in ((perfect, ()), (nearly, (SHEETS, (BACK,))), (perfect, (SHEETS, (BACK,))))
     )
     assert np.abs(found - exact).max() < 1.5e-2 * np.abs(exact).max()
@@ -86,18 +86,16 @@ def test_without_a_skin_it_is_a_perfect_conductor_between_layers():
 
 @pytest.mark.slow
 def test_a_wide_disc_over_sheets_is_as_near_to_an_infinite_plate_as_in_air():
-    """Iron far beyond the coil needs a fine mesh. This one errs by 11 %, and over sheets by the same but for 0.4 %."""
+    """Iron far beyond the coil needs a fine mesh. This one errs by 6 %, and over sheets by the same but for 0.3 %."""
     loops, f, wide = [loop(5e-3, -0.2e-3, 24)], [2e4], replace(disc(20e-3), centre=(0.0, 0.0, 4e-3))
     infinite = Plate("infinite", 3e-3, 2e-3, STEEL)
     air, over = (
-        (outlined_inductance(loops, [wide], f, sheets, fineness=0.45)
+        (outlined_inductance(loops, [wide], f, sheets, fineness=0.35)
          / plate_inductance(loops, [infinite], f, sheets)).item()
         for sheets in ((), SHEETS)
     )  # fmt: skip
-    assert air == pytest.approx(1, abs=0.12)
+    assert air == pytest.approx(1, abs=0.07)
     assert abs(over - air) < 1e-2
-    ((currents,),) = eddy_currents(loops, [wide, BACK], f[:1], SHEETS, fineness=0.3)
-    assert np.isfinite(currents.density).all()
 
 
 @pytest.mark.slow
@@ -105,7 +103,7 @@ def test_currents_without_charges_have_the_flux_of_the_plate_through_the_other_c
     """By reciprocity that of the potentials' energy: 0.8 % by the mesh, of a tilted disc below two loops."""
     loops, f = [loop(5e-3, -0.2e-3, 24), loop(4e-3, -0.5e-3, 24, (2e-3, 0.0))], [2e4]
     below = replace(disc(8e-3), centre=(1e-3, 0.0, -4e-3), tilt=0.1, tilt_direction=0.4)
-    ((one,),) = eddy_currents(loops, [below], f, fineness=0.6, alone=True)
+    ((one,),) = eddy_currents(loops, [below], f, fineness=0.4, alone=True)
     pieces = _pieces(one)  # their weights: real parts by loop, then imaginary ones
     steps, middles = pieces.stop - pieces.start, (pieces.start + pieces.stop) / 2
     flux = np.zeros((2, 4))
@@ -114,7 +112,7 @@ def test_currents_without_charges_have_the_flux_of_the_plate_through_the_other_c
         for start, stop in zip(at[:-1].reshape(-1, 3), at[1:].reshape(-1, 3), strict=True):
             near = np.linalg.norm((start + stop) / 2 - middles, axis=1)
             flux[number] += MU_0 / (4 * np.pi) * (steps @ (stop - start) / near) @ pieces.weights
-    expected = outlined_inductance(loops, [below], f, fineness=0.6)[0]
+    expected = outlined_inductance(loops, [below], f, fineness=0.4)[0]
     assert np.abs(flux[:, :2] + 1j * flux[:, 2:] - expected).max() < 1.5e-2 * np.abs(expected).max()
 
 

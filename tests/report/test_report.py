@@ -389,7 +389,7 @@ side = "below"
 shape = "plate"
 material = "copper"
 thickness_mm = 2.0
-distances_mm = [2, 4, 8]
+distances_mm = [2, 8]
 [readout]
 converter = "none"  # one would not read coils of so few turns
 """

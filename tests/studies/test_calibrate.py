@@ -348,6 +348,10 @@ TWICE = {"name": "b", "set": {MU: 2}}
     ({"unknown": [UNKNOWN, UNKNOWN]}, "names elastomer.1.relative_permeability in more than one "),
     ({"unknown": [UNKNOWN], "alternative": [{"name": "a", "choice": [TWICE]}]}, "sets .* twice"),
     ({"unknown": [UNKNOWN], "data": {"level": [1e-4]}}, "data has no key 'level'; did you mean levels"),
+    ({"unknown": [{**UNKNOWN, "entry": []}]}, "unknown.0.entry must"),
+    ({"unknown": [UNKNOWN], "schema": 2}, "schema must"),
+    ({"unknown": [UNKNOWN], "alternative": [{"name": "a", "choice": []}]}, "alternative.0.choice must"),
+    ({"unknown": [UNKNOWN], "data": {"parameters": ["C"]}}, "data.parameters.0 must"),
 ])  # fmt: skip
 def test_mistakes_of_a_plan(document, text):
     with pytest.raises(GoalError, match=text):

@@ -73,15 +73,15 @@ def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
 
 
 def test_the_uncertainties_are_those_of_repeated_measurements(monkeypatch):
-    """Every figure's standard deviation against the scatter over 60 seeds, which is known to 9 %."""
+    """Every figure's standard deviation against the scatter over 30 seeds, which is known to 13 %."""
     none = level_curves(-NARROW)
     monkeypatch.setattr(coilarray.studies.comparison, "level_curves", lambda *_: none)
     measured = world(1.1, (0.3e-3, 0.0))
-    runs = [compared(noisy(measured, seed)) for seed in range(60)]
+    runs = [compared(noisy(measured, seed)) for seed in range(30)]
     for name in (*FIGURES, "shift"):
         seen = np.std([run[name].values for run in runs], axis=0, ddof=1)
         told = np.mean([run[f"{name}_std"].values for run in runs], axis=0)
-        np.testing.assert_allclose(told, seen, rtol=0.36, err_msg=name)  # four of its standard deviations
+        np.testing.assert_allclose(told, seen, rtol=0.52, err_msg=name)  # four of its standard deviations
 
 
 def test_residuals_are_the_difference():
@@ -208,6 +208,12 @@ def test_inductances_stand_beside_each_other():
 @pytest.mark.parametrize(("change", "words"), [
     (lambda m, s: (m.drop_vars("delta"), s), "a measured response must have delta"),
     (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "delta of a measured response must be finite"),
+    (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "different names; got a, a, b"),
+    (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must rise"),
+    (lambda m, s: (m.isel(x=slice(0, 0)), s), "at least one value"),
+    (lambda m, s: (m, s.drop_vars("state")), "state is missing"),
+    (lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s), "delta_std of a measured response must be finite"),
+    (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of a measured response must be over"),
     (lambda m, s: (m, s.drop_vars("delta")), "a simulated response must have delta"),
     (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
     (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),

@@ -83,6 +83,14 @@ def test_what_tells_studies_apart(design):
     (GOOD + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
     (GOOD + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
      "constraint.0 needs at_least up to at_most; got 2 and 1"),
+    ("schema = 1\nvariable = []\n" + LEAST, "variable must"), ("schema = ", "goal: not valid TOML"),
+    ("schema = 1\n" + PITCH.replace("14", '"14"') + LEAST, "variable.0.high must be a number; got '14'"),
+    ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1]\n" + LEAST, "variable.0.choices must"),
+    (GOOD.replace('"rms_k"', "7"), "objective.0.quantity cannot be"),
+    (GOOD.replace("minimize", "least"), "direction must"),
+    (GOOD + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
+    (GOOD + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
+    (GOOD + "[search]\nsampler = 'best'", "search.sampler must be"),
 ])  # fmt: skip
 def test_mistakes(text, message):
     with pytest.raises(GoalError) as caught:

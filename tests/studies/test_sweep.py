@@ -54,6 +54,8 @@ def test_an_axis_is_read_from_text(text, key, values):
     ("a=1e308:-1e308:3", "a must have a range of finite length; got '1e308:-1e308:3'"),
     ("a=1,nan", "a must have finite values; got nan"), ("a=1,2,1", "a must have each value once; got 1 again"),
     ("a=5:1", "a must have an interval from low to high; got 5.0, 1.0"), ("a=1:nan", "a must have finite values"),
+    ("=1,2", "--vary must be KEY="), ("", "--vary must be KEY="), ("a=", "a must have at least one value"),
+    ("a=1:inf:5", "a must have a range of 2"), ("a=1:2:100001", "a must have a range of 2"),
 ])  # fmt: skip
 def test_what_is_no_axis_is_refused(text, message):
     with pytest.raises(GoalError) as caught:
@@ -149,6 +151,8 @@ NO_COIL = "no design of the sweep has a coil"
     ([Axis("array.pich_mm", (1, 2))], "span_mm", {}, f"{NO_DESIGN}array has no key 'pich_mm'; did you mean"),
     ([Axis(PITCH, ("wide",)), GOOD_TOO], "span_mm", {}, f"{NO_DESIGN}array.pitch_mm must be a number; got 'wide'."),
     ([Axis("name", ("a", "b"))], "span_mm", {}, f"{NO_DESIGN}name cannot be varied: it names the design"),
+    ([GOOD], "span", {}, "there is no quantity 'span'; did you mean span_mm?"),
+    ([GOOD], "span_mm", {"samples": 100_001}, "a sweep must have 1 to 100000 points; got 100001."),
     (MANY, "span_mm", {}, "a sweep must have 1 to 100000 points; got 101000."),
     ([BETWEEN], "span_mm", {}, "array.columns takes whole numbers; there is none from 2.2 to 2.8."),
     ([GOOD], "span_mm", {"samples": 0}, "a sweep must have 1 to 100000 points; got 0."),

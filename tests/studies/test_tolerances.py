@@ -131,6 +131,16 @@ HEAD = "schema = 1\n"
     (HEAD + '[[limit]]\nquantity = "rms_k"', "limit.0 needs at_least, at_most or both"),
     (HEAD + '[[limit]]\nquantity = "rms_k"\nat_least = 2\nat_most = 1', "limit.0 needs at_least up to at_most"),
     (HEAD + '[assumed]\netch = "x"', "assumed.etch does not name a table of errors of the file"),
+    (HEAD + "[etch]\nboard_um = nan", "etch.board_um must be"),
+    (HEAD + '[etch]\nboard_um = "5"', "etch.board_um must be"),
+    (HEAD + '[etch]\ndistribution = "flat"', "etch.distribution must be"),
+    (HEAD + "quantities = [3]", "quantities.0 must"),
+    (HEAD + "[dielectric]\nboard_percent = 101", "dielectric.board_percent must be at most 100; got 101"),
+    (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]", "positions.depth_mm is missing"),
+    (HEAD + "[positions]\nx_mm = []\ny_mm = [0]\ndepth_mm = 1", "positions.x_mm must"),
+    (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 0", "positions.depth_mm must be greater than 0"),
+    (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 1\nnoise = 0", "positions.noise must be greater than 0"),
+    (HEAD + "[[limit]]\nat_most = 1", "limit.0.quantity is missing"),
 ])  # fmt: skip
 def test_mistakes_are_one_line_that_names_the_file(tmp_path, text, message):
     path = tmp_path / "fab.toml"

@@ -10,6 +10,7 @@ import pyvista
 from matplotlib.image import imread
 from support.boards import SHEETS, reference_board
 
+from coilarray.design.model import Design
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 from coilarray.viz import board_scene, save_picture, show
 from coilarray.viz.offscreen import NO_RENDERING
@@ -127,7 +128,7 @@ def test_layers_can_be_chosen_and_coils_can_have_colours_of_their_own(board):
     with pytest.raises(GeometryError, match="no copper layer 'L7'; there are L1, L2, L3, L4"):
         scene_of_board(board, layers=["L7"])
     colours = CoilColours(np.array([-1.0, 1.0]), Scale("v (V)", "v", "V", -1, 1, "coolwarm"))
-    copper, rest = board_in_pieces(board)
+    copper, rest = board_in_pieces(Design(board).placed)
     coloured = recoloured(copper, colours)
     for part in coloured:
         np.testing.assert_array_equal(part.mesh.cell_data["v (V)"], colours.values[part.mesh.cell_data["coil"]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,10 +13,12 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.display_units import true_minus
+from coilarray.design.model import Board
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import board_solids, sheet_prisms, sheet_solids
 from coilarray.geometry.elastomer import Indenter, Sheet
+from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import meshes
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, METAL, SHEETS, cycled
@@ -32,7 +34,7 @@ Box = tuple[float, float, float, float]
 _GLASS = 0.12  # opacity of a sheet
 _RISER = "#BBBBBB"
 _SMOOTH = 97  # points of a bent edge of a board
-_COPPER = "copper "
+_COPPER, _LAMINATE = "copper ", "laminate"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     from coilarray.viz.extra_3d import pyvista
 
     # upright lines from the board's far corners to the lifted sheets
-    far = _in_space(array, np.array([(x, y_max, 0.0) for x in (x_min, x_max)]))
+    far = _as_bent(array, np.array([(x, y_max, 0.0) for x in (x_min, x_max)]))
     lines = pyvista.line_segments_from_points(np.repeat(far, 2, axis=0) + np.outer((0, 1, 0, 1), (0, 0, lift)) * 1e3)
     return scene + Scene((Part("risers", lines, colour=_RISER, lit=False),))
 
@@ -81,13 +83,82 @@ def scene_of_board(
     A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names.
     `name_heights` in m lift the names above anything that covers the coils.
     """
-    every = cycled(LAYERS, array.stackup.names)
+    _require_layers(layers, array.stackup.names)
+    bare = _bare_board(array, layers, box, name_heights)
+    if box is not None:
+        return bare
+    x_min, y_min, x_max, y_max = (meshes.MM_PER_M * edge for edge in array.bounds)
+    extent = (x_min, x_max, y_min, y_max, 0.0) if array.form is None else Scene(bare.parts).bounds[:5]
+    return bare + _rulers(*extent)
+
+
+def scene_of_boards(
+    boards: Sequence[Board], *, layers: Sequence[str] | None = None, name_heights: npt.ArrayLike = 0.0
+) -> Scene:
+    """Scene of boards in space, as `scene_of_board` of each.
+
+    Parts and groups of a named board begin with its name. Boards without a name are loops of a
+    surface if there are several: their copper is drawn together, without a laminate. The heights of
+    names are of the first board.
+    """
+    own, *others = boards
+    if not others and own.pose == Pose():
+        return scene_of_board(own.array, layers=layers, name_heights=name_heights)
+    _require_layers(layers, dict.fromkeys(layer for board in boards for layer in board.array.stackup.names))
+    loops = sum(not board.name for board in boards) > 1
+    alike: dict[str, list[Part]] = {}
+    texts: list[Text] = []
+    first = 0
+    for board in boards:
+        bare = _bare_board(board.array, layers, None, name_heights if board is own else 0.0)
+        for part in bare.parts:
+            if "coil" in part.mesh.cell_data:
+                part.mesh.cell_data["coil"] += first
+        scene = in_space(bare, board)
+        for part in scene.parts:
+            if board.name or not loops or part.group != _LAMINATE:
+                alike.setdefault(part.name, []).append(part)
+        texts += scene.texts
+        first += len(board.array.names)
+    parts = [
+        replace(same[0], mesh=same[0].mesh.append_polydata(*(part.mesh for part in same[1:]))) if same[1:] else same[0]
+        for same in alike.values()
+    ]
+    drawn = Scene(tuple(parts), tuple(texts))
+    return drawn + _rulers(*Scene(drawn.parts).bounds[:5])
+
+
+def in_space(scene: Scene, board: Board) -> Scene:
+    """Move a scene of a board by itself to the place of the board, whose name it gets."""
+    start = f"{board.name}: " if board.name else ""
+
+    def moved(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        return meshes.MM_PER_M * board.pose.apply(np.asarray(points, dtype=np.float64) / meshes.MM_PER_M)
+
+    parts = []
+    for part in scene.parts:
+        mesh = part.mesh.copy()
+        mesh.points = moved(mesh.points)
+        parts.append(replace(part, mesh=mesh, name=start + part.name, group=part.group and start + part.group))
+    texts = []
+    for text in scene.texts:
+        x, y, z = moved(text.position).tolist()
+        texts.append(replace(text, text=f"{board.prefix}{text.text}", position=(x, y, z)))
+    return replace(scene, parts=tuple(parts), texts=tuple(texts))
+
+
+def _require_layers(layers: Sequence[str] | None, known: Iterable[str]) -> None:
+    """Refuse layers that no board has."""
     for layer in layers or ():
-        if layer not in every:
-            raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(every)}.")
+        if layer not in known:
+            raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(known)}.")
+
+
+def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, name_heights: npt.ArrayLike) -> Scene:
+    """Board without rulers, in its own coordinates."""
     solids = board_solids(array)
     parts = []
-    for layer, colour in every.items():
+    for layer, colour in cycled(LAYERS, array.stackup.names).items():
         mesh = cut_upright(meshes.copper_mesh(solids, array.names, layer), box)
         if mesh.n_cells and (layers is None or layer in layers):
             name = f"{_COPPER}{layer}"
@@ -98,34 +169,34 @@ def scene_of_board(
     board = cut_upright(meshes.board_mesh(solids), box)
     if board.n_cells:
         # Copper may share a face with the board, so the board is drawn just behind it.
-        parts.append(Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True))
+        parts.append(Part("board", board, _LAMINATE, LAMINATE, opacity=0.3, ambient=0.3, sunk=True))
     if box is not None:
         return Scene(tuple(parts))
     if board.n_cells:
         ends = array.stackup.names[-1], array.stackup.names[0]
         span = array.stackup.span(ends[0])[1], array.stackup.span(ends[1])[0]
-        parts.append(_edges("edges of board", board, "laminate", LAMINATE, array, span))
-    (x_min, y_min, x_max, y_max), low = (meshes.MM_PER_M * edge for edge in array.bounds), 0.0
-    if array.form is not None:
-        boxes = np.array([part.mesh.bounds for part in parts])
-        x_min, y_min, low = boxes[:, ::2].min(axis=0).tolist()
-        x_max, y_max, _ = boxes[:, 1::2].max(axis=0).tolist()
+        parts.append(_edges("edges of board", board, _LAMINATE, LAMINATE, array, span))
+    heights = np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
+    places = _as_bent(array, np.column_stack((array.centres, heights))).tolist()
+    names = [Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True)]
+    return Scene(tuple(parts), tuple(names))
+
+
+def _rulers(x_min: float, x_max: float, y_min: float, y_max: float, low: float) -> Scene:
+    """Ticks along two edges of the lower face of a box in mm."""
     length = 0.012 * (x_max - x_min + y_max - y_min)
     front, numbers = _ruler("x", (x_min, x_max), y_min, length, low)
     left, more = _ruler("y", (y_min, y_max), x_min, length, low)
-    heights = np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
-    places = _in_space(array, np.column_stack((array.centres, heights))).tolist()
-    names = [Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True)]
-    return Scene((*parts, front, left), (*names, *numbers, *more))
+    return Scene((front, left), (*numbers, *more))
 
 
 def board_in_pieces(
-    array: Array, layers: Sequence[str] | None = None, name_heights: npt.ArrayLike = 0.0
+    boards: Sequence[Board], layers: Sequence[str] | None = None, name_heights: npt.ArrayLike = 0.0
 ) -> tuple[tuple[Part, ...], Scene]:
-    """Copper of a board for `recoloured`, and the scene of the rest."""
-    board = scene_of_board(array, layers=layers, name_heights=name_heights)
-    copper = tuple(part for part in board.parts if part.name.startswith(_COPPER))
-    return copper, replace(board, parts=tuple(part for part in board.parts if part not in copper))
+    """Copper of boards in space for `recoloured`, and the scene of the rest."""
+    scene = scene_of_boards(boards, layers=layers, name_heights=name_heights)
+    copper = tuple(part for part in scene.parts if _COPPER in part.name)
+    return copper, replace(scene, parts=tuple(part for part in scene.parts if part not in copper))
 
 
 def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
@@ -152,6 +223,15 @@ def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, sp
     return Scene(tuple(parts))
 
 
+def sheets_in_space(boards: Sequence[Board]) -> Scene:
+    """Scene of the sheets of boards in space, where they lie."""
+    scene = Scene()
+    for board in boards:
+        if board.name or board is boards[0]:  # loops of a surface have none
+            scene += in_space(scene_of_sheets(board.array, board.design.sheets), board)
+    return scene
+
+
 def _sheet_labels(sheets: Sequence[Sheet]) -> dict[str, str]:
     return {sheet.name: f"{sheet.name} {sheet.thickness * meshes.MM_PER_M:g} mm" for sheet in sheets}
 
@@ -165,7 +245,7 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
     return meshes.surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
 
 
-def _in_space(array: Array, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _as_bent(array: Array, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Points (n, 3) in mm of points of a flat board in m, bent as the board."""
     return meshes.MM_PER_M * (points if array.form is None else array.form.surface(points))
 

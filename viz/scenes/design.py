@@ -18,6 +18,7 @@ from coilarray.compute.display_units import MM, true_minus
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError, LocalizeError, MetalError
+from coilarray.geometry.pose import Pose
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.dataset import on_board
@@ -57,6 +58,7 @@ ITEMS: tuple[Item, ...] = get_args(Item)
 """Items that a scene of a design may contain."""
 
 _PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # default distances of the points of B in m
+_CLEAR = 0.99  # of the points of a grid that crosses copper: the nearest to a wire would set the scale
 _LEVELS = (-0.35, -0.85, -1.35)  # surfaces of equal |B|, as powers of ten of its maximum
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
@@ -141,17 +143,17 @@ class _Making:
         for item in shown:
             if item not in ITEMS:
                 raise GeometryError(f"items to show must be of {', '.join(ITEMS)}; got {item!r}.")
-        if self.coil not in design.array.names:
-            raise GeometryError(f"there is no coil {self.coil!r}; there are {', '.join(design.array.names)}.")
+        if self.coil not in design.coil_names:
+            raise GeometryError(f"there is no coil {self.coil!r}; there are {', '.join(design.coil_names)}.")
         self._require_field()
-        if shown <= _ALONE and "board" in shown and layers is None:
+        if shown <= _ALONE and "board" in shown and layers is None and not design.boards and design.pose == Pose():
             return boards.board_scene(design.array, design.sheets if "elastomer" in shown else ())
         makers: dict[str, Callable[[], Scene]] = {
             "dent": self._dent,
-            "elastomer": lambda: boards.scene_of_sheets(design.array, design.sheets),
+            "elastomer": lambda: boards.sheets_in_space(design.placed),
             "metal": self._metal,
             "currents": self._currents,
-            "board": lambda: boards.scene_of_board(design.array, layers=layers, name_heights=self._name_heights),
+            "board": lambda: boards.scene_of_boards(design.placed, layers=layers, name_heights=self._name_heights),
             "coupling": lambda: results.scene_of_coupling(self._coupling),
             "response": self._response,
             "location": self._location,
@@ -183,8 +185,8 @@ class _Making:
     def _currents(self) -> Scene:
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self.coil, terminated=not view.others_open)
-        colours = results.colours_of_currents(currents, design.array.names.index(self.coil))
-        copper, rest = boards.board_in_pieces(design.array, view.layers, self._name_heights)
+        colours = results.colours_of_currents(currents, design.coil_names.index(self.coil))
+        copper, rest = boards.board_in_pieces(design.placed, view.layers, self._name_heights)
         note = f"Black: {self.coil} is measured, the others {self.others}; current per its ampere."
         return Scene(boards.recoloured(copper, colours), notes=(note,)) + rest
 
@@ -297,14 +299,14 @@ class _Making:
             return Scene()
         planes = [self._b_on((x.points, y.points, z.points), "field on a plane") for x, y, z in self._grids[0]]
         boxes = [self._b_on(results.points_of_box(self.design, spans), "field in a box") for spans in self._grids[1]]
-        scale = results.scale_of_field([*planes, *boxes])
+        scale = results.scale_of_field([*planes, *boxes], 1.0 if results.is_flat(self.design) else _CLEAR)
         scene = results.scene_of_slices(planes, scale)
         for box in boxes:
             if "lines" in self.shown:
                 scene += results.scene_of_lines(box, results.line_seeds(self._with_target, self.coil), scale)
             if "surfaces" in self.shown:
                 scene += results.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
-        others = f", the others {self.others}" if len(self.design.array.names) > 1 else ""
+        others = f", the others {self.others}" if len(self.design.coil_names) > 1 else ""
         carried = f"{self.coil} carries {CURRENT * 1e3:g} mA{others}"
         design, metal = self._with_target, []  # what B includes, and what it leaves out
         if design.target is None and self.design.target is not None:
@@ -333,7 +335,7 @@ class Touch:
     @cached_property
     def _board(self) -> tuple[tuple[Part, ...], Scene]:
         """Copper of the board, and the rest."""
-        return boards.board_in_pieces(self.design.array)
+        return boards.board_in_pieces(self.design.placed)
 
     @property
     def scale(self) -> Scale:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
-from coilarray.design.model import Design
-from coilarray.geometry.array import Array
+from coilarray.design.model import Board, Design
+from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import results as meshes
 from coilarray.viz.datasets.meshes import polylines, surface_of
 from coilarray.viz.datasets.results import AMOUNT, field_arrows, field_lines, field_surfaces
@@ -202,29 +202,33 @@ def count_of(places: Iterable[Spans]) -> int:
 
 def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Spans]:
     """Level and upright plane for a coil's field."""
-    x_min, y_min, x_max, y_max = design.array.bounds
-    z, y = design.field_height, float(_middle_and_radii(design.array, coil)[0][1])
-    if design.array.form is not None:
-        x_min, x_max, y_min, y_max = _extent(design.array)
+    (x_min, y_min, _), (x_max, y_max, high) = _extent(design)
+    z, y = design.pose.z + design.field_height, float(_middle_and_radii(design, coil)[0][1])
     along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
-    top = max(2 * z, (y_max - y_min) / 2)
-    return ((along, across, Span(z, z, spacing)), (along, Span(y, y, spacing), Span(min(spacing, z), top, spacing)))
+    low, top = (
+        design.pose.z + min(spacing, design.field_height),
+        max(z + design.field_height, high + (y_max - y_min) / 2),
+    )
+    return ((along, across, Span(z, z, spacing)), (along, Span(y, y, spacing), Span(low, top, spacing)))
 
 
 def field_box(design: Design, coil: str, spacing: float) -> Spans:
     """Box about a coil."""
-    (x, y), _, radius = _middle_and_radii(design.array, coil)
-    wide, tall, z = _WIDE * radius, _TALL * radius, 0.0
-    if design.array.form is not None:
-        x, y, z = design.array.places[design.array.names.index(coil)].tolist()
+    (x, y, z), _, radius = _middle_and_radii(design, coil)
+    wide, tall = _WIDE * radius, _TALL * radius
     bottom = z - design.array.stackup.thickness - tall
     return Span(x - wide, x + wide, spacing), Span(y - wide, y + wide, spacing), Span(bottom, z + tall, spacing)
+
+
+def is_flat(design: Design) -> bool:
+    """Check for one flat board at its own place, whose copper a grid of points can avoid."""
+    return design.array.form is None and not design.boards and design.pose == Pose()
 
 
 def points_of_box(design: Design, box: Spans) -> Axes:
     """Axes of a box outside the copper of a flat board, across which B_z is interpolated."""
     x, y, z = box
-    if design.array.form is not None:
+    if not is_flat(design):
         return x.points, y.points, z.points
     above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
     below = np.arange(-design.array.stackup.thickness - z.spacing / 2, z.low - z.spacing / 2, -z.spacing)[::-1]
@@ -246,7 +250,8 @@ def beside_faces(design: Design, heights: FloatArray, frequency: float) -> Float
 
 def line_seeds(design: Design, coil: str) -> FloatArray:
     """Seeds of field lines, (n, 3) in m."""
-    centre, inner, _ = _middle_and_radii(design.array, coil)
+    board = board_of(design, coil)
+    centre, inner, _ = _in_plane(board, coil)
     free = min((plate.heights[0] for plate in design.plates if plate.heights[0] > 0), default=math.inf)
     height = design.field_height if design.field_height < free else free / 2
     rings = []
@@ -255,27 +260,43 @@ def line_seeds(design: Design, coil: str) -> FloatArray:
         ring = centre + share * inner * np.column_stack((np.cos(angle), np.sin(angle)))
         rings.append(np.column_stack((ring, np.full(count, height))))
     seeds = np.vstack(rings)
-    return seeds if design.array.form is None else design.array.form.surface(seeds)
+    return board.pose.apply(seeds if board.array.form is None else board.array.form.surface(seeds))
 
 
-def _extent(array: Array) -> tuple[float, float, float, float]:
-    """Lowest and highest x, and y, of the coils of a bent board in m."""
-    paths = np.vstack([path.vertices[:, :2] for path in array.conductors()])
-    (x_min, y_min), (x_max, y_max) = (paths.min(axis=0) - array.board_margin, paths.max(axis=0) + array.board_margin)
-    return float(x_min), float(x_max), float(y_min), float(y_max)
+def board_of(design: Design, coil: str) -> Board:
+    """Board in space that has a coil."""
+    return next(board for board in design.placed if coil in board.coil_names)
 
 
-def _middle_and_radii(array: Array, coil: str) -> tuple[FloatArray, float, float]:
-    """Centre and radii of a coil's outline in m."""
-    place = array.placements[array.names.index(coil)]
+def _extent(design: Design) -> FloatArray:
+    """Lowest and highest x, y and z of all boards in m, shape (2, 3)."""
+    if is_flat(design):
+        x_min, y_min, x_max, y_max = design.array.bounds
+        return np.array([(x_min, y_min, -design.array.stackup.thickness), (x_max, y_max, 0.0)])
+    corners = np.concatenate([board.pieces.reshape(-1, 3) for board in design.placed])
+    return np.array([corners.min(axis=0), corners.max(axis=0)])
+
+
+def _in_plane(board: Board, coil: str) -> tuple[FloatArray, float, float]:
+    """Centre (2,) and radii of a coil's outline in m on its flat board."""
+    place = board.array.placements[board.coil_names.index(coil)]
     outline = place.to_board(place.coil.outline)
     low, high = outline.min(axis=0), outline.max(axis=0)
     return (low + high) / 2, float((high - low).min()) / 2, float((high - low).max()) / 2
 
 
-def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
-    """Logarithmic scale of |B|."""
-    largest = max((float(np.asarray(plane.point_data[AMOUNT]).max(initial=0.0)) for plane in planes), default=0.0)
+def _middle_and_radii(design: Design, coil: str) -> tuple[FloatArray, float, float]:
+    """Centre (3,) in space and radii of a coil's outline in m."""
+    board = board_of(design, coil)
+    centre, *radii = _in_plane(board, coil)
+    flat = np.append(centre, 0.0)
+    return board.pose.apply(flat if board.array.form is None else board.array.form.surface(flat)), radii[0], radii[1]
+
+
+def scale_of_field(grids: Sequence[pyvista.DataSet], part: float = 1.0) -> Scale:
+    """Logarithmic scale of |B|, up to the value that a part of each grid's points does not exceed."""
+    amounts = [np.asarray(grid.point_data[AMOUNT]) for grid in grids if grid.n_points]
+    largest = max((float(np.quantile(amount, part)) for amount in amounts), default=0.0)
     high = largest if largest > 0 else 1.0
     return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
 

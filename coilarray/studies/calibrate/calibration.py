@@ -21,7 +21,7 @@ from coilarray.compute.table import html_card, html_table
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import open_executor
 from coilarray.design.keys import entry_unit
-from coilarray.design.model import Design, DesignFile, build_design, build_design_file
+from coilarray.design.model import Design, DesignFile, build_design, build_design_file, one_board
 from coilarray.design.vary import no_longer_assumed, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
@@ -336,6 +336,7 @@ def calibrate(
     coilarray.errors.GoalError: unknowns: unknown.0 needs low below high; got 14 and 12.
     """
     file = as_file(design)
+    one_board(file.design, "a calibration")
     plan = unknowns if isinstance(unknowns, Plan) else simple_plan(unknowns or {})
     if data is None:
         if difference := difference_from_published(file.design):

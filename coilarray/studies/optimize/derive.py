@@ -367,6 +367,8 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     GoalError for a wish that is not valid, and if nothing could be changed.
     """
     file = as_file(design)
+    if file.design.boards:
+        raise GoalError(_SEVERAL.format(file.design.name))
     asked = [_named(wish) for wish in wishes]
     for one in asked:
         one.needs(file.design)
@@ -417,9 +419,16 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
     return DerivedGoal(check_goal(document, "--vary and --keep"), comments)
 
 
+_SEVERAL = (
+    "named goals and wishes are for one board, and {} has several; write a goal file with its entries and quantities."
+)
+
+
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
     """Names of goals that do not fit, with reasons."""
     file, reasons = as_file(design), dict[str, str]()
+    if file.design.boards:
+        return dict.fromkeys(_NAMED, _SEVERAL.format(file.design.name))
     for name, named in _NAMED.items():
         try:
             named.needs(file.design)

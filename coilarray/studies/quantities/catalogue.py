@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from coilarray.circuit.converter_limits import DRIVE_WINDOW, check_channel
 from coilarray.circuit.ports import solve_ports
 from coilarray.compute.arrays import FloatArray
-from coilarray.design.model import Design
+from coilarray.design.model import Design, one_board
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, listed, shown
 from coilarray.geometry import Plate
@@ -55,14 +55,18 @@ def coil_or(says: str) -> Option:
 
 
 def _board_area(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    x_min, y_min, x_max, y_max = evaluation.design.array.bounds
+    x_min, y_min, x_max, y_max = one_board(evaluation.design, "board_area_mm2").array.bounds
     return (x_max - x_min) * (y_max - y_min) * 1e6
 
 
 def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    placements = evaluation.design.array.placements
+    placements = one_board(evaluation.design, "covered_mm2").array.placements
     shapes = [shapely.Polygon(place.to_board(place.coil.outline)) for place in placements]
     return float(shapely.area(shapely.union_all(shapes))) * 1e6
+
+
+def _span(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    return float(np.ptp(one_board(evaluation.design, "span_mm").array.outline_bounds[::2])) * 1e3
 
 
 def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
@@ -80,7 +84,7 @@ def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 def _pairs(evaluation: Evaluation) -> FloatArray:
     """Coupling coefficients of all pairs."""
-    count = len(evaluation.design.array.names)
+    count = len(evaluation.design.coil_names)
     if count < 2:
         raise GoalError(f"the design {evaluation.design.name} has only one coil, and so no coupling.")
     return np.asarray(evaluation.coupling[np.triu_indices(count, 1)])
@@ -142,7 +146,7 @@ def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 COILS = (
     Quantity("board_area_mm2", "mm²", "geometry", "area of the rectangular board", _board_area),
     Quantity("span_mm", "mm", "geometry", "extent of the windings' outlines along x",
-             lambda evaluation, _: float(np.ptp(evaluation.design.array.outline_bounds[::2])) * 1e3),
+             _span),
     Quantity("covered_mm2", "mm²", "geometry", "area within the outline of at least one winding", _covered),
     Quantity(
         "fab_margin_mm", "mm", "geometry",

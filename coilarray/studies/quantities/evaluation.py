@@ -47,7 +47,7 @@ class Evaluation:
     @cached_property
     def margins(self) -> tuple[Margin, ...]:
         """Margins of the fabrication rules."""
-        return check_rules(self.design.array, self.design.rules)
+        return tuple(margin for board in self.design.placed for margin in check_rules(board.array, board.design.rules))
 
     @cached_property
     def inductance(self) -> FloatArray:
@@ -117,7 +117,7 @@ class Evaluation:
 
     def coil(self, name: str) -> int:
         """Index of a coil, or GoalError."""
-        names = self.design.array.names
+        names = self.design.coil_names
         if name not in names:
             raise GoalError(f"the design {self.design.name} has no coil {name!r}; there are {', '.join(names)}.")
         return names.index(name)

@@ -65,8 +65,8 @@ _CENTRAL = (2.5, 97.5)  # percentiles between which 95 % of the boards lie
 
 def default_quantities(design: Design) -> tuple[str, ...]:
     """Names of all inductances, and of all or neighbours' couplings."""
-    coils = design.array.names
-    few = len(coils) <= _MOST_OF_ALL_PAIRS
+    coils = design.coil_names
+    few = len(coils) <= _MOST_OF_ALL_PAIRS or bool(design.boards)
     of = combinations(range(len(coils)), 2) if few else sorted(design.array.neighbours)
     pairs = tuple(f"k[{coils[i]},{coils[j]}]" for i, j in of)
     return (*(("worst_k", "rms_k") if pairs else ()), *(f"inductance_uH[{coil}]" for coil in coils), *pairs)

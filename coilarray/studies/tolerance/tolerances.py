@@ -32,6 +32,7 @@ from __future__ import annotations
 import cmath
 import difflib
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -65,6 +66,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     for table in UNITS
 }
 """Errors of `coilarray.studies.tolerance.tolerances` by the tables of a file."""
+_OF_BOARD = re.compile(r"(etch|registration_[xy]|rotation|dielectric|copper)\.")  # errors of copper and laminate
 SCHEMA = 1  # version of the tolerance file format
 _TOLERANCES = TomlFiles("tolerance", GoalError)
 # bounds far beyond any board, so that a typo is refused at its place
@@ -162,13 +164,14 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
     for table, kinds in KINDS.items():
         spread = tolerances.spreads.get(table, Spread())
         for kind in kinds:
-            targets = tuple(name for name in names if name == kind or name.startswith(f"{kind}."))
-            how = spread.distribution
-            if spread.board > 0 and targets:
-                found.append(Contributor(f"{kind}, board", table, "board", targets, how, spread.board))
-            for target in targets if spread.layer > 0 else ():
-                name = f"{kind}, layer {target.removeprefix(f'{kind}.')}"
-                found.append(Contributor(name, table, "layer", (target,), how, spread.layer))
+            for board in dict.fromkeys("".join(name.rpartition("/")[:2]) for name in names):  # made independently
+                start, how = f"{board}{kind}", spread.distribution
+                targets = tuple(name for name in names if name == start or name.startswith(f"{start}."))
+                if spread.board > 0 and targets:
+                    found.append(Contributor(f"{start}, board", table, "board", targets, how, spread.board))
+                for target in targets if spread.layer > 0 else ():
+                    name = f"{start}, layer {target.removeprefix(f'{start}.')}"
+                    found.append(Contributor(name, table, "layer", (target,), how, spread.layer))
     if not found:
         raise GoalError(f"no error of {design.name} has a spread; at least one must be above 0.")
     return tuple(found)
@@ -419,8 +422,11 @@ def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dic
 def error_names(design: Design) -> tuple[str, ...]:
     """Names of all errors that a design can have.
 
-    Layers without copper of a coil have neither etch nor registration.
+    Layers without copper of a coil have neither etch nor registration. The copper and laminate of
+    other boards have errors of their own, which begin with the name of the board.
     """
+    if "" in design.board_names:
+        raise GoalError(f"{design.name} has loops on a surface, whose fabrication errors are not known.")
     layers = design.array.stackup.names
     used = {layer for place in design.array.placements for layer in place.layers}
     names = [
@@ -443,6 +449,8 @@ def error_names(design: Design) -> tuple[str, ...]:
         names.append("conductivity")
     if design.target is not None and isinstance(design.target.body, FinitePlate):
         names += ["target_tilt_x", "target_tilt_y"]
+    for start, board in zip(design.board_names, design.boards, strict=True):
+        names += [f"{start}/{name}" for name in error_names(board.design) if _OF_BOARD.match(name.rpartition("/")[2])]
     return tuple(names)
 
 
@@ -476,6 +484,10 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     try:
         array = _array(design.array, nonzero)
         sheets = tuple(_sheet(sheet, nonzero) for sheet in design.sheets)
+        boards = []
+        for name, board in zip(design.board_names, design.boards, strict=True):
+            own = {key.removeprefix(f"{name}/"): value for key, value in nonzero.items() if key.startswith(f"{name}/")}
+            boards.append(replace(board, of=perturb(board.design, own)) if own else board)
         rise = sum(sheet.thickness for sheet in sheets) - design.top
         sink = array.stackup.thickness - design.array.stackup.thickness
         return replace(
@@ -486,6 +498,7 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
             circuit=replace(design.circuit, switches=replace(switches, tank_capacitance=tank)),
             plates=tuple(_plate(plate, design, nonzero, rise, sink) for plate in design.plates),
             target=_target(design.target, nonzero),
+            boards=tuple(boards),
         )
     except (DesignError, GeometryError) as error:
         raise GoalError(f"no board can be made with these errors: {error}") from None
