@@ -455,7 +455,7 @@ def response(
     from coilarray.response.dataset import coils_outside, on_board
     from coilarray.response.map import response_map
 
-    opened = shared.open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations, boards=True)
     x, y = shared.from_map_origin(opened.indentation, *places)
     if ideal:
         imperfections = replace(imperfections, network="ideal")
@@ -598,7 +598,7 @@ def target(
     from coilarray.response.dataset import on_board
     from coilarray.response.target import target_map
 
-    opened = shared.open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations, boards=True)
     x, y = shared.from_map_origin(opened.target, *places)
     network: Literal["ideal"] | None = "ideal" if ideal else None
     with shared.map_parts(out) as keep, shared.progress_bar("target") as progress:

@@ -257,7 +257,7 @@ def _model(
         response = shared.read_map(Path(str(source)), target=True)
         unknowns = sum(response.delta.sizes[name] > 1 for name in response.delta.dims if name != "state")
         return tuple(map(str, response.state.values)), unknowns, lambda: response
-    design = shared.open_design(source, allow_violations=allow_violations)
+    design = shared.open_design(source, allow_violations=allow_violations, boards=True)
     # a table of an indentation has three unknowns, a target's table shows them itself
     unknowns = 3 if design.target is None or design.indentation is not None else 0
     return tuple(state.name for state in design.plan), unknowns, lambda: shared.kept_table(design)

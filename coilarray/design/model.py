@@ -457,6 +457,11 @@ class Design:
         """Centres of all coils in space in m, shape (coils, 3)."""
         return np.concatenate([board.centres for board in self.placed])
 
+    @cached_property
+    def paths(self) -> Array | tuple[Conductor, ...]:
+        """All current paths: the array of a single flat board, or else `conductors`."""
+        return self.conductors() if self.boards else self.array
+
     def conductors(self) -> tuple[Conductor, ...]:
         """Return the current path in space of every coil of all boards, in m."""
         return tuple(path for board in self.placed for path in board.conductors())

@@ -21,7 +21,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Keep, not_kept
 from coilarray.compute.threads import Progress
-from coilarray.design.model import Design, DesignFile, design_of, one_board
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.finite_sample import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
@@ -179,11 +179,11 @@ def response_map(
     >>> response.delta.dims, response.delta.shape
     (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
     """
-    given = one_board(design_of(design), "a response map")
+    given = design_of(design)
     setup, true = indentation_of(given), imperfections or Imperfections()
     if not isinstance(accuracy, MapAccuracy):
         accuracy = MapAccuracy(accuracy)
-    axes, coils, mesh = map_axes(given, depths, x, y), len(given.array.names), accuracy.mesh or LayerMesh()
+    axes, coils, mesh = map_axes(given, depths, x, y), len(given.coil_names), accuracy.mesh or LayerMesh()
     metal = (_BYTES_OF_METAL if setup.ball is not None else 0.0) + (_BYTES_OF_PLATES if given.plates else 0.0)
     error = _allowed_error(accuracy.reach, axes, coils, metal=metal > 0)
     _require_room(axes, coils, len(given.plan), error, metal)
@@ -247,12 +247,12 @@ def _near_coils(
     own = np.diagonal(resistance(float(frequency.mean())))[states.measured]
     with np.errstate(divide="ignore"):
         quality = 2 * np.pi * frequency * states.base_inductance / (own + 2 * network.switches.on_resistance)
-    delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
+    delta, cutoff = near_response(pressed, design.conductors(), states, error, mesh, progress=progress)
     if pressed.correction is not None:
         origin, currents = pressed.origin, states.currents.T
         places = pressed.points - origin
         energy = shift_energy(
-            design.array, pressed.sheets, pressed.correction, places, origin, mesh, currents, currents
+            design.paths, pressed.sheets, pressed.correction, places, origin, mesh, currents, currents
         )
         delta = delta + (states.weights * energy).real
     # The effect of dents on frequency and losses, some 1e-3, is left out of the readability here.
@@ -282,7 +282,7 @@ def _all_coils(
     axes, ball = pressed.axes, indentation_of(design).ball
     flats = [resonate(network, state) for state in design.plan]
     band, mean = _band(flats)
-    change = dent_changes(design.array, design.plates, pressed, band, mesh, keep, progress)
+    change = dent_changes(design.paths, design.plates, pressed, band, mesh, keep, progress)
     found: dict[str, Variable] = {}
     attributes: dict[str, object] = {"error_of_peak": 0.0}
     if change.band is band:
@@ -290,7 +290,7 @@ def _all_coils(
         found |= _plate_variables(axes, change, mean)
     answers = through_circuit(network, flats, change)
     if ball is not None:
-        share = metal_share(design.array, design.plates, pressed, ball, mean, rest, mesh)
+        share = metal_share(design.paths, design.plates, pressed, ball, mean, rest, mesh)
         dented, change = answers["delta"], plus(change, share)
         answers = through_circuit(network, flats, change)
         values, matrix = share.reshape(*axes.shape, *share.shape[1:]), (*_PLACES, "coil", "other")
@@ -375,7 +375,7 @@ def inductance_changes(
     """
     ball = None if frequency is None else indentation_of(design).ball
     check_metal(axes, ball)
-    source = design.array.conductors() if paths is None else paths
+    source = design.conductors() if paths is None else paths
     pressed = experiment(indentation_of(design), design.sheets, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
     backings: Sequence[Backing | None] = [None]
@@ -415,8 +415,8 @@ def response_dataset(
     setup, per = indentation_of(design), "/m" if per_length else ""
     own = (tuple(axes.x.tolist()), tuple(axes.y.tolist())) == (setup.x, setup.y)
     window = {ELLIPSE_WINDOW: list(setup.ellipse_bounds)} if own and setup.ellipse_bounds is not None else {}
-    names = list(design.array.names if coils is None else coils)
-    kept = [design.array.names.index(name) for name in names]
+    names = list(design.coil_names if coils is None else coils)
+    kept = [design.coil_names.index(name) for name in names]
     states = [state.name for state in design.plan] if states is None else states
     state, pair = ("state",), ("coil", "other")
     rows = (
@@ -430,7 +430,7 @@ def response_dataset(
         variables(*rows[:2]) | (more or {}) | variables(*rows[2:]),
         coords={
             "depth": ("depth", axes.depth, {"units": "m", "long_name": "depth of the indentation"}),
-            **map_coordinates(setup, axes.x, axes.y, states, names, design.array.centres[kept]),
+            **map_coordinates(setup, axes.x, axes.y, states, names, design.centres[kept, :2]),
         },
         attrs={
             **provenance(design),

@@ -412,7 +412,7 @@ def wedge_inductance(circuit: BoardCircuit, origin: tuple[float, float], tilt: t
     about `origin`.
     """
     design = circuit.design
-    centres = design.array.centres - origin
+    centres = design.centres[:, :2] - origin
     middle = (centres[:, None] + centres) / 2 @ np.array(tilt)
     if not middle.any():
         return np.zeros_like(middle)
@@ -423,13 +423,13 @@ def wedge_inductance(circuit: BoardCircuit, origin: tuple[float, float], tilt: t
     def level(height: float) -> FloatArray:
         """Inductance matrix in H for a sample of one height."""
         sheets = _raised(design.sheets, height)
-        change = layer_inductance(design.array, sheets)
+        change = layer_inductance(design.paths, sheets)
         if plates is None:
             return change
-        change = change + plate_inductance(design.array, beside, [plates.working], sheets)[0].real
+        change = change + plate_inductance(design.paths, beside, [plates.working], sheets)[0].real
         if len(beside) == len(design.plates):
             return np.asarray(change)
-        return np.asarray(change + outlined_inductance(design.array, design.plates, [plates.working], sheets)[0].real)
+        return np.asarray(change + outlined_inductance(design.paths, design.plates, [plates.working], sheets)[0].real)
 
     shares = _lagrange(heights, middle.ravel()).reshape(*middle.shape, -1)
     raised = np.array([level(height) for height in heights.tolist()])

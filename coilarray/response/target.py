@@ -22,7 +22,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Keep, not_kept
 from coilarray.compute.threads import Progress, part_of
-from coilarray.design.model import Design, DesignFile, design_of, one_board
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.field import Source, as_conductors
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError, require_positive
@@ -150,7 +150,7 @@ def target_map(
     the copper are computed without the target, and the target has no capacitance to the coils. The
     attribute ``left_out`` lists these effects and the effects that the network lacks.
     """
-    design = one_board(design_of(design), "a map of a target")
+    design = design_of(design)
     target = target_of(design)
     if noise is not None:
         require_positive("noise", noise, "", MetalError)
@@ -162,13 +162,13 @@ def target_map(
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
     if axes.depth[0] <= 0:
         raise MetalError(f"distances of a target must be above zero; got {axes.depth[0] * 1e3:g} mm.")
-    coils, cases = len(design.array.names), int(np.prod(axes.shape))
+    coils, cases = len(design.coil_names), int(np.prod(axes.shape))
     what = f"{len(axes.depth)} distances at {len(axes.x) * len(axes.y)} places with {coils} coils"
     require_memory(_BYTES_A_VALUE * cases * _MOST_NODES * coils**2, f"a target map of {what}", "compute it in pieces")
     circuit, ideal = board_circuit(design, accuracy=rule), network == "ideal"
     if not isinstance(network, Network):
         network = circuit.ideal if ideal else circuit.network
-    bodies = design.array, target, design.sheets, design.plates
+    bodies = design.paths, target, design.sheets, design.plates
     alone = [resonate(network, state) for state in design.plan]
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     resonances = base["frequency"]
@@ -248,7 +248,7 @@ def _dataset(
     matrix: ComplexArray,
 ) -> xr.Dataset:
     """Assemble the dataset of `target_map`."""
-    names = list(design.array.names)
+    names = list(design.coil_names)
     place, pair = ("distance", "y", "x"), ("coil", "other")
     with_target = network.inductance + matrix.real
     root = np.sqrt(np.diagonal(with_target, axis1=-2, axis2=-1))
@@ -278,7 +278,7 @@ def _dataset(
         coords={
             "distance": ("distance", axes.depth, {"units": "m", "long_name": "distance"}),
             **map_coordinates(
-                target, axes.x, axes.y, [state.name for state in design.plan], names, design.array.centres
+                target, axes.x, axes.y, [state.name for state in design.plan], names, design.centres[:, :2]
             ),
         },
         attrs={

@@ -43,7 +43,7 @@ def test_the_pose_of_a_board_is_swept(pair, tmp_path, capsys):
 
 
 ONE_BOARD = (
-    "response {}", "target {}", "calibrate {} data.nc", "paper distortion {}", "optimize {} --goal decouple",
+    "calibrate {} data.nc", "paper distortion {}", "optimize {} --goal decouple",
     "check {} --picture p.png",
 )  # fmt: skip
 

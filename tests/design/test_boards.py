@@ -161,8 +161,6 @@ def test_a_bent_board_leaves_room_inside_its_bend():
 
 
 ONE_BOARD = {
-    "response": ca.response_map,
-    "target": ca.target_map,
     "calibration": lambda pair: ca.calibrate(pair, None, {}),
     "two-dimensional": lambda pair: line_response(pair, "coil1"),
     "emulated": lambda pair: emulated_board(pair, load_wiring()),

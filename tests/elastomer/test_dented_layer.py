@@ -38,7 +38,7 @@ from coilarray.electromagnetics.flat_stack import (
     turned_spectra,
 )
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Hemisphere, Sheet
+from coilarray.geometry import Conductor, Hemisphere, Pose, Sheet
 
 _NODES = 8  # of a Gauss–Legendre rule for every half period of the shortest wave
 _SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength
@@ -412,3 +412,16 @@ def test_open_paths_are_closed_between_their_ends():
 def test_bad_input_and_impossible_dents(call, message):
     with pytest.raises(ElastomerError, match=message):
         call()
+
+
+def test_a_wide_dent_lowers_the_sheets_also_over_tilted_coils():
+    """Against the difference of two flat sheets: what a dent of 30 diameters of the coils approaches."""
+    angle = np.linspace(0, 2 * np.pi, 13)
+    loop = Conductor(np.column_stack((2e-3 * np.cos(angle), 2e-3 * np.sin(angle), 0 * angle)))
+    coils = [loop.posed(Pose(z=-3e-3)), loop.posed(Pose(x=1e-3, z=-4e-3, turn=(0.5, 0.3, 0.0)))]
+    r, depth = np.linspace(0, 96e-3, 97), 0.1e-3
+    lowered = -depth / 2 * (1 - np.tanh((r - 60e-3) / 8e-3))
+    dent = Dent((3e-3, 2e-3), (1.0, 3.0), r, np.column_stack((0 * r, lowered, lowered)))
+    flat = [layer_inductance(coils, [Sheet("gap", gap), Sheet("iron", 2e-3, 3.0)]) for gap in (3e-3, 3e-3 - depth)]
+    # the field of a coil falls as (2/60)³ up to the edge of the dent
+    np.testing.assert_allclose(dent_inductance(coils, [dent], [[0, 0]])[0, 0], flat[1] - flat[0], rtol=1e-3)
