@@ -452,6 +452,7 @@ def response(
     from coilarray.circuit.converter_limits import reading_lines
     from coilarray.report.page import map_outlines
     from coilarray.report.response_tables import path_drive_table, response_table
+    from coilarray.report.tables import converter_line
     from coilarray.response.dataset import coils_outside, on_board
     from coilarray.response.map import response_map
 
@@ -470,7 +471,8 @@ def response(
         shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
     shared.draw(plot, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     error, lifted = result.attrs["error_of_peak"], result.attrs.get("lifted_m")
-    lines = [*reading_lines(shown), *([] if ideal else shared.missing_capacitance(opened))]
+    without = converter_line(opened)
+    lines = [*([without] if without else reading_lines(shown)), *([] if ideal else shared.missing_capacitance(opened))]
     if error:
         lines.append(
             f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter are included: the error "
@@ -595,6 +597,7 @@ def target(
     from coilarray.circuit.converter_limits import reading_lines
     from coilarray.report import response_tables as made
     from coilarray.report.page import map_outlines
+    from coilarray.report.tables import converter_line
     from coilarray.response.dataset import on_board
     from coilarray.response.target import target_map
 
@@ -623,7 +626,7 @@ def target(
     }
     sigma = PER_MILLION.text(result.attrs["sigma"], ".2")
     lines = [
-        *reading_lines(shown),
+        *([without] if (without := converter_line(opened)) else reading_lines(shown)),
         *shared.plate_error_lines(result.attrs),
         f"noise of δ {sigma}{shared.noise_source(noise, result)}: the range ends where |δ| is "
         f"{result.attrs['range_factor']:g} times that; a step of distance is resolved if it is at least the standard "

@@ -435,7 +435,7 @@ def check(
     from coilarray.geometry.array import array_words
     from coilarray.geometry.board_clearance import boards_apart
     from coilarray.geometry.rules import BEND_RATIO_SOURCE, KEPT_WITHIN
-    from coilarray.report.tables import rules_table
+    from coilarray.report.tables import converter_line, rules_table
 
     if list_fabs:
         keys = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "max_layers")
@@ -505,6 +505,7 @@ def check(
         ]
         between = Table("board_clearances", "Clearance between boards", _CLEARANCE, tuple(apart))
         lines, data = [*lines, between], {**data, between.name: between.records()}
+    lines += [without] if (without := converter_line(opened)) else []
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)

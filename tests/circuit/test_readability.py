@@ -14,6 +14,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.command_line import successes
 from support.refusals import refused
 
 import coilarray as ca
@@ -389,6 +390,18 @@ def test_another_converter_is_refused(value):
     design = ca.load_design_file("gast2020")
     refused(DesignError, r"readout\.converter .*none.* got", ca.vary, design, {"readout.converter": value})
     refused(DesignError, r"LDC1614, .*none; got", ca.Readout, converter=value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [["check"], ["impedance", "--noise"], ["target", "--distance-mm", "4"]])
+def test_commands_say_that_no_converter_is_set(capsys, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    free = ca.vary(ca.load_design_file("proximity"), {"readout.converter": "none"})
+    ca.save_design(free, "free.toml")
+    good, _ = successes(command[0], "free.toml")
+    words = " ".join(good(capsys, *command[1:]).split())
+    assert converter_line(free) in words
+    assert "cannot read" not in words
 
 
 @pytest.mark.slow
