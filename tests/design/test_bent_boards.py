@@ -2,13 +2,14 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
 from coilarray import Array, Design, Spiral, load_design, parse_design, save_design
 from coilarray.cli.main import main
 from coilarray.design.model import build_design, build_design_file, load_design_file
-from coilarray.design.vary import vary
+from coilarray.design.vary import vary, vary_document
 from coilarray.design.write import design_document, design_text
 from coilarray.errors import DesignError
 from coilarray.geometry import Bend, Zone
@@ -135,3 +136,12 @@ def test_check_and_show_of_a_bent_board(tmp_path, capsys):
     assert main(["check", str(tmp_path / "bent.toml"), "--json"]) == 0
     (margin,) = [row for row in json.loads(capsys.readouterr().out)["rules"] if row["rule"] == "bend ratio"]
     assert margin["value"] == pytest.approx(25e-3 / THICKNESS)
+
+
+def test_comments_of_strips_are_kept(tmp_path):
+    text = design_text(bent()) + "\n[[board.bends]] # the hinge\nradius_mm = 9.0\nat_mm = 1.0\nwidth_mm = 4.0\n"
+    (tmp_path / "board.toml").write_text(text)
+    file = load_design_file(tmp_path / "board.toml")
+    changed = replace(file, document=vary_document(file.document, {"board.bends.0.radius_mm": 12.5}))
+    save_design(changed, tmp_path / "again.toml")
+    assert "[[board.bends]] # the hinge\nradius_mm = 12.5" in (tmp_path / "again.toml").read_text()

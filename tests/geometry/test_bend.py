@@ -9,7 +9,16 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import Array, Design, Spiral, couple_design, inductance_matrix, magnetic_field, mutual_inductance
+from coilarray import (
+    Array,
+    Design,
+    Spiral,
+    couple_design,
+    inductance_matrix,
+    magnetic_field,
+    mutual_inductance,
+    self_inductance,
+)
 from coilarray.circuit.board_circuit import board_circuit
 from coilarray.circuit.network_files import fasthenry_input
 from coilarray.design.export import export
@@ -18,6 +27,7 @@ from coilarray.electromagnetics.resistance import dc_resistance, resistance_matr
 from coilarray.errors import DesignError, GeometryError, OutputError
 from coilarray.geometry import MATERIALS, Conductor, Hemisphere, Plate, Sheet, Target, solids
 from coilarray.geometry.bend import Bend, Zone
+from coilarray.geometry.space_coils import saddle
 from coilarray.viz.datasets import results as meshes
 from coilarray.viz.scenes.board import board_scene
 
@@ -283,3 +293,35 @@ def test_a_bend_changes_the_eddy_losses_of_a_coil_by_few_percent(radius, change,
     bent = Bend((Zone(radius),), axis, neutral=-0.135e-3).bent(flat)
     assert len(bent.lengths) == len(flat.lengths)
     assert losses(bent) == pytest.approx(losses(flat), rel=change)
+
+
+def test_a_rectangle_around_a_cylinder_is_a_saddle():
+    """Another generator of the same loop, with chords a tenth as long: M with a loop of other shape."""
+    radius, length, angle = 10e-3, 24e-3, 2.0
+    width = radius * angle
+    corners = [(-length / 2, -width / 2), (length / 2, -width / 2), (length / 2, width / 2), (-length / 2, width / 2)]
+    flat = Conductor([(x, y, 0.0) for x, y in (*corners, corners[0])], 1e-6, 1e-6)
+    bent = Bend((Zone(radius),)).bent(flat)
+    # the saddle's axis is z and its middle on +x, the board's axis x and its middle at the origin
+    arcs = saddle(radius, length, angle, 1e-6, segments=3000)
+    expected = Conductor([(z, y, x - radius) for x, y, z in arcs.vertices], 1e-6, 1e-6)
+    other = [[x, y, 3e-3] for x, y in ((-9e-3, -5e-3), (8e-3, -6e-3), (2e-3, 9e-3), (-9e-3, -5e-3))]
+    found, M = (abs(mutual_inductance([path], [other])[0, 0]) for path in (bent, expected))
+    assert found == pytest.approx(M, rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("bend", "turns"), [
+    (Bend((Zone(8e-3),), axis=math.pi / 2), 4), (Bend((Zone(-3e-3, 2e-3, 6e-3),), axis=0.3), 2),
+    (Bend((Zone(6e-3),), apex=30e-3), 3),
+])  # fmt: skip
+def test_inductance_of_bent_coils_converges_below_its_bound(bend, turns):
+    """Chords of a third change L by less than 1e-4, and by most of the error, which falls as their square."""
+    coil = Array.row(Spiral(6, 10e-3, turns, 0.3e-3, 0.3e-3), 1).conductors()[0]
+    found = self_inductance([bend.bent(coil)])[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.geometry.bend._STEP", 0.04 / 3)
+        patch.setattr("coilarray.geometry.bend._SAGITTA", 6e-5 / 9)
+        finer = self_inductance([bend.bent(coil)])[0]
+    assert abs(found - finer) < 8 / 9 * 1e-4 * finer
+    assert abs(found / self_inductance([coil])[0] - 1) > 3e-3  # the bend counts
