@@ -351,7 +351,7 @@ class SeveralCoils(CurrentPaths):
         """Inductance matrix in H in free space (coil, other)."""
         from coilarray.electromagnetics.inductance import inductance_matrix
 
-        return self._labelled(inductance_matrix(self.conductors()), "inductance", "H")
+        return self._labelled(inductance_matrix(self), "inductance", "H")
 
     @cached_property
     def coupling(self) -> xr.DataArray:

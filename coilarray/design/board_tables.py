@@ -559,6 +559,7 @@ class BoardTable(Table):
     bend_neutral_mm: Position | None = None
     """Height of the plane that keeps its lengths; the middle of the board by default."""
     bends: list[BendTable] = Field(default_factory=list)
+    """Bent strips of a board that is flat beside them, instead of bend_radius_mm."""
 
     @model_validator(mode="after")
     def _one_kind_of_bend(self) -> BoardTable:

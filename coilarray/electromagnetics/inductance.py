@@ -214,8 +214,11 @@ def inductance_matrix(
     """
     conductors = as_conductors(source)
     _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
-    if not allow_overlaps:  # a bent board does not meet itself
-        require_apart(as_conductors(source, flat=True), source.stackup if isinstance(source, Array) else None)
+    if not allow_overlaps:
+        if isinstance(source, Array):  # a bent board does not meet itself
+            require_apart(source.flat_conductors(), source.stackup)
+        else:
+            require_apart(conductors)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 

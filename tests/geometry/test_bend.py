@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -325,3 +326,16 @@ def test_inductance_of_bent_coils_converges_below_its_bound(bend, turns):
         finer = self_inductance([bend.bent(coil)])[0]
     assert abs(found - finer) < 8 / 9 * 1e-4 * finer
     assert abs(found / self_inductance([coil])[0] - 1) > 3e-3  # the bend counts
+
+
+def test_copper_that_overlaps_on_a_bent_board_is_refused():
+    """Overlaps are those of the flat pattern, also where the board is tilted."""
+    near = Array.row(Spiral(6, 10e-3, 2, 0.3e-3, 0.3e-3, layers=1, leads=None), 2, pitch=11e-3)
+    moved = near.with_placements([replace(place, x=place.x * 0.9) for place in near.placements])
+    bent = moved.bent(Bend((Zone(4e-3),), axis=math.pi / 2))
+    for source in (bent, moved):
+        with pytest.raises(GeometryError, match="overlaps on layer"):
+            inductance_matrix(source)
+    with pytest.raises(GeometryError, match="overlaps"):
+        assert bent.inductance is None
+    assert inductance_matrix(near.bent(Bend((Zone(4e-3),), axis=math.pi / 2)))[0, 0] > 0
