@@ -313,7 +313,7 @@ class Wrap:
             for low, high in ((x_min, x_max), (y_min, y_max))
         )
         low, high = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
-        return tuple(shapely.box(*low, *high).ravel().tolist())
+        return tuple(np.asarray(shapely.box(*low, *high)).ravel().tolist())
 
     def inner_radius(self, bounds: tuple[float, float, float, float], thickness: float) -> float:
         """Return inf: boards on surfaces have no rule for their bend.

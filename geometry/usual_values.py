@@ -33,6 +33,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(("distance_mm", "distances_mm"), (0.02, 2000)),
     "thickness_mm": (0.005, 200),
     **dict.fromkeys(("radius_mm", "sample_radius_mm", "edge_radius_mm"), (0.01, 500)),
+    **dict.fromkeys(("bend_radius_mm", "bend_far_radius_mm"), (0.1, 5000)),
     "depths_mm": (0.002, 50),
     "step_mm": (0.005, 500),
     **dict.fromkeys(
