@@ -38,6 +38,7 @@ from .plots.response import plot_target as plot_target
 from .plots.response import response_figure as response_figure
 from .plots.response import target_figure as target_figure
 from .plots.studies import boards_figure as boards_figure
+from .plots.studies import link_figure as link_figure
 from .plots.studies import plot_boards as plot_boards
 from .plots.studies import plot_convergence as plot_convergence
 from .plots.studies import plot_coupling_sweep as plot_coupling_sweep

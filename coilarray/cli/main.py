@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 import typer
 import typer.core
 
-from coilarray.cli import compute, design, help, paper, position, studies, view
+from coilarray.cli import compute, design, help, link, paper, position, studies, view
 from coilarray.cli.board import live, measure, recordings
 from coilarray.cli.shared import drop_output
 from coilarray.compute.files import keep_results
@@ -98,7 +98,9 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
         "target": compute.target,
     },
     "Position": {"locate": position.locate, "calibrate": position.calibrate},
-    "Studies": {"sweep": studies.sweep, "optimize": studies.optimize, "tolerance": studies.tolerance},
+    "Studies": {
+        "sweep": studies.sweep, "link": link.link, "optimize": studies.optimize, "tolerance": studies.tolerance,
+    },
     "Board": {
         "board test": measure.self_test, "board measure": measure.measure, "board campaign": measure.campaign,
         "board info": recordings.info, "board calibrate": recordings.calibrate, "board compare": recordings.compare,

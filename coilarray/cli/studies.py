@@ -115,7 +115,7 @@ def sweep(
             makeable = makeable & read
         shown = result.where(makeable) if bool(makeable.any()) else result  # what cannot be made has no extremes
         rows = [
-            _extremes(shown, one.key, one.quantity.unit)
+            extremes(shown, one.key, one.quantity.unit)
             for one in plan.requests
             if one.key not in (RULES, UNREAD) or one.key in asked
         ]
@@ -163,7 +163,7 @@ def _records(result: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
-def _extremes(result: xr.Dataset, key: str, unit: str) -> list[str]:
+def extremes(result: xr.Dataset, key: str, unit: str) -> list[str]:
     """Smallest and largest value of a quantity with their places."""
     values = result[key]
     if bool(values.isnull().all()):

@@ -20,6 +20,7 @@ from scipy.interpolate import PchipInterpolator
 
 from coilarray.compute.display_units import MM, true_minus
 from coilarray.geometry.array import Array
+from coilarray.studies.link import columns
 from coilarray.viz import palette
 from coilarray.viz.plots import style
 from coilarray.viz.plots.board import plot_board
@@ -31,6 +32,7 @@ MOST_PANELS = 24
 _MARKS = ("fab_broken", "converter_unread")
 _RESONANCES = ("frequency_MHz[", "self_resonance_MHz[")
 _PANEL, _COLUMNS, _LEGEND = (4.2, 3.0), 3, 2.0  # inches, number, inches
+_MOST_PAIRS = 6  # pairs of coils that a link shows
 _MOST_TICKS = 8  # largest number of values of an entry that a map writes at its cells
 _MOST_INSIDE = 4  # largest number of pairs of coils whose legend has room beside their curves
 _TEXT, _LONGEST = 14, 24  # characters in one line, of a text beside a tick and of the name of an axis
@@ -192,6 +194,22 @@ def sweep_figure(result: xr.Dataset) -> Figure:
         marks.append(f"{'◇' if mapped else '- -'}  the design as it is")
     figure.supxlabel("    ".join(marks), fontsize="small")
     return figure
+
+
+@style.styled
+def link_figure(result: xr.Dataset) -> Figure:
+    """Draw the coupling and the efficiency of a link over its poses.
+
+    One panel for k of the pairs and each efficiency over one axis, or maps over two. `result` is
+    the result of `coilarray.studies.link.link`. Of many pairs those with the largest |k| are drawn.
+    """
+    flat = columns(result)
+    pairs = sorted(_names(flat, "k["), key=lambda name: -float(abs(flat[name]).max()))[:_MOST_PAIRS]
+    shown = {name.partition("[")[2] for name in pairs}
+    efficiencies = _names(flat, "efficiency[") or [
+        name for name in _names(flat, "best_efficiency[") if name.partition("[")[2] in shown
+    ]
+    return sweep_figure(flat[[*pairs, *efficiencies]])
 
 
 def _panels(sweep: xr.Dataset, entries: Sequence[str], *, dotted: bool, lines: bool) -> list[Callable[..., object]]:

@@ -1,0 +1,159 @@
+"""The command ``coilarray link``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from coilarray import viz
+from coilarray.cli import shared
+from coilarray.cli.studies import extremes
+from coilarray.compute.display_units import DisplayUnit, display_unit
+from coilarray.compute.store import open_store
+from coilarray.compute.table import Column, Table, text_table
+from coilarray.errors import GoalError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_MOST_ROWS, _MOST_PAIRS = 40, 4  # poses, and pairs of coils, whose numbers are printed one by one
+_MOST_VALUES = 10_000  # of an axis
+_K = DisplayUnit("", 1.0, 4)  # as M is known to 1e-4 of L
+
+
+def _values(option: str, text: str) -> list[float]:
+    """Read a number, A,B,… or START:STOP:STEP."""
+    parts = text.split(":")
+    try:
+        numbers = [float(part) for part in (parts if len(parts) == 3 else text.split(","))]
+    except ValueError:
+        numbers = []
+    if len(parts) == 3 and numbers and all(map(math.isfinite, numbers)):
+        start, stop, step = numbers
+        steps = (stop - start) / step if step else -1.0
+        numbers = [start + k * step for k in range(math.floor(steps + 1e-9) + 1)] if 0 <= steps < _MOST_VALUES else []
+    if not numbers or len(set(numbers)) < len(numbers) or not all(math.isfinite(number) for number in numbers):
+        raise GoalError(
+            f"{option} must be different finite numbers, such as 5 or 1,2,5 or START:STOP:STEP with a step towards "
+            f"STOP and at most {_MOST_VALUES} values; got {text!r}."
+        )
+    return [float(f"{number:.12g}") for number in numbers]
+
+
+def link(
+    design: shared.DesignArgument = None,
+    move: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Board that moves; may be repeated: the others then keep their places relative to the first."
+        ),
+    ] = None,
+    x_mm: Annotated[
+        str | None,
+        typer.Option("--x-mm", help="Places along x: START:STOP:STEP, A,B,… or one; the board's own by default."),
+    ] = None,
+    y_mm: Annotated[str | None, typer.Option("--y-mm", help="Places along y, in the same form.")] = None,
+    z_mm: Annotated[str | None, typer.Option("--z-mm", help="Heights, in the same form.")] = None,
+    turn_deg: Annotated[
+        str | None,
+        typer.Option("--turn-deg", help="Angles about x, y and z: three values or ranges, such as 0,0:90:5,180."),
+    ] = None,
+    frequency_mhz: Annotated[
+        float | None,
+        typer.Option("--frequency-MHz", help="Frequency of the link; that of the design's ports by default."),
+    ] = None,
+    cache: shared.Cache = None,
+    out: shared.NumbersFile = None,
+    plot: Annotated[Path | None, shared.plot_option("k and efficiency over the poses")] = None,
+    force: shared.Force = False,
+    as_json: shared.AsJson = False,
+) -> None:
+    """Compute coupling and efficiency while boards move.
+
+    The board takes all combinations of the given places and angles, from its place in the design.
+    For each pose there are M and k of all pairs of coils that move against each other. With a
+    frequency there are also the voltage per ampere and the largest efficiency that each pair
+    allows, with ports of the design their efficiency and the splitting of their resonances. Results
+    are kept, so that the same command resumes an interrupted one. Boards that cut through each
+    other at a pose are refused.
+
+    Example: coilarray link reader.toml --move tag --z-mm 2:20:2 --plot k.png
+
+    Example: coilarray link reader.toml --move tag --x-mm -20:20:1 --y-mm -20:20:1 --out map.nc
+    """
+    import numpy as np
+
+    from coilarray.design.model import load_design
+    from coilarray.studies import link as study
+
+    given = {"x": x_mm, "y": y_mm, "z": z_mm}
+    chosen = {name: _values(f"--{name}-mm", text) for name, text in given.items() if text is not None}
+    if turn_deg is not None:
+        angles = turn_deg.split(",")
+        if len(angles) != 3:
+            raise GoalError(f"--turn-deg must be three values or ranges START:STOP:STEP; got {turn_deg!r}.")
+        chosen |= {axis: _values("--turn-deg", text) for axis, text in zip(study.AXES[3:], angles, strict=True)}
+    if not move or not chosen:
+        raise GoalError("a link needs --move BOARD and places or angles, such as --move receiver --z-mm 1:20:1.")
+    for path in (out, plot):
+        if path is not None:
+            shared.require_new(path, force=force)
+    opened = load_design(design)
+    own = study.pose_of(opened, move[0])
+    axes: dict[str, Any] = dict(zip(study.AXES, (*own.shift.tolist(), *own.turn), strict=True))
+    for name, values in chosen.items():
+        axes[name] = np.radians(values) if "turn" in name else np.array(values) * 1e-3
+    poses = study.together(opened, move, study.pose_grid(**axes))
+    count = poses[move[0]].size
+    kept = open_store(cache)
+    with (
+        shared.resumable(lambda done: f"{done} of {count} poses are kept in {kept.folder}") as counting,
+        shared.progress_bar(f"{count} poses") as show,
+    ):
+        frequency = None if frequency_mhz is None else frequency_mhz * 1e6
+        found = study.link(opened, poses, frequency=frequency, keep=kept.folder, progress=counting(show))
+    flat = study.columns(found)
+    if out is not None and out.suffix.lower() == ".csv":
+        shared.write_numbers(out, flat, lambda: flat.to_dataframe().to_csv(lineterminator="\n"))
+    else:
+        shared.write_numbers(out, found, str)
+    shared.draw(plot, lambda: viz.link_figure(found))
+    data = {"file": out and str(out), **shared.design_record(opened), "moved": move, "poses": _records(flat)}
+    lines = [] if "best_efficiency" in found else [
+        "no frequency: only M and k; --frequency-MHz, or ports in the design, add voltage and efficiency"
+    ]  # fmt: skip
+    if not as_json and count > _MOST_ROWS:
+        lines.append(f"{count} poses: smallest and largest values are shown")
+    shared.print_result(data, as_json=as_json, tables=[] if as_json else [_table(flat)], lines=lines, files=[out, plot])
+
+
+def _records(flat: xr.Dataset) -> list[dict[str, float | None]]:
+    """Return every pose with its numbers."""
+    rows = flat.to_dataframe().reset_index().to_dict("records")
+    return [{str(key): None if math.isnan(value) else value for key, value in row.items()} for row in rows]
+
+
+def _table(flat: xr.Dataset) -> Table:
+    """Table of all poses, or of the extremes of many."""
+    names = [str(name) for name in flat.data_vars if not str(name).startswith("M_uH")]
+    pairs = [name for name in names if name.startswith("k[")]
+    strongest = sorted(pairs, key=lambda name: -float(abs(flat[name]).max()))[:_MOST_PAIRS]
+    shown = {name.partition("[")[2] for name in strongest}
+    names = [name for name in names if name.partition("[")[2] in shown or not name.partition("[")[2]] + [
+        name for name in names if name.startswith(("efficiency[", "available_"))
+    ]
+    names = list(dict.fromkeys(names))
+    count = math.prod(flat.sizes.values())
+    if count > _MOST_ROWS:
+        rows = [extremes(flat, name, str(flat[name].attrs.get("units", ""))) for name in names]
+        return text_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
+    frame = flat[names].to_dataframe().reset_index()
+    columns = []
+    for name in map(str, frame.columns):
+        shown_as = _K if name.startswith("k[") or "efficiency" in name else display_unit("1")
+        columns.append(Column(name, name, "1", shown_as))
+    rows = [tuple("" if math.isnan(value) else float(value) for value in row) for row in frame.itertuples(index=False)]
+    return Table("link", "", tuple(columns), tuple(rows))
