@@ -120,7 +120,7 @@ def link(
         shared.write_numbers(out, flat, lambda: flat.to_dataframe().to_csv(lineterminator="\n"))
     else:
         shared.write_numbers(out, found, str)
-    shared.draw(plot, lambda: viz.link_figure(found))
+    shared.draw(plot, lambda: viz.link_figure(flat))
     data = {"file": out and str(out), **shared.design_record(opened), "moved": move, "poses": _records(flat)}
     lines = [] if "best_efficiency" in found else [
         "no frequency: only M and k; --frequency-MHz, or ports in the design, add voltage and efficiency"

@@ -20,7 +20,6 @@ from scipy.interpolate import PchipInterpolator
 
 from coilarray.compute.display_units import MM, true_minus
 from coilarray.geometry.array import Array
-from coilarray.studies.link import columns
 from coilarray.viz import palette
 from coilarray.viz.plots import style
 from coilarray.viz.plots.board import plot_board
@@ -201,15 +200,15 @@ def link_figure(result: xr.Dataset) -> Figure:
     """Draw the coupling and the efficiency of a link over its poses.
 
     One panel for k of the pairs and each efficiency over one axis, or maps over two. `result` is
-    the result of `coilarray.studies.link.link`. Of many pairs those with the largest |k| are drawn.
+    the result of `coilarray.studies.link.columns`. Of many pairs those with the largest |k| are
+    drawn.
     """
-    flat = columns(result)
-    pairs = sorted(_names(flat, "k["), key=lambda name: -float(abs(flat[name]).max()))[:_MOST_PAIRS]
+    pairs = sorted(_names(result, "k["), key=lambda name: -float(abs(result[name]).max()))[:_MOST_PAIRS]
     shown = {name.partition("[")[2] for name in pairs}
-    efficiencies = _names(flat, "efficiency[") or [
-        name for name in _names(flat, "best_efficiency[") if name.partition("[")[2] in shown
+    efficiencies = _names(result, "efficiency[") or [
+        name for name in _names(result, "best_efficiency[") if name.partition("[")[2] in shown
     ]
-    return sweep_figure(flat[[*pairs, *efficiencies]])
+    return sweep_figure(result[[*pairs, *efficiencies]])
 
 
 def _panels(sweep: xr.Dataset, entries: Sequence[str], *, dotted: bool, lines: bool) -> list[Callable[..., object]]:
