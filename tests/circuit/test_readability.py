@@ -310,7 +310,7 @@ def test_drawn_boards_that_no_converter_reads_are_bad():
         {"etch": Spread(board=10e-6)},
         limits=(Limit("frequency_MHz[coil1]", at_least=1.0), Limit("inductance_uH[coil1]", 1.0)),
     )
-    found = analyse(with_tank(51.2), errors, samples=8, accuracy="screen")
+    found = analyse(with_tank(51.2), errors, samples=8)
     share = float((found.value.sel(output="frequency_MHz[coil1]") <= 10.0).mean())  # of the boards
     assert 0.0 < share < 1.0
     np.testing.assert_array_equal(found.sample_yield, [share, 1.0, share])
