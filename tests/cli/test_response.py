@@ -10,7 +10,7 @@ from support.command_line import mistakes, runner, successes
 from support.contacts import IDEAL as CIRCUIT
 
 import coilarray.response.changes
-from coilarray import load_design
+from coilarray import load_design, parse_design
 from coilarray.design.bundled import read
 from coilarray.elastomer.contact import indent
 from coilarray.errors import ElastomerError
@@ -23,13 +23,21 @@ good, answer = successes("response")
 
 X = [0.0, 5e-3]
 GRID = ("--x-mm", "0,5", "--y-mm", "0", "--depth-mm", "0.3")
-SMALL = ("starter", *GRID)
+SMALL = ("linear.toml", *GRID)
 IDEAL = (*SMALL, "--ideal")  # strays of their own for every thickness and seed take seconds, and show nothing more here
+
+
+LINEAR = read("starter").replace('strain = "finite"', 'strain = "linear"')  # quick
+
+
+@pytest.fixture(autouse=True)
+def _linear(own_folder):
+    Path("linear.toml").write_text(LINEAR, encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
 def starter():
-    return load_design("starter")
+    return parse_design(LINEAR)
 
 
 def library(design, **changes):
@@ -50,7 +58,7 @@ def ideal(starter):
 
 def written():
     """Names of what is in the folder but for the store of computed results."""
-    return sorted(path.name for path in Path().iterdir() if path.name != "cache")
+    return sorted(path.name for path in Path().iterdir() if path.name not in ("cache", "linear.toml"))
 
 
 def delta_of(path):
@@ -147,8 +155,7 @@ seat_stiffness_kPa_per_mm = 4.3
 seat_lifts = true
 sample_x_mm = [-15, 15]
 sample_y_mm = [-15, 15]"""
-    text = read("starter").replace('strain = "finite"', 'strain = "linear"', 1).replace('base = "bonded"', seat, 1)
-    Path("light.toml").write_text(text, encoding="utf-8")
+    Path("light.toml").write_text(LINEAR.replace('base = "bonded"', seat, 1), encoding="utf-8")
     one = ("--x-mm", "4", "--y-mm", "0", "--depth-mm", "0.3", "--ideal", "--out", "r.nc")
     out = good(capsys, "light.toml", *one)
     assert "note: the sample rises off its seat by up to " in out
@@ -206,18 +213,11 @@ def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
         np.testing.assert_allclose(saved.delta, whole.delta, rtol=1e-9, atol=1e-15)
 
 
-def linear_file(name="linear.toml", text=""):
-    """A file of the starter under small strain, which is quick."""
-    changed = (text or read("starter")).replace('strain = "finite"', 'strain = "linear"')
-    Path(name).write_text(changed, encoding="utf-8")
-    return name
-
-
 def test_the_table_of_a_dent_is_that_of_the_library(capsys):
-    design = load_design("starter")
+    design = parse_design(LINEAR)
     setup = design.indentation
-    expected = indent(design.sheets, setup.indenter, setup.depths, base="bonded")
-    data = answer(capsys, "starter", "--dent", "--out", "dent.nc", "--plot", "dent.svg")
+    expected = indent(design.sheets, setup.indenter, setup.depths, base="bonded", strain="linear")
+    data = answer(capsys, "linear.toml", "--dent", "--out", "dent.nc", "--plot", "dent.svg")
     assert data["design_hash"] == design.digest
     assert (data["indenter"], data["base"]) == ("hemisphere", "bonded")
     rows = data["dents"]
@@ -254,8 +254,8 @@ def test_assumed_values_of_a_dent_are_named(capsys):
 
 
 def test_a_cylinder_has_force_a_metre(capsys):
-    file = linear_file(text=read("starter").replace('"hemisphere"', '"cylinder_edge"', 1))
-    out = good(capsys, file, "--dent", "--depth-mm", "0.3", "--out", "d.csv")
+    Path("edge.toml").write_text(LINEAR.replace('"hemisphere"', '"cylinder_edge"', 1), encoding="utf-8")
+    out = good(capsys, "edge.toml", "--dent", "--depth-mm", "0.3", "--out", "d.csv")
     assert "force on the indenter (N/m)" in out
     assert "half width of the contact (mm)" in out
     assert Path("d.csv").read_text(encoding="utf-8").startswith("depth_m,force_N_per_m,")

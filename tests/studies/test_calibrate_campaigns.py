@@ -47,6 +47,7 @@ TABLE = (np.array([0.5e-3, 0.75e-3, 1e-3]), np.linspace(-4e-3, 4e-3, 5), np.arra
 def small_document():
     """The two coils under a sample on a seat that is just large enough."""
     document = two_coils_document()
+    document["coils"]["hexagon"].update(turns_per_layer=30, gap_mm=0.1)  # for which the emulator's drives are
     seat = {"base": "seat", "seat_stiffness_kPa_per_mm": 5.3, "sample_x_mm": [-12, 12], "sample_y_mm": [-10, 10]}
     return {**document, "indentation": {**document["indentation"], **seat}}
 
