@@ -21,7 +21,7 @@ from coilarray.geometry.conductor import Conductor, SingleCoil
 from coilarray.geometry.pose import Pose
 from coilarray.geometry.spiral import RoundedSpiral, Spiral
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.surface import Surface
+from coilarray.geometry.surface import Surface, neighbours
 
 _OFF = 0.02  # of the mean distance of points: a point may be so far from the surface, and not so near to another
 _UPRIGHT = 1e-6  # sine of the angle between a normal and z, below which y takes the place of z
@@ -64,6 +64,8 @@ class SurfaceLattice:
         Lay the coils onto the surface instead of leaving them flat.
     names : tuple of str or None
         Names of the coils. By default coil1, coil2, …
+    levels : tuple of int or None
+        Level of every coil, from 0. None for those of `levels`.
 
     Raises
     ------
@@ -88,6 +90,7 @@ class SurfaceLattice:
     step: float | None = None
     wrapped: bool = False
     names: tuple[str, ...] | None = None
+    levels: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         points = _numbers("points", self.points)
@@ -111,8 +114,10 @@ class SurfaceLattice:
             for size in sizes.tolist():
                 require_positive("sizes", size, " mm")
             object.__setattr__(self, "sizes", sizes)
-        if self.names is not None and len(self.names) != len(points):
-            raise GeometryError(f"names must be {len(points)}, one a point; got {len(self.names)}.")
+        for key in ("names", "levels"):
+            given = getattr(self, key)
+            if given is not None and len(given) != len(points):
+                raise GeometryError(f"{key} must be {len(points)}, one a point; got {len(given)}.")
         if self.step is not None:
             require_positive("step of levels", self.step, " mm")
         require_finite("rotation", self.rotation)
@@ -147,20 +152,44 @@ class SurfaceLattice:
             A size that the shape cannot have, unknown layers, or flat coils that cut through each
             other.
         """
+        found = self._placed(coil, stackup, board_margin, through_holes)
+        if not self.wrapped:
+            _refuse_cuts([array.conductors()[0].posed(pose) for array, pose in found])
+        return found
+
+    def conductors(self, coil: SingleCoil, stackup: Stackup) -> tuple[Conductor, ...]:
+        """Return the current paths in space, also of coils that cut through each other.
+
+        Parameters
+        ----------
+        coil : Coil, Spiral or RoundedSpiral
+            Shape of the coils.
+        stackup : Stackup
+            Layers of each board.
+
+        Returns
+        -------
+        tuple of Conductor
+            The path of every coil in m.
+        """
+        return tuple(array.conductors()[0].posed(pose) for array, pose in self._placed(coil, stackup))
+
+    def _placed(
+        self, coil: SingleCoil, stackup: Stackup, board_margin: float = 2e-3, through_holes: bool = True
+    ) -> tuple[tuple[Array, Pose], ...]:
+        """Boards and poses, as in `boards`, without its check."""
         shape = coil.coil()
-        sized = {size: resized(shape, size) for size in set(self._sizes(shape))}
-        coils = [sized[size] for size in self._sizes(shape)]
+        sizes = [size_of(shape)] * len(self.points) if self.sizes is None else self.sizes.tolist()
+        sized = {size: resized(shape, size) for size in set(sizes)}
+        coils = [sized[size] for size in sizes]
         names = self.names or tuple(f"coil{k + 1}" for k in range(len(coils)))
-        arrays = [
-            Array(stackup, (Placement(name, one, self.layers, 0.0, 0.0, self.rotation),), board_margin, through_holes)
-            for name, one in zip(names, coils, strict=True)
-        ]
         poses = self.poses(coils, stackup)
-        if self.wrapped:
-            arrays = [replace(array, form=Wrap(self.surface, pose)) for array, pose in zip(arrays, poses, strict=True)]
-        else:
-            _refuse_cuts([array.conductors()[0].posed(pose) for array, pose in zip(arrays, poses, strict=True)])
-        return tuple(zip(arrays, poses, strict=True))
+        found = []
+        for name, one, pose in zip(names, coils, poses, strict=True):
+            place = Placement(name, one, self.layers, 0.0, 0.0, self.rotation)
+            form = Wrap(self.surface, pose) if self.wrapped else None
+            found.append((Array(stackup, (place,), board_margin, through_holes, form=form), pose))
+        return tuple(found)
 
     def poses(self, coils: Sequence[Coil], stackup: Stackup) -> tuple[Pose, ...]:
         """Return the pose of every coil's board.
@@ -180,7 +209,8 @@ class SurfaceLattice:
         places, normals = self.on_surface
         radii = np.array([np.hypot(*coil.outline.T).max() for coil in coils])
         step = 2 * stackup.thickness if self.step is None else self.step
-        heights = stackup.thickness + step * np.array(levels(places, radii))
+        found_levels = levels(places, radii) if self.levels is None else self.levels
+        heights = stackup.thickness + step * np.array(found_levels)
         found = []
         for place, normal, height in zip(places, normals, heights, strict=True):
             up = np.array([0.0, 0.0, 1.0] if math.hypot(normal[0], normal[1]) > _UPRIGHT else [0.0, 1.0, 0.0])
@@ -188,10 +218,6 @@ class SurfaceLattice:
             y /= np.linalg.norm(y)
             found.append(Pose.of(np.column_stack((np.cross(y, normal), y, normal)), place + height * normal))
         return tuple(found)
-
-    def _sizes(self, shape: Coil) -> list[float]:
-        """Width of every coil in m."""
-        return [_size(shape)] * len(self.points) if self.sizes is None else self.sizes.tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,6 +366,30 @@ class Wrap:
         return self.pose.undo(there + (self.height + flat[:, 2:] - down) * normals), normals @ self.pose.rotation
 
 
+def sizes_by_distance(surface: Surface, points: FloatArray, ratio: float) -> FloatArray:
+    """Size coils by the distance of their neighbours.
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface.
+    points : ndarray, shape (n, 3)
+        Centres of at least two coils in m.
+    ratio : float
+        Width of a coil over its mean distance to its neighbours. Flat circles decouple at 1.32.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Widths in m.
+    """
+    centres = np.asarray(points, dtype=np.float64)
+    pairs = np.array(neighbours(surface, centres)).reshape(-1, 2)
+    apart = np.tile(np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1), 2)
+    held = np.bincount(pairs.T.ravel(), minlength=len(centres))
+    return np.asarray(ratio * np.bincount(pairs.T.ravel(), apart, len(centres)) / np.maximum(held, 1))
+
+
 def levels(centres: FloatArray, radii: FloatArray) -> list[int]:
     """Give coils that overlap different levels, few in all.
 
@@ -383,7 +433,7 @@ def resized(coil: Coil, size: float) -> Coil:
     Coil
         The coil, its centre lines scaled or wound anew.
     """
-    share = size / _size(coil)
+    share = size / size_of(coil)
     if isinstance(coil.wound, Spiral):
         return replace(coil.wound, diameter=size).coil()
     if isinstance(coil.wound, RoundedSpiral):
@@ -392,8 +442,8 @@ def resized(coil: Coil, size: float) -> Coil:
     return replace(coil, lines=tuple(share * line for line in coil.lines), outline=share * coil.outline)
 
 
-def _size(coil: Coil) -> float:
-    """Width of a coil in m."""
+def size_of(coil: Coil) -> float:
+    """Width of a `coil` in m, as in `resized`."""
     if isinstance(coil.wound, Spiral):
         return coil.wound.diameter
     if isinstance(coil.wound, RoundedSpiral):

@@ -412,8 +412,8 @@ class FreeArray(Table):
         """Return the array in SI, of existing coils and layers."""
         placements = []
         for index, place in enumerate(self.placements):
-            _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
-            coil = _coil(coils, place.coil, f"array.placements.{index}.coil")
+            require_layers(stackup, place.layers, f"array.placements.{index}.layers")
+            coil = coil_named(coils, place.coil, f"array.placements.{index}.coil")
             placements.append(Placement(coil=coil, **place.in_si(without=("coil",))))
         return Array(stackup, tuple(placements), **board.of_array)
 
@@ -465,8 +465,8 @@ class LatticeArray(Table):
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> Array:
         """Return the array in SI, of existing coils and layers."""
-        coil = _coil(coils, self.coil, "array.coil")
-        _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
+        coil = coil_named(coils, self.coil, "array.coil")
+        require_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
         given = {key: value for key, value in self.in_si(without=("coil",)).items() if value is not None}
         return lattice_array(stackup, coil, Lattice(**given), **board.of_array)
 
@@ -586,9 +586,14 @@ class BoardTable(Table):
         """Values in SI of the flat array."""
         return self.in_si("margin_mm", "through_holes")
 
+    @property
+    def is_bent(self) -> bool:
+        """Whether the table bends the board."""
+        return self.bend_radius_mm is not None or bool(self.bends)
+
     def bent(self, array: Array) -> Array:
         """Return a flat array as the table bends it."""
-        if self.bend_radius_mm is None and not self.bends:
+        if not self.is_bent:
             return array
         thickness = array.stackup.thickness
         neutral = -thickness / 2 if self.bend_neutral_mm is None else self.bend_neutral_mm * MM
@@ -648,14 +653,16 @@ def _neutral_radius(bend: Bend, thickness: float, entry: float) -> float:
     return bend.neutral_radius(entry * MM, thickness)
 
 
-def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:
+def require_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:
+    """Refuse a copper layer that a board does not have."""
     for layer in layers:
         if layer not in stackup.names:
             known = listed(stackup.names)
             raise DesignError(f"{key} names no copper layer; stackup.layers has {known}; got {shown(layer)}.")
 
 
-def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:
+def coil_named(coils: Mapping[str, Coil], name: str, key: str) -> Coil:
+    """Return the shape of a name, which a key gives."""
     if name not in coils:
         raise DesignError(f"{key} names no coil shape; [coils] has {', '.join(coils) or 'none'}; got {name!r}.")
     return coils[name]

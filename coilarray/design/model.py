@@ -28,6 +28,7 @@ from coilarray.design.fabs import load_profile
 from coilarray.design.ports import Port, check_ports
 from coilarray.design.readout import Readout
 from coilarray.design.scan_states import PartName, Passive, ScanState, Switches, check_state, terminated_state
+from coilarray.design.surface_tables import SurfaceArray
 from coilarray.design.tables import Document, passive_of, switch_entries
 from coilarray.errors import DesignError, GeometryError, NetworkError, UnusualValueWarning, require_finite
 from coilarray.fabrication.drawings import array_picture
@@ -827,12 +828,20 @@ def _build(parsed: Document) -> Design:
             coils[name] = table.build(name)
     with _named("stackup"):
         stackup = Stackup(**parsed.stackup.in_si())
+    loops: tuple[tuple[Array, Pose], ...] = ()
     with _named("array"):
-        array = parsed.array.build(stackup, coils, parsed.board)
+        if isinstance(parsed.array, SurfaceArray):
+            for table, there in (("connector", parsed.connector), ("board.bend", parsed.board.is_bent or None)):
+                if there is not None:
+                    raise DesignError(f'{table} needs one flat board; lattice = "surface" has a board for each coil.')
+            loops = parsed.array.build(stackup, coils, parsed.board)
+            array = loops[0][0]
+        else:
+            array = parsed.array.build(stackup, coils, parsed.board)
     if parsed.connector is not None:
         with _named("connector"):
             array = route_leads(array, Connector(**parsed.connector.in_si()))
-    array = parsed.board.bent(array)
+    array = array if loops else parsed.board.bent(array)
     sheets = tuple(Sheet(**sheet.in_si()) for sheet in parsed.elastomer)
     indenter, pressed = parsed.indenter, parsed.indentation
     if (indenter is None) != (pressed is None):
@@ -855,7 +864,7 @@ def _build(parsed: Document) -> Design:
     circuit = parsed.circuit
     default = passive_of(circuit.default_termination)
     terminations = {coil: passive_of(how) for coil, how in circuit.terminations.items()}
-    boards = []
+    boards = [Board(loop, pose, "") for loop, pose in loops[1:]]
     for k, placed in enumerate(parsed.boards):
         if isinstance(placed.design, str):
             boards.append(Board(load_design(placed.design), placed.pose, placed.name, placed.design))
@@ -865,6 +874,7 @@ def _build(parsed: Document) -> Design:
     every = {name: terminations.get(name, default) for name in names}
     return Design(
         boards=tuple(boards),
+        pose=loops[0][1] if loops else Pose(),
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,

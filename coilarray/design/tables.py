@@ -26,6 +26,7 @@ from coilarray.design.keys import Degrees, Name, Position, Relative, Table
 from coilarray.design.ports import Port
 from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, SMALLEST_RCOUNT, Converter
 from coilarray.design.scan_states import PARTS, PartName, Passive, ScanState, Switches, terminated_state
+from coilarray.design.surface_tables import SurfaceArray
 from coilarray.geometry import Pose
 
 if TYPE_CHECKING:
@@ -308,7 +309,7 @@ class Document(Table):
     """Where the design comes from."""
     stackup: StackupTable
     coils: dict[Name, Annotated[AnyCoil, Field(discriminator="shape")]]
-    array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
+    array: Annotated[LatticeArray | FreeArray | SurfaceArray, Field(discriminator="lattice")]
     connector: ConnectorTable | None = None
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
