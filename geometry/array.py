@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import shapely
@@ -21,6 +21,9 @@ from coilarray.geometry.coil import Coil
 from coilarray.geometry.conductor import CHORD, Conductor, Form, SeveralCoils, SingleCoil
 from coilarray.geometry.spiral import RoundedSpiral
 from coilarray.geometry.stackup import Stackup
+
+if TYPE_CHECKING:
+    from coilarray.geometry.surface_array import OnSurface
 
 _SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
 _MOST_NAMES = 12  # of coils, in a row of a table
@@ -251,9 +254,9 @@ class Array(SeveralCoils):
     through_holes : bool
         True: every hole is drilled through the whole board. False: it spans only the layers it
         joins.
-    lattice, routing : Lattice, Routing or None
-        How `lattice_array` or `coilarray.geometry.connector.route_leads` made the placements: hints for
-        design files, without effect if the placements were changed since.
+    lattice, routing : Lattice or OnSurface, Routing, or None
+        How `lattice_array`, `SurfaceLattice.boards` or `coilarray.geometry.connector.route_leads` made
+        the placements: hints for design files, without effect if the placements were changed since.
     form : Form or None
         Shape of the board in space, such as a `Bend`, which `conductors` and solids follow. The
         placements, the bounds, and all that is fabricated and checked stay flat. None for a flat
@@ -270,7 +273,7 @@ class Array(SeveralCoils):
     placements: tuple[Placement, ...]
     board_margin: float = 2e-3
     through_holes: bool = True
-    lattice: Lattice | None = None
+    lattice: Lattice | OnSurface | None = None
     routing: Routing | None = None
     form: Form | None = None
 

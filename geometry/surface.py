@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import math
 from collections.abc import Sequence
@@ -31,9 +32,10 @@ Mirror = Literal["x", "y"]
 
 _FROM, _TO = 1e-3, 10.0  # m: sizes of a surface whose unit is right
 _MOST_FACES = 500_000
-_SECTIONS, _RINGS = 96, 24  # of a dome: chords lie 5e-4 of its radius below it
+_SECTIONS, _RINGS = 72, 18  # of a dome: chords lie 1e-3 of its radius below it
 _A_COIL, _SAMPLES = 400, 40_000  # samples of the surface for each coil, and at most
-_AT_ONCE = 4_000_000  # distances
+_POINTS_AT_ONCE = 1000
+_PICOMETRE_DIGITS = 12  # of a place in m
 _STEPS, _FURTHER, _STILL = 300, 1.6, 3e-4  # of the relaxation: over-relaxed, until steps of the mean distance
 _EQUAL = 1e-6  # of a distance: the first of such samples is taken, so that rounding makes no other choice
 _BORDER = 0.02  # of a coil's samples on its border with a neighbour, at least
@@ -54,6 +56,9 @@ class Surface:
         Corners of the triangles in m.
     faces : ndarray, shape (m, 3)
         Numbers of the corners of every triangle.
+    dome_sizes : tuple of float or None
+        Radii and skirt in m from which `dome` made the surface: a hint for design files, as
+        `file`, from which `read` has it, and its `unit` in m.
 
     Raises
     ------
@@ -71,6 +76,9 @@ class Surface:
 
     vertices: FloatArray
     faces: IntArray
+    dome_sizes: tuple[float, ...] | None = None
+    file: str | None = None
+    unit: float = 1e-3
 
     def __post_init__(self) -> None:
         import trimesh  # slow to import
@@ -142,7 +150,7 @@ class Surface:
             raise GeometryError(f"{shown(path.name)} is not a mesh that can be read.") from None
         if not len(faces):
             raise GeometryError(f"{shown(path.name)} has no triangles.")
-        return cls(unit * vertices, faces)
+        return cls(unit * vertices, faces, file=str(path), unit=unit)
 
     @classmethod
     def dome(cls, radii: Sequence[float], skirt: float = 0.0) -> Surface:
@@ -178,7 +186,8 @@ class Surface:
         down = np.linspace(0.0, -skirt, 1 + math.ceil(skirt / (max(radii) * math.pi / 2 / _RINGS)))[1:]
         profile = np.vstack((profile, np.column_stack((np.ones(len(down)), down))))
         mesh = trimesh.creation.revolve(profile[::-1], sections=_SECTIONS)
-        return cls(np.array(mesh.vertices) * (radii[0], radii[1], 1.0), np.array(mesh.faces))
+        sizes = (*map(float, radii), float(skirt))
+        return cls(np.array(mesh.vertices) * (radii[0], radii[1], 1.0), np.array(mesh.faces), sizes)
 
     @cached_property
     def area(self) -> float:
@@ -216,19 +225,19 @@ class Surface:
         given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         corners, middles, radii = self._triangles
         places, face = np.empty_like(given), np.empty(len(given), dtype=np.int64)
-        square = (middles**2).sum(axis=1)
-        for start, stop in ranges(len(given), max(1, _AT_ONCE // len(middles))):
+        for start, stop in ranges(len(given), _POINTS_AT_ONCE):
             some = given[start:stop]
-            apart = np.sqrt(np.maximum((some**2).sum(axis=1)[:, None] + square - 2 * some @ middles.T, 0.0))
-            furthest = (apart + radii).min(axis=1, keepdims=True)
-            one, other = np.nonzero(apart <= furthest + radii)
+            apart, first = self._tree.query(some)
+            within = self._tree.query_ball_point(some, apart + radii[first] + radii.max())
+            one = np.repeat(np.arange(len(some)), [len(faces) for faces in within])
+            other = np.concatenate([np.asarray(faces, dtype=np.int64) for faces in within])
             size, middle = radii[other, None], middles[other]
             unit = (corners[other] - middle[:, None]) / size[:, None]
             near = size * trimesh.triangles.closest_point(unit, (some[one] - middle) / size) + middle
             away = np.linalg.norm(near - some[one], axis=1)
             order = np.lexsort((away, one))
-            first = order[np.unique(one[order], return_index=True)[1]]
-            places[start:stop], face[start:stop] = near[first], other[first]
+            best = order[np.unique(one[order], return_index=True)[1]]
+            places[start:stop], face[start:stop] = near[best], other[best]
         unit = (corners[face] - middles[face, None]) / radii[face, None, None]
         weights = trimesh.triangles.points_to_barycentric(unit, (places - middles[face]) / radii[face, None])
         normals = (weights[:, :, None] * self.normals[self.faces[face]]).sum(axis=1)
@@ -245,6 +254,17 @@ class Surface:
         weight = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
         middle = (np.arange(count) + 0.5) / count * weight[-1]
         return np.asarray(corners[np.searchsorted(weight, middle)].mean(axis=1))
+
+    @cached_property
+    def digest(self) -> str:
+        """Hexadecimal SHA-256 of the triangles, their corners to 1 pm."""
+        corners = np.round(self.vertices, _PICOMETRE_DIGITS) + 0.0
+        return hashlib.sha256(corners.tobytes() + self.faces.tobytes()).hexdigest()
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        """Middles of the triangles for searches."""
+        return cKDTree(self._triangles[1])
 
     @cached_property
     def _triangles(self) -> tuple[FloatArray, FloatArray, FloatArray]:

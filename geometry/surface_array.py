@@ -23,7 +23,7 @@ from coilarray.geometry.spiral import RoundedSpiral, Spiral
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.surface import Surface, neighbours
 
-_OFF = 0.02  # of the mean distance of points: a point may be so far from the surface, and not so near to another
+_OFF, _SAME = 0.02, 1e-6  # of the mean distance of points: how far one may be from the surface, and two at one place
 _UPRIGHT = 1e-6  # sine of the angle between a normal and z, below which y takes the place of z
 _CHORD = 0.05  # of a wrapped path's extent: longest piece that is laid on the surface
 _KEPT = 0.5  # of a coil's half width, at least, that a wrapped coil must keep
@@ -98,15 +98,19 @@ class SurfaceLattice:
             raise GeometryError(f"points must have shape (n >= 1, 3); got {points.shape}.")
         object.__setattr__(self, "points", points)
         places = self.on_surface[0]
-        away, mean = np.linalg.norm(places - points, axis=1), math.sqrt(self.surface.area / len(points))
+        scale = math.sqrt(self.surface.area / len(points))
+        if len(points) > 1:
+            apart = cKDTree(points).query(points, k=2)[0][:, 1]
+            if apart.min() < _SAME * scale:
+                raise GeometryError(f"points must be apart; point {int(np.argmin(apart))} is at another one's place.")
+            scale = min(scale, float(apart.mean()))
+        away = np.linalg.norm(places - points, axis=1)
         k = int(np.argmax(away))
-        if away[k] > _OFF * mean:
+        if away[k] > _OFF * scale:
             raise GeometryError(
-                f"points must lie on the surface, to {_OFF * mean * 1e3:.2g} mm; point {k} lies {away[k] * 1e3:.3g} mm "
-                "beside it."
+                f"points must lie on the surface, to {_OFF * scale * 1e3:.2g} mm; point {k} lies "
+                f"{away[k] * 1e3:.3g} mm beside it."
             )
-        if len(points) > 1 and (apart := cKDTree(places).query(places, k=2)[0][:, 1]).min() < _OFF * mean:
-            raise GeometryError(f"points must be apart; point {int(np.argmin(apart))} is at another one's place.")
         if self.sizes is not None:
             sizes = _numbers("sizes", self.sizes)
             if sizes.shape != (len(points),):
@@ -189,6 +193,7 @@ class SurfaceLattice:
             place = Placement(name, one, self.layers, 0.0, 0.0, self.rotation)
             form = Wrap(self.surface, pose) if self.wrapped else None
             found.append((Array(stackup, (place,), board_margin, through_holes, form=form), pose))
+        found[0] = replace(found[0][0], lattice=OnSurface(self, shape)), found[0][1]
         return tuple(found)
 
     def poses(self, coils: Sequence[Coil], stackup: Stackup) -> tuple[Pose, ...]:
@@ -218,6 +223,14 @@ class SurfaceLattice:
             y /= np.linalg.norm(y)
             found.append(Pose.of(np.column_stack((np.cross(y, normal), y, normal)), place + height * normal))
         return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class OnSurface:
+    """Lattice, and shape of the coils before they were resized, of the first of a surface's boards."""
+
+    lattice: SurfaceLattice
+    coil: Coil
 
 
 @dataclass(frozen=True, eq=False)

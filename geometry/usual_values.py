@@ -18,7 +18,8 @@ _COIL, _TRACE, _PAD = (0.05, 1000), (0.001, 30), (0.002, 30)
 _COPPER, _BODY, _LIMIT, _CAPACITANCE = (1, 500), (0.05, 2000), (0.001, 20), (0.05, 5e6)
 USUAL: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(
-        ("outer_across_flats_mm", "outer_across_corners_mm", "outer_diameter_mm", "outer_width_mm", "outer_height_mm"),
+        ("outer_across_flats_mm", "outer_across_corners_mm", "outer_diameter_mm", "outer_width_mm", "outer_height_mm",
+         "sizes_mm"),
         _COIL,
     ),
     "corner_radius_mm": (0.005, 500),
@@ -34,6 +35,9 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "thickness_mm": (0.005, 200),
     **dict.fromkeys(("radius_mm", "sample_radius_mm", "edge_radius_mm"), (0.01, 500)),
     **dict.fromkeys(("bend_radius_mm", "bend_far_radius_mm"), (0.1, 5000)),
+    **dict.fromkeys(("radii_mm", "skirt_mm"), (0.5, 5000)),
+    "unit_mm": (0.0005, 5000),
+    "level_step_mm": (0.005, 50),
     "depths_mm": (0.002, 50),
     "step_mm": (0.005, 500),
     **dict.fromkeys(

@@ -487,14 +487,14 @@ def array_entries(
 ) -> dict[str, Any]:
     """Return the table of an array, a lattice only if it still gives the placements."""
     coil = array.placements[0].coil
-    points = () if array.lattice is None else array.lattice.placements(coil)
+    points = array.lattice.placements(coil) if isinstance(array.lattice, Lattice) else ()
     on_lattice = len(points) == len(array.placements) and all(
         place.coil is coil
         and (place.name, place.layers) == (point.name, point.layers)
         and max(abs(place.x - point.x), abs(place.y - point.y), abs(place.rotation - point.rotation)) < _SAME_PLACE
         for point, place in zip(points, array.placements, strict=True)
     )
-    if array.lattice is not None and on_lattice:
+    if isinstance(array.lattice, Lattice) and on_lattice:
         return LatticeArray.of(array.lattice, shapes[0], names, layers)
     placements = [
         {

@@ -50,6 +50,7 @@ from coilarray.geometry import (
     RoundedSpiral,
     Sheet,
     Stackup,
+    Surface,
     Target,
     Unevenness,
 )
@@ -551,7 +552,7 @@ def _require_boards(design: Design) -> None:
             raise DesignError(f"boards must have different names; got {', '.join(filter(None, names))} (coil {name}).")
         seen.add(name)
     for one, other in combinations(design.placed, 2):
-        if not (one.name or other.name):  # loops of one surface
+        if one.name == other.name:  # loops of one surface
             continue
         place = cut_through(one.pieces, other.pieces)
         if place is not None:
@@ -972,6 +973,8 @@ def _plain(value: Any) -> Any:
             limits = [_plain(getattr(value, field.name)) for field in fields(value) if field.name != "min_bend_ratio"]
             bend = [] if value.min_bend_ratio is None else [_plain(value.min_bend_ratio)]
             return ["FabRules", *limits, *bend]
+        case Surface():
+            return value.digest
         case FinitePlate():
             shape = [value.outline, value.material, value.thickness, value.tilt, value.tilt_direction]
             return [value.name, _plain(shape), _plain(np.array(value.centre))]

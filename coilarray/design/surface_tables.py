@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from coilarray.design.board_tables import BoardTable, coil_named, require_layers
-from coilarray.design.keys import MM, Degrees, LimitMillimetres, Millimetres, Name, Position, Table
+from coilarray.design.keys import MM, Degrees, LimitMillimetres, Millimetres, Name, Position, Table, entry_of
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import Array, Coil, Pose, Stackup, Surface, SurfaceLattice, spread
 from coilarray.geometry.surface import MOST_COILS, Mirror
-from coilarray.geometry.surface_array import sizes_by_distance
+from coilarray.geometry.surface_array import OnSurface, sizes_by_distance
 
 _Place = Annotated[list[Position], Field(min_length=3, max_length=3)]
 
@@ -111,3 +111,19 @@ class SurfaceArray(Table):
         if self.size_over_distance is not None:
             sizes = sizes_by_distance(surface, points, self.size_over_distance)
         return SurfaceLattice(surface, points, sizes=sizes, **given)
+
+    @classmethod
+    def of(cls, made: OnSurface, names: Mapping[str, str], layers: Mapping[str, str]) -> dict[str, Any]:
+        """Return the entries of a lattice, with its places."""
+        lattice, surface = made.lattice, made.lattice.surface
+        table: dict[str, Any] = {"lattice": "surface", "coil": made.coil.name or "shape1", "surface": surface.file}
+        if surface.dome_sizes is not None:
+            entries = [entry_of(size, MM) for size in surface.dome_sizes]
+            table |= {"surface": "dome", "radii_mm": entries[:3], "skirt_mm": entries[3]}
+        elif surface.file is None:
+            raise DesignError("a design file cannot hold a mesh; write it to a file and read that by Surface.read.")
+        elif surface.unit != MM:
+            table["unit_mm"] = entry_of(surface.unit, MM)
+        keys = ("points_mm", "sizes_mm", "wrapped", "level_step_mm", "rotation_deg")
+        table |= cls.entries_of(lattice, *keys) | {"layers": [layers[layer] for layer in lattice.layers]}
+        return table if lattice.names is None else table | {"names": [names[name] for name in lattice.names]}

@@ -20,11 +20,13 @@ from coilarray.design.board_tables import BoardTable, ConnectorTable, StackupTab
 from coilarray.design.body_tables import IndentationTable, PlateTable, SheetTable, indenter_entries, target_entries
 from coilarray.design.fabs import FabTable
 from coilarray.design.keys import MM, entry_of, sections_of
-from coilarray.design.model import Design, DesignFile, build_design_file, design_of, relative_path, with_paths
+from coilarray.design.model import Board, Design, DesignFile, build_design_file, design_of, relative_path, with_paths
+from coilarray.design.surface_tables import SurfaceArray
 from coilarray.design.tables import SCHEMA, CircuitTable, Document, PlacedBoardTable, ReadoutTable, StateTable
 from coilarray.errors import DesignError
 from coilarray.geometry import Array, FinitePlate, Plate, Pose, Sheet
 from coilarray.geometry.conductor import CurrentPaths
+from coilarray.geometry.surface_array import OnSurface
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # A list of plain values as tomli-w writes it, one value per line.
@@ -73,6 +75,9 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     names |= {name: name for name in design.coil_names if name not in names}
     shapes = shape_names(array)
     coils = {shape: place.coil for shape, place in zip(shapes, array.placements, strict=True)}
+    made, boards = _made_on_surface(design), design.boards
+    if made is not None:
+        coils, boards = {made.coil.name or "shape1": made.coil}, boards[len(made.lattice.points) - 1 :]
     document: dict[str, Any] = {"schema": SCHEMA, "name": design_names([design.name])[design.name]}
     if design.title not in ("", design.name):
         document["title"] = design.title
@@ -83,8 +88,8 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     document |= {
         "stackup": StackupTable.entries_of(array.stackup) | {"layers": list(layers.values())},
         "coils": {shape: coil_entries(coil) for shape, coil in coils.items()},
-        "array": array_entries(array, shapes, names, layers),
-        "board": BoardTable.of(design.array),
+        "array": array_entries(array, shapes, names, layers) if made is None else SurfaceArray.of(made, names, layers),
+        "board": BoardTable.of(design.array if made is None else design.array.flat),
     }
     if design.sheets:
         document["elastomer"] = _named_tables(design.sheets, SheetTable.entries_of)
@@ -100,16 +105,31 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     if scan := design.circuit.scan:
         states = design_names(state.name for state in scan)
         document["scan"] = [StateTable.of(state, states[state.name], names) for state in scan]
-    if design.boards:
-        if any(not board.name for board in design.placed[1:]) or design.pose != Pose():
-            raise DesignError(f"{design.name} has loops on a surface, or a moved board, which a file gives otherwise.")
+    if made is None and (any(board.name == "" for board in boards) or design.pose != Pose()):
+        raise DesignError(f"{design.name} has boards without names, or a moved board, which a file cannot hold.")
+    if boards:
         document["boards"] = [
             PlacedBoardTable.of(board, name, board.file or design_document(board.design))
-            for name, board in zip(design.board_names, design.boards, strict=True)
+            for name, board in list(zip(design.board_names, design.boards, strict=True))[-len(boards) :]
         ]
     document["field"] = {"height_mm": entry_of(design.field_height, MM)}
     document["fab"] = FabTable.not_by_default(FabTable.entries_of(design.rules, without=("profile",)))
     return {key: table for key, table in document.items() if table != {}}
+
+
+def _made_on_surface(design: Design) -> OnSurface | None:
+    """Return what made the first boards of a design, if they are still as made."""
+    made = design.array.lattice
+    if not isinstance(made, OnSurface):
+        return None
+    count = len(made.lattice.points)
+    boards = (Board(design.array, design.pose, ""), *design.boards[: count - 1])
+    coils = [board.array.placements[0].coil for board in boards]
+    same = len(boards) == count and all(
+        board.name == "" and board.pose == pose
+        for board, pose in zip(boards, made.lattice.poses(coils, design.array.stackup), strict=False)
+    )
+    return made if same else None
 
 
 _Body = TypeVar("_Body", Sheet, Plate | FinitePlate)

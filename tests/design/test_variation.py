@@ -38,7 +38,7 @@ def test_a_design_is_made_again_of_its_document(name):
 def test_every_entry_set_to_what_it_is_changes_nothing(name):
     design = load_design_file(name)
     entries = [key for key in design.given if key.partition(".")[0] not in DESCRIBES]
-    assert len(entries) > 30
+    assert len(entries) > 20
     assert vary(design, {key: design.values[key] for key in entries}).digest == design.design.digest
 
 

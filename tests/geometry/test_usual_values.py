@@ -18,7 +18,8 @@ from coilarray.geometry.usual_values import USUAL, slip, unusual_values
 # places, which may lie anywhere, and lists of them
 PLACES = {
     "x_mm", "y_mm", "z_mm", "at_mm", "corners_mm", "holes_mm", "lines_mm", "outline_mm", "origin_mm", "sample_x_mm",
-    "sample_y_mm", "bend_neutral_mm", "x_positions_mm", "y_positions_mm", "ellipse_x_mm", "ellipse_y_mm",
+    "sample_y_mm", "bend_neutral_mm", "points_mm", "x_positions_mm", "y_positions_mm", "ellipse_x_mm",
+    "ellipse_y_mm",
 }  # fmt: skip
 
 

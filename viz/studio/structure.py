@@ -9,7 +9,7 @@ from typing import Any, get_args
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError
-from coilarray.geometry.array import LatticeKind
+from coilarray.geometry.array import Lattice, LatticeKind
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.work import number_of
 
@@ -37,7 +37,7 @@ def add_coil(document: Document, design: Design) -> Document:
     layers = list(dict.fromkeys(tuple(place["layers"]) for place in places))
     following = layers[(layers.index(tuple(rightmost["layers"])) + 1) % len(layers)]
     lattice = design.array.lattice
-    pitch = lattice.pitch if lattice is not None and lattice.pitch else _APART * _width(design)
+    pitch = lattice.pitch if isinstance(lattice, Lattice) and lattice.pitch else _APART * _width(design)
     x = round(rightmost["x_mm"] + pitch * 1e3, 6)
     added = {**rightmost, "name": _free_name("coil", names), "layers": list(following), "x_mm": x}
     made_up = (f"array.placements.{len(places)}.{key}" for key in ("layers", "x_mm"))

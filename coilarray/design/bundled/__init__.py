@@ -1,4 +1,4 @@
-"""The bundled design files, each a board that was published."""
+"""The bundled design files, published boards and examples."""
 
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DesignError

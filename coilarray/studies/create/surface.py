@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -60,7 +59,7 @@ def decoupled_lattice(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stacku
     pairs = np.array(neighbours(surface, lattice.points), dtype=np.intp).reshape(-1, 2).T
     if not pairs.size:
         raise DesignError(f"coils to decouple must be several; got {count}.")
-    mean = math.sqrt(surface.area / count)
+    mean = float(np.linalg.norm(lattice.points[pairs[0]] - lattice.points[pairs[1]], axis=1).mean())
     first = (
         lattice
         if lattice.sizes is not None
@@ -86,7 +85,7 @@ def decoupled_lattice(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stacku
         return np.append(M / (root[pairs[0]] * root[pairs[1]]), weights * change)
 
     def slopes(change: FloatArray, on: tuple[int, ...]) -> FloatArray:
-        """Changes of the couplings where one coil of each pair is moved or grows."""
+        """Differentiate the couplings by moves and sizes."""
         there = paths(change, on)
         root = np.sqrt(self_inductance(there))
         every = list(there)
