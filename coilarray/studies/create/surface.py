@@ -128,7 +128,7 @@ def lattice_coupling(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stackup
     Returns
     -------
     near, far : float
-        Largest coefficients |k| of neighbours, and of pairs without a common border.
+        Largest |k|, dimensionless, of neighbours and of pairs without a common border.
     """
     k = np.abs(coupling_matrix(inductance_matrix(lattice.conductors(coil, stackup), allow_overlaps=True)))
     near = np.zeros_like(k, dtype=np.bool_)
