@@ -204,7 +204,7 @@ class Bend:
         tuple of shapely.Polygon
             Strips in m that cover the board, each turned by 0.06 rad at most.
         """
-        low, high = self.edges(bounds)
+        low, high = self._edges(bounds)
         start, stop = self._ends(bounds)
         size = high - low + stop - start
         if self.apex is not None:
@@ -242,24 +242,7 @@ class Bend:
         share = 1.0
         if self.apex is not None:
             share = float(np.abs(_corners(bounds) @ self._frame[0, :2] - self.apex).min()) / abs(self.apex)
-        return min(share * abs(zone.radius) - self.inside(zone.radius, thickness) for zone in self.zones)
-
-    def inside(self, radius: float, thickness: float) -> float:
-        """Return the depth of the inner face below the neutral plane.
-
-        Parameters
-        ----------
-        radius : float
-            Radius of the neutral plane, whose sign tells which face is inside.
-        thickness : float
-            Thickness in m of the board, whose upper face is at z = 0.
-
-        Returns
-        -------
-        float
-            Distance in m of the neutral plane from the inner face.
-        """
-        return self.neutral + thickness if radius > 0 else -self.neutral
+        return min(share * abs(zone.radius) - self._inside(zone.radius, thickness) for zone in self.zones)
 
     def neutral_radius(self, inner: float, thickness: float) -> float:
         """Return the radius of the neutral plane for one of the inner face.
@@ -276,7 +259,7 @@ class Bend:
         float
             Radius in m, as of a `Zone`.
         """
-        return inner + math.copysign(self.inside(inner, thickness), inner)
+        return inner + math.copysign(self._inside(inner, thickness), inner)
 
     def between(self, near: float, far: float, bounds: Bounds, thickness: float) -> Bend:
         """Return the bend of a board around a round body, a cylinder or a cone.
@@ -312,7 +295,7 @@ class Bend:
                 f"its axis; got {near * 1e3:.4g} and {far * 1e3:.4g} mm."
             )
         cosine = math.sqrt(1 - sine**2)
-        radius = abs(near) + self.inside(near, thickness) * cosine - sine * start  # of the circle at the origin
+        radius = abs(near) + self._inside(near, thickness) * cosine - sine * start  # of the circle at the origin
         if radius <= 0:
             raise GeometryError("the apex of a cone must not lie between the board and the origin.")
         return replace(self, zones=(Zone(math.copysign(radius / cosine, near)),), apex=-radius / sine)
@@ -335,23 +318,16 @@ class Bend:
         radius, slope = self.zones[0].radius, 0.0
         if self.apex is not None:
             slope = -math.copysign(math.atan(abs(radius / self.apex)), self.apex)
-        depth = abs(radius) - self.inside(radius, thickness)
+        depth = abs(radius) - self._inside(radius, thickness)
         near, far = (depth * math.cos(slope) + math.sin(slope) * end for end in self._ends(bounds))
         return math.copysign(near, radius), math.copysign(far, radius)
 
-    def edges(self, bounds: Bounds) -> tuple[float, float]:
-        """Return the edges of a board across the axis.
+    def _inside(self, radius: float, thickness: float) -> float:
+        """Distance of the neutral plane from the inner face in m, by the sign of a radius."""
+        return self.neutral + thickness if radius > 0 else -self.neutral
 
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-
-        Returns
-        -------
-        tuple of float
-            Lowest and highest distance in m from the origin.
-        """
+    def _edges(self, bounds: Bounds) -> tuple[float, float]:
+        """Lowest and highest place of a board across the axis in m."""
         across = _corners(bounds) @ self._frame[1, :2]
         return float(across.min()), float(across.max())
 
@@ -377,7 +353,7 @@ class Bend:
             board that would meet itself.
         """
         along, across = self._frame[:2, :2] @ _corners(bounds).T
-        low, high = self.edges(bounds)
+        low, high = self._edges(bounds)
         if self.apex is not None and (np.sign(self.apex) * (self.apex - along) <= _TOUCH).any():
             raise GeometryError(
                 f"the apex of a cone must lie beyond the board, which reaches from {along.min() * 1e3:.4g} to "

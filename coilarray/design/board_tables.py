@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -622,9 +621,8 @@ class BoardTable(Table):
             raise DesignError(f"a design file cannot hold a board of the form {bend!r:.60}.")
 
         def radius(of_neutral: float) -> float:
-            inside = math.copysign(bend.inside(of_neutral, thickness), of_neutral)
-            read = partial(_neutral_radius, bend, thickness)
-            return nearest_entry((of_neutral - inside) / MM, of_neutral, read)
+            guess = 2 * of_neutral - bend.neutral_radius(of_neutral, thickness)
+            return nearest_entry(guess / MM, of_neutral, lambda entry: bend.neutral_radius(entry * MM, thickness))
 
         if bend.neutral != -thickness / 2:
             table["bend_neutral_mm"] = entry_of(bend.neutral, MM)
@@ -636,21 +634,10 @@ class BoardTable(Table):
             return {**table, "bend_radius_mm": near, "bend_far_radius_mm": far}
         if len(bend.zones) == 1 and first.width == math.inf:
             return {**table, "bend_radius_mm": radius(first.radius)}
-        low, high = bend.edges(array.bounds)
         table["bends"] = [
-            {
-                "radius_mm": radius(zone.radius),
-                "at_mm": entry_of(zone.at, MM),
-                "width_mm": entry_of(min(zone.width, 2 * max(high - zone.at, zone.at - low)), MM),
-            }
-            for zone in bend.zones
+            {"radius_mm": radius(zone.radius), **BendTable.entries_of(zone, "at_mm", "width_mm")} for zone in bend.zones
         ]
         return table
-
-
-def _neutral_radius(bend: Bend, thickness: float, entry: float) -> float:
-    """Radius in m of the neutral plane for an entry of the inner face."""
-    return bend.neutral_radius(entry * MM, thickness)
 
 
 def require_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:

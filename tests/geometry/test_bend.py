@@ -138,8 +138,9 @@ def test_only_a_current_path_is_bent():
         Bend((Zone(8e-3),)).bent(Spiral(6, 12e-3, 4, 0.3e-3, 0.3e-3))
 
 
-STRIP = Array.row(Spiral(6, 10e-3, 4, 0.3e-3, 0.3e-3), 3, pitch=11e-3)
+STRIP = Array.row(Spiral(6, 10e-3, 2, 0.3e-3, 0.3e-3), 3, pitch=11e-3)
 """A board of 34 × 15 mm and 0.27 mm with its upper face at z = 0."""
+SLOW = pytest.mark.slow
 
 
 def test_an_array_follows_its_form_and_stays_flat_where_it_is_made():
@@ -158,7 +159,7 @@ def test_an_array_follows_its_form_and_stays_flat_where_it_is_made():
 def test_the_resistance_of_a_bent_coil_is_that_of_the_flat_coil():
     flat = Array.row(Spiral(4, 10e-3, 2, 0.3e-3, 0.3e-3, layers=1), 1)
     bent = flat.bent(Bend((Zone(8e-3),)))
-    ac, expected = (resistance_matrix(board, [1e4, 30e6]).resistance for board in (bent, flat))  # both models
+    ac, expected = (resistance_matrix(board, 1e5).resistance for board in (bent, flat))
     np.testing.assert_array_equal(ac, expected)
 
 
@@ -203,12 +204,13 @@ def test_designs_refuse_what_needs_a_flat_board(more, key):
 
 
 def test_the_circuit_of_a_bent_board_names_what_it_leaves_out():
-    flat, bent = (board_circuit(Design(board)) for board in (STRIP, STRIP.bent(Bend((Zone(50e-3),), math.pi / 2))))
+    pair = Array.row(Spiral(4, 10e-3, 2, 0.3e-3, 0.3e-3, layers=1), 2, pitch=11e-3)
+    flat, bent = (board_circuit(Design(board)) for board in (pair, pair.bent(Bend((Zone(50e-3),), math.pi / 2))))
     assert [part for part in bent.network.left_out if "bend" in part]
     assert not [part for part in flat.network.left_out if "bend" in part]
     np.testing.assert_array_equal(bent.network.winding_capacitance, flat.network.winding_capacitance)
     assert 0 < abs(bent.inductance[0, 1] / flat.inductance[0, 1] - 1) < 0.3
-    assert len(couple_design(bent.design).coil) == 3
+    assert (couple_design(bent.design).z < -1e-6).all()
 
 
 def test_fasthenry_gets_the_direction_of_tilted_widths():
@@ -222,8 +224,9 @@ def test_fasthenry_gets_the_direction_of_tilted_widths():
 
 
 @pytest.mark.parametrize("bend", [
-    Bend((Zone(8e-3),), axis=math.pi / 2, neutral=-0.135e-3), Bend((Zone(-9e-3),), axis=0.3),
-    Bend((Zone(6e-3, -6e-3, 5e-3), Zone(-8e-3, 6e-3, 5e-3)), axis=1.7), Bend((Zone(12e-3),), apex=60e-3),
+    Bend((Zone(8e-3),), axis=math.pi / 2, neutral=-0.135e-3), pytest.param(Bend((Zone(-9e-3),), axis=0.3), marks=SLOW),
+    pytest.param(Bend((Zone(6e-3, -6e-3, 5e-3), Zone(-8e-3, 6e-3, 5e-3)), axis=1.7), marks=SLOW),
+    pytest.param(Bend((Zone(12e-3),), apex=60e-3), marks=SLOW),
 ])  # fmt: skip
 def test_solids_are_bent_and_stay_closed(bend):
     sheets = (Sheet("base", 1e-3),)
@@ -240,6 +243,7 @@ def test_solids_are_bent_and_stay_closed(bend):
             assert solid.volume == pytest.approx(flat[name].volume * grown, rel=1.2e-3)
 
 
+@pytest.mark.slow
 def test_files_of_solids_are_bent(tmp_path):
     bent = Design(STRIP.bent(Bend((Zone(8e-3),), axis=math.pi / 2)))
     export(bent, tmp_path / "board.stl")
@@ -257,6 +261,7 @@ def test_files_of_solids_are_bent(tmp_path):
     assert not (tmp_path / "board.step").exists()
 
 
+@pytest.mark.slow
 def test_a_scene_shows_the_bent_board_and_names_its_coils_there():
     bend = Bend((Zone(8e-3),), axis=math.pi / 2)
     bent = STRIP.bent(bend)
