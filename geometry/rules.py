@@ -255,10 +255,17 @@ def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple
             if progress is not None:
                 progress(next(done), total)
 
+    return worst_first(margins)
+
+
+def worst_first(margins: Iterable[Margin]) -> tuple[Margin, ...]:
+    """Sort margins, the broken ones first and those of the bare board last.
+
+    A copper thickness as ordered has no margin at all and would hide the margins of the traces.
+    Margins that are equal but for rounding stand in the order of their layers and nets.
+    """
+
     def rank(margin: Margin) -> tuple[int, bool, float, str, str]:
-        # the bare board last: a copper thickness as ordered has no margin at all and would hide
-        # those of the traces. Margins that are equal but for rounding stand in the order of their
-        # layers and nets
         place = 0 if not margin.kept else 2 if margin.feature == "board" else 1
         value = round(margin.margin, 12)
         return place, (margin.unit == "m") != margin.kept, value, margin.layer, margin.feature

@@ -82,7 +82,7 @@ def report(
         from coilarray.paper.distortion import DISTORTION
         from coilarray.report.write import write_report
 
-        opened = shared.open_design_file(design, allow_violations=allow_violations)
+        opened = shared.open_design_file(design, allow_violations=allow_violations, boards=True)
         causes = None if distortion is None else read_checked(distortion, DISTORTION)
         with shared.progress_bar(f"report of {opened.design.name}") as progress:
             made = write_report(opened, out, distortion=causes, progress=progress)

@@ -144,7 +144,7 @@ def view(
     heights = None if z_mm is None else _heights(z_mm)
     if kind == "parts" or (out is not None and out.suffix.lower() == ".vtr"):
         require_pyvista("files for ParaView")
-    opened = shared.open_design(design, allow_violations=True)
+    opened = shared.open_design(design, allow_violations=True, boards=True)
     depth, spacing, distance = (
         None if length is None else length * 1e-3 for length in (depth_mm, spacing_mm, distance_mm)
     )

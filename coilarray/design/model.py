@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, display_unit
@@ -293,6 +294,11 @@ class Board:
     def centres(self) -> FloatArray:
         """Centres of its coils in space in m, shape (coils, 3)."""
         return self.pose.apply(self.array.places)
+
+    def in_space(self, points: npt.ArrayLike) -> FloatArray:
+        """Return points (…, 3) in m of the flat board where the board has them in space."""
+        form = self.array.form
+        return self.pose.apply(points if form is None else form.surface(points))
 
     @cached_property
     def pieces(self) -> FloatArray:

@@ -84,7 +84,8 @@ def _ask(process: subprocess.Popen[bytes], task: Task) -> None:
     try:
         assert process.stdin is not None
         assert process.stdout is not None
-        pickle.dump(question, process.stdin, pickle.HIGHEST_PROTOCOL)
+        # whole or not at all: another thread may change what is cached in a design meanwhile
+        process.stdin.write(pickle.dumps(question, pickle.HIGHEST_PROTOCOL))
         process.stdin.flush()
         result, error = pickle.load(process.stdout)
     except Exception:

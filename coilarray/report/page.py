@@ -18,7 +18,8 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.files import writing
 from coilarray.compute.table import Block, Group, Picture, Section, html_blocks, png_url, text_table
-from coilarray.design.model import Design
+from coilarray.design.boards import named_boards
+from coilarray.design.model import Board, Design
 from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Indenter
 from coilarray.paper.ellipse_model import EllipseModel
@@ -82,9 +83,13 @@ def board_picture(design: Design) -> list[Picture]:
         from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
 
         scene = scene_of_design(design, View(show=("board", "plates") if design.plates else ("board",)))
-        return [_render("board", "The board; lengths in mm.", scene)]
-    caption = "The board from above; lengths in mm. This computer could not render it in three dimensions."
-    return [draw("board", caption, viz.plot_board(design.array))]
+        return [_render("board", f"The board{'s' if design.boards else ''}; lengths in mm.", scene)]
+    pictures = []
+    for board in named_boards(design):
+        which = f"The board {board.name} by itself" if board.name else "The board"
+        caption = f"{which} from above; lengths in mm. This computer could not render it in three dimensions."
+        pictures.append(draw(picture_name("board", board), caption, viz.plot_board(board.array)))
+    return pictures
 
 
 def board_page(design: Design) -> str | None:
@@ -155,13 +160,23 @@ def ellipse_pictures(design: Design, positions: MapPositions, published: Ellipse
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
     """Coil outlines (m, 2) in m from a map's origin."""
-    shifts = np.column_stack((response.coil_x, response.coil_y)) - design.array.centres
+    shifts = np.column_stack((response.coil_x, response.coil_y)) - design.centres[:, :2]
     return [outline + shift for outline, shift in zip(board_outlines(design).values(), shifts, strict=True)]
 
 
 def board_outlines(design: Design) -> dict[str, FloatArray]:
-    """Coil outlines (m, 2) in m on the board."""
-    return {place.name: place.to_board(place.coil.outline) for place in design.array.placements}
+    """Coil outlines (m, 2) in m, from above, on all boards."""
+    outlines = {}
+    for board in design.placed:
+        for name, place in zip(board.coil_names, board.array.placements, strict=True):
+            flat = place.to_board(place.coil.outline)
+            outlines[name] = board.in_space(np.column_stack((flat, np.zeros(len(flat)))))[:, :2]
+    return outlines
+
+
+def picture_name(start: str, board: Board) -> str:
+    """Name of a picture of a board."""
+    return f"{start}_{board.name.replace('/', '_')}" if board.name else start
 
 
 def _render(name: str, caption: str, scene: viz.Scene, side: Side = "oblique") -> Picture:

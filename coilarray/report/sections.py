@@ -25,11 +25,11 @@ from coilarray.circuit.coupling import (
 )
 from coilarray.circuit.ports import solve_ports
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
+from coilarray.design.boards import boards_words, check_boards, named_boards
 from coilarray.design.fabs import load_profile
-from coilarray.design.model import Design, DesignFile, metal_words
-from coilarray.errors import CoilarrayError, LocalizeError
-from coilarray.geometry import Margin, check_rules
-from coilarray.geometry.array import array_words
+from coilarray.design.model import Design, DesignFile, metal_words, one_board
+from coilarray.errors import CoilarrayError, DesignError, LocalizeError
+from coilarray.geometry import Margin
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, difference_from_published, published_model
 from coilarray.report import page, port_tables, position, response_tables, tables
 from coilarray.report.drawing import Drawing
@@ -60,7 +60,7 @@ class Results:
     ) -> None:
         """Begin the long computations, the common one first."""
         self.file, self.design, self.distortion = file, file.design, distortion
-        self.several = len(self.design.array.names) > 1
+        self.several = len(self.design.coil_names) > 1
         self.active = self.design.array.middle_coil
         self.outlines = list(page.board_outlines(self.design).values())  # corners in m on the board
         switches = self.design.circuit.switches
@@ -103,7 +103,7 @@ class Results:
     @cached_property
     def margins(self) -> Sequence[Margin]:
         """Margins to the fabrication rules."""
-        return check_rules(self.design.array, self.design.rules)
+        return check_boards(self.design)
 
     @property
     def scan(self) -> xr.Dataset:
@@ -156,12 +156,26 @@ class Results:
 
 
 def _copper(r: Results) -> Section:
-    array = r.design.array
-    used = [layer for layer in array.stackup.names if any(layer in place.layers for place in array.placements)]
-    return Section("Copper", (
-        Group("pairs", tuple(
-            r.plot("plot_copper", f"copper_{layer}", f"Copper of layer {layer}.", array, layer) for layer in used
-        )),
+    pictures = []
+    for board in named_boards(r.design):
+        array, which = board.array, f" of the board {board.name}" if board.name else ""
+        used = {layer for place in array.placements for layer in place.layers}
+        for layer in array.stackup.names:
+            if layer in used:
+                name = page.picture_name(f"copper_{layer}", board)
+                pictures.append(r.plot("plot_copper", name, f"Copper of layer {layer}{which}.", array, layer))
+    return Section("Copper", (Group("pairs", tuple(pictures)),))
+
+
+def _boards(r: Results) -> Section | None:
+    if not r.design.boards:
+        return None
+    boards, layers = tables.board_table(r.design), tables.layer_table(r.design)
+    return Section("Boards", (
+        "Places of the boards, each turned about the fixed axes x, y and z through its own origin, in this order, and "
+        "then shifted. The circuit is of this design; each board has the rules and the copper of its own.",
+        boards,
+        Details("Layers", (layers,)),
     ))  # fmt: skip
 
 
@@ -219,7 +233,7 @@ def _coupling(r: Results) -> Section | None:
     if not r.several:
         return None
     coupling = r.coupling.result()
-    beside = "two" if len(r.design.array.names) <= _MANY else "pairs"
+    beside = "two" if len(r.design.coil_names) <= _MANY else "pairs"
     L = "Mutual inductance of the pairs, and for few coils the self-inductance on the diagonal."
     currents = "Current in each passive coil per ampere in the active one."
     return Section("Coupling", (
@@ -236,7 +250,7 @@ def _field(r: Results) -> Section:
     line, plane = r.fields = _fields(r.design, r.coupling.result(), r.active)
     where = "Beside the plates" if r.design.plates else "In free space"
     height = f"{r.design.field_height * 1e3:g} mm above the board, {where[0].lower()}{where[1:]}"
-    across = r.outlines[r.design.array.names.index(r.active)][:, 0]
+    across = r.outlines[r.design.coil_names.index(r.active)][:, 0]
     sheets = ""
     if r.sheet_share["most"] > 0:
         sheets = " The field is computed without the magnetic sheets"
@@ -415,7 +429,7 @@ def _position(r: Results) -> Section | None:
         ]
     try:
         blocks += _ellipse_blocks(r)
-    except LocalizeError as error:
+    except (DesignError, LocalizeError) as error:
         r.problems["Position"] = str(error)
         without = f"The ellipses of Gast & Zimmermann (2020) are not fitted here: {error}"
         blocks.append(without if blocks else Warn(f"Not computed: {error}"))
@@ -424,6 +438,7 @@ def _position(r: Results) -> Section | None:
 
 def _ellipse_blocks(r: Results) -> list[Block]:
     """Fit the paper's ellipse model, and locate the map's places."""
+    one_board(r.design, "the ellipse model")
     if r.shown_or_none is None:
         raise LocalizeError("there is no response map.")
     response, compare = r.responding.result(), not difference_from_published(r.design)
@@ -502,12 +517,13 @@ SECTIONS: dict[str, Callable[[Results], Section | None]] = {
     "Copper": _copper, "Fabrication rules": _rules, "Design": _design, "Indentation": _indentation, "Coils": _coils,
     "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Ports": _ports,
     "Metal": _plates, "Response": _response, "Position": _position, "What moves x0": _distortion, "Target": _target,
+    "Boards": _boards,
 }  # fmt: skip
 """Sections in order, first those without the circuit."""
 
 ORDER = (
     "Coils", "Coupling", "Field", "Circuit", "Ports", "Metal", "Target", "Indentation", "Response", "Position",
-    "What moves x0", "Copper", "Fabrication rules", "Design",
+    "What moves x0", "Boards", "Copper", "Fabrication rules", "Design",
 )  # fmt: skip
 ESSENTIAL = ("Copper", "Fabrication rules", "Design", "Coils", "Coupling", "Circuit")
 """Sections without which there is no report."""
@@ -524,7 +540,7 @@ def lead(r: Results) -> list[Block]:
     measured = f" While one coil is measured the others are {others}." if r.several else ""
     lines: list[Block] = [design.source] if design.source else []
     lines.append(
-        f"{'Coupling report' if r.several else 'Report'} of the design **{design.name}**: {array_words(design.array)}"
+        f"{'Coupling report' if r.several else 'Report'} of the design **{design.name}**: {boards_words(design)}"
         f"{f', with {metal}' if metal else ''}; tank capacitor {design.circuit.capacitance * 1e12:g} pF.{measured}"
     )
     if without := tables.converter_line(design):
@@ -597,13 +613,14 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
     The line passes through the active coil, and the others are open and terminated. A single coil
     has one field of each.
     """
-    x_min, y_min, x_max, y_max = design.array.bounds
-    place = design.array.placements[design.array.names.index(active)]
-    states = {"others open": False, "others as terminated": True} if len(design.array.names) > 1 else {"alone": False}
+    x_min, y_min, x_max, y_max = _seen_from_above(design)
+    middle = design.centres[design.coil_names.index(active)].tolist()
+    height = design.pose.z + design.field_height
+    states = {"others open": False, "others as terminated": True} if len(design.coil_names) > 1 else {"alone": False}
 
     def both(x: npt.ArrayLike, y: npt.ArrayLike) -> dict[str, xr.Dataset]:
         return {
-            label: operating_field(design, coupling, active, x, y, design.field_height, terminated=terminated)
+            label: operating_field(design, coupling, active, x, y, height, terminated=terminated)
             for label, terminated in states.items()
         }
 
@@ -611,4 +628,13 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
         np.linspace(low, high, int(np.clip(round((high - low) / _PLANE_STEP) + 1, *_PLANE_POINTS)))
         for low, high in ((x_min, x_max), (y_min, y_max))
     )
-    return both(np.linspace(x_min, x_max, _LINE_POINTS), place.y), both(x, y)
+    return both(np.linspace(x_min, x_max, _LINE_POINTS), middle[1]), both(x, y)
+
+
+def _seen_from_above(design: Design) -> tuple[float, float, float, float]:
+    """x_min, y_min, x_max, y_max of all boards in m."""
+    if not design.boards and design.array.form is None:
+        return design.array.bounds
+    corners = np.concatenate([board.pieces.reshape(-1, 3) for board in design.placed])[:, :2]
+    x_min, y_min, x_max, y_max = np.concatenate((corners.min(axis=0), corners.max(axis=0))).tolist()
+    return x_min, y_min, x_max, y_max

@@ -80,7 +80,7 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
 
 def unread_words(design: Design) -> str:
     """Describe why no LDC1614 can read the board, if so."""
-    if not design.readout.is_judged or len(design.array.names) > _MOST_READ:
+    if not design.readout.is_judged or len(design.coil_names) > _MOST_READ:
         return ""
     try:
         return " ".join(verdicts(resonators(design), ()))
@@ -111,7 +111,7 @@ def _rows(
         yield ("largest |k| of two coils", "", float(k.max()), "1", f"{names[i]} and {names[j]}")
     worst = next((one for one in margins if one.unit and one.feature != "board"), None)  # they are sorted
     if worst is not None:
-        where = f"{worst.rule} of {worst.feature}"
+        where = f"{worst.rule} of {worst.feature}{f' on {worst.layer}' if '/' in worst.layer else ''}"
         if abs(worst.margin) <= KEPT_WITHIN:
             where += f", which is exactly at its limit of {MM.text(worst.limit, '.4')}"
         yield ("least margin of traces, gaps and holes", worst.margin, "", "m", where)

@@ -12,6 +12,7 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, PER_MILLION, PERCENT, DisplayUnit, display_unit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
+from coilarray.design.boards import named_boards
 from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
 
@@ -33,6 +34,44 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
         "ideal_effective_inductance", "ideal_frequency",
     )  # fmt: skip
     return dataset_table("coils", "Coils", single, names, {"inductance_change": PERCENT})
+
+
+_DEGREES = DisplayUnit("°", 180 / math.pi, 5)
+
+
+def board_table(design: Design) -> Table:
+    """Return the places and sizes of all boards of a design."""
+    columns = (
+        *map(Column, ("board", "design")),
+        Column("coils", unit="1", shown=DisplayUnit(digits=4)),
+        *(Column(axis, unit="m", shown=_LENGTH) for axis in "xyz"),
+        *(Column(f"turn_{axis}", f"turn about {axis}", "rad", _DEGREES) for axis in "xyz"),
+        *(Column(name, unit="m", shown=_LENGTH) for name in ("width", "height", "thickness")),
+    )
+    rows = []
+    for board in design.placed:
+        x_min, y_min, x_max, y_max = board.array.bounds
+        size = (x_max - x_min, y_max - y_min, board.array.stackup.thickness)
+        name, pose = board.name or ("" if rows else design.name), board.pose
+        rows.append((name, board.design.name, len(board.array.names), *pose.shift.tolist(), *pose.turn, *size))
+    return Table("boards", "Boards", columns, tuple(rows))
+
+
+def layer_table(design: Design) -> Table:
+    """Return the layers of all boards of a design, from the top."""
+    columns = (
+        *map(Column, ("board", "layer")),
+        Column("copper", unit="m", shown=_LENGTH),
+        Column("dielectric", "dielectric below", "m", _LENGTH),
+        Column("epsilon_r", "its relative permittivity", "1", DisplayUnit(digits=3)),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for board in named_boards(design):
+        stackup = board.array.stackup
+        below = [*zip(stackup.dielectric_thickness, stackup.epsilon_r, strict=True), ("", "")]
+        for layer, copper, slab in zip(stackup.names, stackup.copper_thickness, below, strict=True):
+            rows.append((board.name or design.name, layer, copper, *slab))
+    return Table("layers", "Layers of the boards", columns, tuple(rows))
 
 
 def pair_table(coupling: xr.Dataset) -> Table:

@@ -15,10 +15,10 @@ from coilarray.compute.files import is_own, make_folder, write_bytes, write_text
 from coilarray.compute.netcdf import netcdf_of
 from coilarray.compute.table import Group, Section, Table, Warn, html_card, html_table
 from coilarray.compute.threads import Progress, threads
+from coilarray.design.boards import boards_words
 from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, LocalizeError, OutputError
-from coilarray.geometry.array import array_words
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.report import page, tables
 from coilarray.report.drawing import drawing_beside
@@ -100,9 +100,10 @@ def write_report(
     ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``. For metal there are ``plates.csv``,
     ``beside_plates.csv``, ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and
-    ``target_coupling.csv``. All of them are in ``report.json``. The arrays are in ``coupling.nc``,
-    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc``,
-    ``position_bounds.nc`` and ``ellipses.nc``. Parts that a design does not ask for are left out.
+    ``target_coupling.csv``, and for several boards ``boards.csv`` and ``layers.csv``. All of them
+    are in ``report.json``. The arrays are in ``coupling.nc``, ``field.nc``, ``scan.nc``,
+    ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and
+    ``ellipses.nc``. Parts that a design does not ask for are left out.
     Parts that cannot be computed are left out too, with the reason on the page.
     """
     file = as_file(design)
@@ -190,12 +191,12 @@ def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str,
         "provenance": made_with,
         "title": design.title or design.name,
         "verdicts": broken,
-        "board": array_words(design.array),
+        "board": boards_words(design),
         "metal": metal_words(design),
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
-        "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
+        "terminations": dict(zip(design.coil_names, terminations_of(design), strict=True)),
         "left_out": coupling.attrs["left_out"],
         "close_channels": [{"states": [a, b], "relative_distance": distance} for a, b, distance in r.close_states],
         "close_channels_line": tables.close_line(r.close_states) if design.readout.is_judged else "",

@@ -4,7 +4,9 @@ import csv
 import html.parser
 import io
 import json
+import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,8 +27,10 @@ from coilarray import (
     write_report,
 )
 from coilarray.design.bundled import read
-from coilarray.design.model import parse_design_file
+from coilarray.design.model import Board, Circuit, parse_design_file
+from coilarray.design.scan_states import Switches
 from coilarray.errors import LocalizeError
+from coilarray.geometry import Array, Pose, Spiral, check_rules
 from coilarray.paper.ellipse import fit_ellipses
 from coilarray.paper.ellipse_model import ellipse_model, locate_x, published_map
 from coilarray.report.position import map_positions
@@ -464,6 +468,30 @@ gap_mm = 0.5
 first_corner_deg = 45
 via = { drill_mm = 0.3, pad_mm = 0.6 }
 """
+
+
+def test_a_report_of_two_boards(tmp_path):
+    """Every coil and board is in it, and what needs one flat board is left out by name."""
+    lid = Board(Array.row(Spiral(6, 10e-3, 4, 0.2e-3, 0.2e-3), 1), Pose(z=-20e-3, turn=(math.pi, 0.3, 0.0)), "lid")
+    design = replace(parse_design_file(FEW, "few").design, boards=(lid,), circuit=Circuit(switches=Switches(5.0)))
+    report = written_report(design, tmp_path)
+    sections = {section.title: section for section in report.sections}
+    for title in ("Coils", "Coupling", "Field", "Circuit", "Response", "Boards", "Copper", "Fabrication rules"):
+        assert title in sections
+        assert "Not computed" not in str(sections[title].blocks[0])
+    assert "lid" in str(sections["Position"].blocks[-1])
+    assert "lid" in report.data["position_problem"]
+    assert {row["coil"] for row in report.data["coils"]} == {"coil1", "coil2", "lid/coil1"}
+    assert len(report.data["pairs"]) == 3 * 2
+    np.testing.assert_allclose(report.coupling.inductance, couple_design(design).inductance)
+    (_, placed) = report.data["boards"]
+    assert placed["board"] == "lid"
+    np.testing.assert_allclose([placed[f"{axis}_m"] for axis in "xyz"], [0.0, 0.0, -20e-3])
+    np.testing.assert_allclose([placed[f"turn_{axis}_rad"] for axis in "xyz"], lid.pose.turn)
+    own = [row for row in report.data["rules"] if not row["layer"].startswith("lid")]
+    others = [row for row in report.data["rules"] if row["layer"].startswith("lid")]
+    assert len(own) == len(check_rules(design.array, design.rules))
+    assert len(others) == len(check_rules(lid.array, lid.design.rules))
 
 
 @pytest.fixture(scope="module")

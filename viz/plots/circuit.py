@@ -14,7 +14,18 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text, true_minus
-from coilarray.viz.palette import BLUE, GREY, PALE, SEQUENTIAL, SHADE, UNKNOWN, VERMILLION, curve_look, signed_colours
+from coilarray.viz.palette import (
+    BLUE,
+    GREY,
+    INK,
+    PALE,
+    SEQUENTIAL,
+    SHADE,
+    UNKNOWN,
+    VERMILLION,
+    curve_look,
+    signed_colours,
+)
 from coilarray.viz.plots import style
 
 _MOST_NUMBERED = 12  # coils whose matrix has room for its numbers
@@ -40,8 +51,8 @@ _RANGE = 0.35  # opacity of the range of all curves
 def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the matrix of the coupling coefficients k.
 
-    For up to 12 coils the cells contain the numbers. `coupling` is the result of
-    `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
+    For up to 12 coils the cells contain the numbers. Lines part the coils of different boards.
+    `coupling` is the result of `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
     """
     return _signed_matrix(coupling.coupling, "Coupling coefficient k = M/√(L L)", "k", ax, diagonal=False)
 
@@ -275,6 +286,11 @@ def _heat_map(
     ax.spines[:].set_visible(False)
     ax.set_title(title)
     style.colour_bar(ax, image, label)
+    boards = [name.rpartition("/")[0] for name in names]
+    for k in range(1, n):  # between blocks of coils of one board
+        if boards[k] != boards[k - 1]:
+            ax.axhline(k - 0.5, color=INK, linewidth=1.2)
+            ax.axvline(k - 0.5, color=INK, linewidth=1.2)
     if n > _MOST_NUMBERED:
         return ax
     size, cells = min(9.0, 60.0 / n), image.to_rgba(numbers)

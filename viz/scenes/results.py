@@ -260,7 +260,7 @@ def line_seeds(design: Design, coil: str) -> FloatArray:
         ring = centre + share * inner * np.column_stack((np.cos(angle), np.sin(angle)))
         rings.append(np.column_stack((ring, np.full(count, height))))
     seeds = np.vstack(rings)
-    return board.pose.apply(seeds if board.array.form is None else board.array.form.surface(seeds))
+    return board.in_space(seeds)
 
 
 def board_of(design: Design, coil: str) -> Board:
@@ -289,8 +289,7 @@ def _middle_and_radii(design: Design, coil: str) -> tuple[FloatArray, float, flo
     """Centre (3,) in space and radii of a coil's outline in m."""
     board = board_of(design, coil)
     centre, *radii = _in_plane(board, coil)
-    flat = np.append(centre, 0.0)
-    return board.pose.apply(flat if board.array.form is None else board.array.form.surface(flat)), radii[0], radii[1]
+    return board.in_space([*centre, 0.0]), radii[0], radii[1]
 
 
 def scale_of_field(grids: Sequence[pyvista.DataSet], part: float = 1.0) -> Scale:

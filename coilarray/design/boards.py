@@ -1,0 +1,64 @@
+"""All boards of a design: their rules and their places in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from coilarray.compute.display_units import MM
+from coilarray.geometry.array import array_words
+from coilarray.geometry.pose import Pose
+from coilarray.geometry.rules import Margin, check_rules, worst_first
+
+if TYPE_CHECKING:
+    from coilarray.design.model import Board, Design
+
+
+def check_boards(design: Design) -> tuple[Margin, ...]:
+    """Measure every board of a design against its own rules.
+
+    Parameters
+    ----------
+    design : Design
+        Design of one or several boards.
+
+    Returns
+    -------
+    tuple of Margin
+        Margins of all boards, the worst first. Layers begin with the name of their board.
+    """
+    own, *others = design.placed
+    margins = [*check_rules(own.array, own.design.rules)]
+    for board in others:
+        for margin in check_rules(board.array, board.design.rules):
+            layer = f"{board.prefix}{margin.layer}" if margin.layer else board.name or ""
+            margins.append(replace(margin, layer=layer))
+    return worst_first(margins) if others else tuple(margins)
+
+
+def named_boards(design: Design) -> tuple[Board, ...]:
+    """Return the own board and those with a name, without further loops of a surface."""
+    return tuple(board for k, board in enumerate(design.placed) if board.name or not k)
+
+
+def boards_words(design: Design) -> str:
+    """Describe the coils of all boards."""
+    own, *named = named_boards(design)
+    loops = len(design.placed) - len(named)
+    if loops > 1:
+        words = f"{loops} loops in space, the first {array_words(own.array).removeprefix('1 ')}"
+    else:
+        words = array_words(own.array)
+    return "; ".join([words, *(f"on board {board.name} {array_words(board.array)}" for board in named)])
+
+
+def pose_words(pose: Pose) -> str:
+    """Describe the place of a board.
+
+    >>> pose_words(Pose(x=1e-3, z=8e-3, turn=(math.pi, 0.0, 0.0)))
+    'at (1, 0, 8) mm, turned (180, 0, 0)°'
+    """
+    turns = [round(math.degrees(angle), 3) + 0.0 for angle in pose.turn]
+    turned = f", turned ({', '.join(f'{turn:g}' for turn in turns)})°" if any(turns) else ""
+    return f"at ({', '.join(f'{value:g}' for value in (MM.of(pose.shift).round(6) + 0.0).tolist())}) mm{turned}"
