@@ -296,7 +296,7 @@ def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, f
     return solid
 
 
-@lru_cache(maxsize=1)  # a report shows one board in two scenes
+@lru_cache(maxsize=4)  # a report shows its boards in two scenes
 def board_solids(array: Array) -> Mapping[str, trimesh.Trimesh]:
     """Copper, barrels and laminate of `solids`, cached: do not change."""
     import trimesh  # takes longer to import than the rest of the geometry together

@@ -551,11 +551,15 @@ def export(
     one piece and isolated from the others. dxf, svg: drawings in mm. step, stl: solids in mm. glb:
     a scene for viewers.
 
+    Of a design of several boards, step, stl and glb have all of them where they are. The other
+    formats make a folder or a file for each board, with its name.
+
     Example: coilarray export gast2020 --to gerber --out board.zip
     """
+    from coilarray.design.export import board_targets
     from coilarray.design.export import export as write
 
-    opened = shared.open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations, boards=True)
     target = out or Path(
         {"kicad": f"{opened.name}-kicad", "gerber": f"{opened.name}-gerber.zip"}.get(to, f"{opened.name}.{to}")
     )
@@ -565,14 +569,15 @@ def export(
         raise OutputError(f"--out must be a folder, as kicad has several files; got {target}.")
     else:
         shared.check_folder(target)
-    shared.require_new(target, force=force)
+    for place in dict.fromkeys((target, *board_targets(opened, target, to))):
+        shared.require_new(place, force=force)
     exported = write(opened, target, to, sheets=not no_sheets, allow_faults=allow_violations)
     written, faults = exported.files, exported.net_faults
     sizes = [path.stat().st_size for path in written]
     lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
     lines += [f"warning: {fault}" for fault in faults]
     if to in ("kicad", "gerber") and not faults:
-        count = len(opened.array.names)
+        count = len(opened.coil_names)
         coils = "1 coil, in one piece" if count == 1 else f"{count} coils, each in one piece and isolated"
         lines.append(f"check of the copper as written: {coils}")
     files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from coilarray.compute.files import hidden_prefix, make_folder, remove_left, writing
 from coilarray.errors import OutputError, RuleViolationError
 
 if TYPE_CHECKING:  # not loaded for the help of a command
-    from coilarray.design.model import Design, DesignFile
+    from coilarray.design.model import Board, Design, DesignFile
+    from coilarray.geometry.array import Array
 
 Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
 """Format of an exported board."""
@@ -34,7 +37,7 @@ class Exported:
     """Written `files`, and up to three `net_faults` in their copper."""
 
     files: tuple[Path, ...]
-    net_faults: tuple[str, ...]
+    net_faults: tuple[str, ...] = ()
 
 
 def export(
@@ -45,12 +48,16 @@ def export(
     sheets: bool = True,
     allow_faults: bool = False,
 ) -> Exported:
-    """Write the board of a design.
+    """Write the boards of a design.
+
+    Solids of several boards are one assembly, each board at its pose. Of the other formats every
+    board has files of its own: folders in the folder of ``"kicad"``, or files with the name of the
+    board at the end, as in ``link-receiver.zip``. All of them are written, or none.
 
     Parameters
     ----------
     design : Design or DesignFile
-        Design of the board.
+        Design of one or several boards.
     path : str or Path
         File to write, or folder for ``"kicad"``. An existing file is replaced, whole or not at all,
         as are the files of the project in a folder.
@@ -70,7 +77,8 @@ def export(
     Raises
     ------
     OutputError
-        An unknown format or suffix, or a file that cannot be written.
+        An unknown format or suffix, a file that cannot be written, or a format that cannot have a
+        board: STEP a bent one, drawings and board houses a loop on a surface.
     RuleViolationError
         A coil that is cut or touches another in KiCad or Gerber files, read back.
     MissingDependencyError
@@ -83,6 +91,7 @@ def export(
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.txt: the suffix must be .zip, .dxf, .svg, .step, .stp, .stl or ...
     """
+    from coilarray.design.boards import named_boards
     from coilarray.design.model import design_of
 
     design = design_of(design)
@@ -93,48 +102,127 @@ def export(
     if kind is None:
         *most, last = (suffix for suffixes in SUFFIXES.values() for suffix in suffixes if suffix)
         raise OutputError(f"cannot write {target}: the suffix must be {', '.join(most)} or {last}.")
-    faults: list[str] = []
+    if kind in ("step", "stl", "glb"):
+        from coilarray.fabrication.solid_files import PlacedArray, assembled, write_solids, write_step
 
-    def check(board: Path) -> None:
+        loops = len(design.placed) > len(named_boards(design))
+        boards = [
+            PlacedArray(
+                board.array, board.design.sheets if sheets else (), board.pose, board.prefix,
+                bool(board.name) or not loops,
+            )
+            for board in design.placed
+        ]  # fmt: skip
+        if kind == "step":
+            write_step(boards, target, name=design.name)
+        else:
+            write_solids(assembled(boards), target)
+        return Exported((target,))
+    places = board_targets(design, target, kind)
+    if len(places) == 1:
+        return _write_board(design.placed[0], target, target, kind, allow_faults=allow_faults)
+    faults: list[str] = []
+    files: list[Path] = []
+    with writing(target):
+        folder = next(folder for folder in target.absolute().parents if folder.is_dir())
+        remove_left(folder)
+        with tempfile.TemporaryDirectory(prefix=hidden_prefix(target.name), dir=folder) as temporary:
+            staged = Path(temporary)
+            for board, place in zip(design.placed, places, strict=True):
+                at = staged / place.relative_to(target.parent)
+                at.parent.mkdir(parents=True, exist_ok=True)
+                written = _write_board(board, at, place, kind, allow_faults=allow_faults)
+                files += [target.parent / file.relative_to(staged) for file in written.files]
+                faults += written.net_faults
+            for file in files:
+                if file.is_dir():
+                    raise OutputError(f"cannot write {file}: a folder has that name.")
+                make_folder(file.parent)
+            for file in files:
+                (staged / file.relative_to(target.parent)).replace(file)
+    return Exported(tuple(files), tuple(faults))
+
+
+def board_targets(design: Design, target: Path, to: Format) -> tuple[Path, ...]:
+    """Return the file or folder of each board of a design.
+
+    Boards that are placed by name have folders in the folder of a KiCad export, and otherwise files
+    whose names end with theirs. Solids of all boards are one file.
+
+    Parameters
+    ----------
+    design : Design
+        Design of one or several boards.
+    target : Path
+        File or folder of the export.
+    to : {"kicad", "gerber", "dxf", "svg", "step", "stl", "glb"}
+        Format.
+
+    Returns
+    -------
+    tuple of Path
+        Files or folders to write, the one of the own board first.
+
+    Raises
+    ------
+    OutputError
+        Loops on a surface, which are not fabricated as boards, or boards whose files would have
+        one name.
+    """
+    from coilarray.design.boards import named_boards
+
+    if to in ("step", "stl", "glb") or len(design.placed) == 1:
+        return (target,)
+    if len(named_boards(design)) < len(design.placed):
+        raise OutputError(
+            f"cannot write {target}: coils of {design.name} are loops on a surface, which only step, stl and glb have."
+        )
+    names = [(board.name or "").replace("/", "-") for board in design.placed[1:]]
+    own = design.name if to == "kicad" else ""
+    if len({name.casefold() for name in (own, *names)}) <= len(names):
+        raise OutputError(
+            f"cannot write {target}: boards must have names that differ as files; got {', '.join(names)}."
+        )
+    if to == "kicad":
+        return tuple(target / name for name in (own, *names))
+    return (target, *(target.with_stem(f"{target.stem}-{name}") for name in names))
+
+
+def _write_board(board: Board, path: Path, shown: Path, kind: Format, *, allow_faults: bool) -> Exported:
+    """Write the fabrication files of one board, whose place is `shown` in messages."""
+    design, faults = board.design, list[str]()
+    array, title = design.array, design.title or design.name
+    name = board.name.replace("/", "-") if board.name else design.name
+
+    def check(made: Path) -> None:
         """Read the board back and refuse its faults."""
-        faults.extend(_net_faults(design, board, kind))
+        start = f"{board.name}: " if board.name else ""
+        faults.extend(f"{start}{fault}" for fault in _net_faults(array, made, kind))
         if faults and not allow_faults:
             listed = "; ".join(faults)
-            raise RuleViolationError(
-                f"{target} is not written, as its copper would not be that of the coils: {listed}."
-            )
+            raise RuleViolationError(f"{shown} is not written, as its copper would not be that of the coils: {listed}.")
 
-    array, covering, title = design.array, design.sheets if sheets else (), design.title or design.name
-    files: tuple[Path, ...] = (target,)
+    files: tuple[Path, ...] = (path,)
     if kind == "kicad":
         from coilarray.fabrication.kicad_writer import write_kicad
 
-        files = write_kicad(array, target, name=design.name, rules=design.rules, title=title, check=check)
+        files = write_kicad(array, path, name=name, rules=design.rules, title=title, check=check)
     elif kind == "gerber":
         from coilarray.fabrication.gerber_writer import write_gerbers
 
-        write_gerbers(array, target, name=design.name, check=check)
+        write_gerbers(array, path, name=name, check=check)
     elif kind == "dxf":
         from coilarray.fabrication.drawings import write_dxf
 
-        write_dxf(array, target)
-    elif kind == "svg":
+        write_dxf(array, path)
+    else:
         from coilarray.fabrication.drawings import write_svg
 
-        write_svg(array, target, title=title)
-    elif kind == "step":
-        from coilarray.fabrication.solid_files import write_step
-
-        write_step(array, target, name=design.name, sheets=covering)
-    else:
-        from coilarray.fabrication.solid_files import write_solids
-        from coilarray.geometry.copper import solids
-
-        write_solids(solids(array, covering), target)
+        write_svg(array, path, title=title)
     return Exported(files, tuple(faults))
 
 
-def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
+def _net_faults(array: Array, board: Path, to: Format) -> list[str]:
     """Return the first three faults of a board, read back."""
     from coilarray.fabrication.nets import board_layers, check_nets
 
@@ -148,5 +236,5 @@ def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
         copper = read_gerbers(board)
     layers, holes = board_layers(copper)
     # KiCad gives a board of one copper layer an empty back.
-    known = {layer: shapes for layer, shapes in layers.items() if shapes or layer in design.array.stackup.names}
-    return [fault.text for fault in check_nets(design.array, known, holes)[:_SHOWN_FAULTS]]
+    known = {layer: shapes for layer, shapes in layers.items() if shapes or layer in array.stackup.names}
+    return [fault.text for fault in check_nets(array, known, holes)[:_SHOWN_FAULTS]]

@@ -296,7 +296,18 @@ class Board:
         return self.pose.apply(self.array.places)
 
     def in_space(self, points: npt.ArrayLike) -> FloatArray:
-        """Return points (…, 3) in m of the flat board where the board has them in space."""
+        """Return points of the flat board where the board has them in space.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., 3)
+            Points of the flat board in m.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            The same points of the bent and placed board, in m.
+        """
         form = self.array.form
         return self.pose.apply(points if form is None else form.surface(points))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import shapely
@@ -20,11 +20,14 @@ from coilarray.compute.extras import import_extra
 from coilarray.compute.files import require_suffix, write_atomically, write_bytes
 from coilarray.errors import OutputError
 from coilarray.geometry.array import Array
-from coilarray.geometry.copper import Prism, board_prisms, disc, drills, sheet_prisms
+from coilarray.geometry.copper import Prism, board_prisms, disc, drills, sheet_prisms, solids
 from coilarray.geometry.elastomer import Sheet
+from coilarray.geometry.pose import Pose
 
 if TYPE_CHECKING:
     import trimesh
+
+Part = TypeVar("Part")
 
 _MM = 1e3
 COLOURS = {
@@ -38,20 +41,20 @@ _OTHER = (160, 160, 160, 255)
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # glTF's (x, z, −y)
 
 
-def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
-    """Write `solids` in m, as one mesh in mm to STL, or by names with y up to GLB."""
+def write_solids(parts: Mapping[str, trimesh.Trimesh], path: Path) -> None:
+    """Write solids in m, as one mesh in mm to STL, or by names with y up to GLB."""
     import trimesh  # slow to import
 
     require_suffix(path, ".stl", ".glb")
-    if not solids:
+    if not parts:
         raise OutputError(f"cannot write {path}: there are no solids.")
     if path.suffix.lower() == ".stl":
-        merged: Any = trimesh.util.concatenate([mesh.copy() for mesh in solids.values()])
+        merged: Any = trimesh.util.concatenate([mesh.copy() for mesh in parts.values()])
         merged.vertices *= _MM
         write_bytes(path, merged.export(file_type="stl"))
         return
     scene: Any = trimesh.Scene()  # trimesh is typed in part only
-    for name, solid in solids.items():
+    for name, solid in parts.items():
         mesh = solid.copy()
         colour = np.array(COLOURS.get(name.split("/")[0], _OTHER), dtype=np.uint8)
         mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.tile(colour, (len(mesh.vertices), 1)))
@@ -65,30 +68,83 @@ _SHORTEST = 1e-9  # m: edges below 0.1 nm do not exist for Open CASCADE
 _CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
 
 
-def write_step(array: Array, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
-    """Write a board and its sheets as STEP in mm, of named and coloured parts.
+@dataclass(frozen=True)
+class PlacedArray:
+    """Board in an assembly: its pose, its sheets, and the start of the names of its coils."""
+
+    array: Array
+    sheets: Sequence[Sheet] = ()
+    pose: Pose = field(default_factory=Pose)
+    prefix: str = ""
+    laminate: bool = True
+
+    def named(self, parts: Mapping[str, Part]) -> dict[str, Part]:
+        """Give parts with the keys of `solids` the names that they have in the assembly.
+
+        >>> from coilarray import load_design
+        >>> one = PlacedArray(load_design("proximity").array, prefix="receiver/")
+        >>> list(one.named({"copper/L1/coil1": 1, "barrel/coil1/0": 2, "board": 3}))
+        ['copper/L1/receiver/coil1', 'barrel/receiver/coil1/0', 'board/receiver']
+        """
+        named = {}
+        for key, part in parts.items():
+            kind, _, rest = key.partition("/")
+            layer, _, coil = rest.partition("/")
+            name = f"copper/{layer}/{self.prefix}{coil}" if kind == "copper" else f"{kind}/{self.prefix}{rest}"
+            if kind != "board" or self.laminate:
+                named[name.rstrip("/")] = part
+        return named
+
+
+def assembled(boards: Iterable[PlacedArray]) -> dict[str, trimesh.Trimesh]:
+    """Return the solids of boards in space in m, by their names in the assembly."""
+    found = {}
+    for board in boards:
+        for name, solid in board.named(solids(board.array, board.sheets)).items():
+            solid.vertices = board.pose.apply(solid.vertices)
+            found[name] = solid
+    return found
+
+
+def write_step(boards: Sequence[PlacedArray], path: Path, *, name: str) -> None:
+    """Write boards and their sheets as STEP in mm, of named and coloured parts.
 
     Barrels, drilled holes and free edges of pads are true cylinders. Everything else has flat
-    faces, also the arcs of traces, by `faceted_prisms`. z = 0 is the top of the top copper. A bent
-    board raises an OutputError.
+    faces, also the arcs of traces, by `faceted_prisms`. z = 0 is the top of the top copper of a
+    board at its own place. A bent board raises an OutputError.
     """
     require_suffix(path, ".step", ".stp")
-    if array.form is not None:
+    if any(board.array.form is not None for board in boards):
         raise OutputError(f"cannot write {path}: STEP is written of flat boards only; a bent one goes to .stl or .glb.")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
-    prisms = sheet_prisms(array, sheets) | faceted_prisms(array)
-    circles = np.array(  # centres and radii in m of pads, holes and the inside of barrels
-        sorted(
-            {
-                (hole.x, hole.y, diameter / 2)
-                for hole in drills(array)
-                for diameter in (hole.pad, *((hole.diameter, hole.diameter - 2 * hole.plating) if hole.drilled else ()))
-            }
-        )
-    ).reshape(-1, 3)
-    parts = {key: _part(prism, circles) for key, prism in prisms.items()}
+    parts = {}
+    for board in boards:
+        array = board.array
+        circles = np.array(  # centres and radii in m of pads, holes and the inside of barrels
+            sorted(
+                {
+                    (hole.x, hole.y, wide / 2)
+                    for hole in drills(array)
+                    for wide in (hole.pad, *((hole.diameter, hole.diameter - 2 * hole.plating) if hole.drilled else ()))
+                }
+            )
+        ).reshape(-1, 3)
+        prisms, place = sheet_prisms(array, board.sheets) | faceted_prisms(array), _location(board.pose)
+        parts |= board.named({key: (_part(prism, circles), place) for key, prism in prisms.items()})
     document = _document(name, parts)
     write_atomically(path, lambda temporary: _write(document, temporary, name))
+
+
+def _location(pose: Pose) -> Any:
+    """Make the location of a pose."""
+    from OCP.gp import gp_Trsf
+    from OCP.TopLoc import TopLoc_Location
+
+    if pose == Pose():
+        return TopLoc_Location()
+    turn = gp_Trsf()
+    turn.SetValues(*np.column_stack((pose.rotation, pose.shift * _MM)).ravel().tolist())
+    return TopLoc_Location(turn)
 
 
 def faceted_prisms(array: Array) -> dict[str, Prism]:
@@ -175,13 +231,12 @@ def _circle(circle: FloatArray, z: float, *, counter_clockwise: bool) -> Any:
     return gp_Circ(gp_Ax2(gp_Pnt(x, y, z), gp_Dir(0.0, 0.0, 1.0 if counter_clockwise else -1.0)), radius)
 
 
-def _document(name: str, parts: Mapping[str, Any]) -> Any:
-    """Put named and coloured parts into one assembly."""
+def _document(name: str, parts: Mapping[str, tuple[Any, Any]]) -> Any:
+    """Put named and coloured parts at their locations into one assembly."""
     from OCP.Quantity import Quantity_Color, Quantity_ColorRGBA, Quantity_TOC_sRGB
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDataStd import TDataStd_Name
     from OCP.TDocStd import TDocStd_Document
-    from OCP.TopLoc import TopLoc_Location
     from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_DocumentTool
 
     document = TDocStd_Document(TCollection_ExtendedString("MDTV-XCAF"))
@@ -189,9 +244,9 @@ def _document(name: str, parts: Mapping[str, Any]) -> Any:
     colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
     assembly = shapes.NewShape()
     TDataStd_Name.Set_s(assembly, TCollection_ExtendedString(name, True))
-    for key, part in parts.items():
+    for key, (part, place) in parts.items():
         label = shapes.AddShape(part, False)
-        component = shapes.AddComponent(assembly, label, TopLoc_Location())
+        component = shapes.AddComponent(assembly, label, place)
         for named in (label, component):
             TDataStd_Name.Set_s(named, TCollection_ExtendedString(key, True))
         *rgb, opacity = (part / 255 for part in COLOURS[key.split("/")[0]])

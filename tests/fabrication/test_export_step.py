@@ -16,7 +16,7 @@ from support.boards import LEADS, SHEETS, VIA, WOUND, many_layers, one_coil, ref
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
-from coilarray.fabrication.solid_files import faceted_prisms, write_step
+from coilarray.fabrication.solid_files import PlacedArray, faceted_prisms, write_step
 from coilarray.geometry import Array, Placement, Sheet, drills, path_coil, solids
 from coilarray.geometry.copper import board_prisms, sheet_prisms
 
@@ -120,7 +120,7 @@ def part(shape, colours):
 @pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
 def read(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("step") / "board.step"
-    write_step(request.param, path, name="a board", sheets=SHEETS)
+    write_step([PlacedArray(request.param, SHEETS)], path, name="a board")
     name, parts = read_step(path)
     assert name == "a board"
     return request.param, parts, path
@@ -183,7 +183,7 @@ def test_circles_are_true(read):
 @needs_occt
 def test_the_file_stays_small_and_nothing_is_printed(tmp_path, capfd):
     path = tmp_path / "board.stp"
-    write_step(BOARDS["reference"], path, name="reference")
+    write_step([PlacedArray(BOARDS["reference"])], path, name="reference")
     assert capfd.readouterr() == ("", "")
     # 1.0 MB as it is; 15 MB with polygons for circles, 37 MB with curves on every face as well
     assert path.stat().st_size < 1.5e6
@@ -192,7 +192,7 @@ def test_the_file_stays_small_and_nothing_is_printed(tmp_path, capfd):
 @needs_occt
 def test_a_name_that_is_not_utf_8(tmp_path):
     path = tmp_path / os.fsdecode(b"board\xff.step")
-    write_step(one_coil(path_coil([[(0, 0), (8e-3, 0)]], 0.2e-3, 0.2e-3, VIA)), path, name="board")
+    write_step([PlacedArray(one_coil(path_coil([[(0, 0), (8e-3, 0)]], 0.2e-3, 0.2e-3, VIA)))], path, name="board")
     assert path.read_bytes().startswith(b"ISO-10303-21")
 
 
@@ -202,7 +202,7 @@ def test_overlapping_holes_still_make_solids(tmp_path):
     coil = path_coil([[(0, 0), (5e-3, 0)]], 0.2e-3, 0.2e-3, VIA, LEADS.terminal)
     placements = (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L2",), 0.3e-3, 0.1e-3))
     array = Array(many_layers(2), placements)
-    write_step(array, tmp_path / "board.step", name="broken")
+    write_step([PlacedArray(array)], tmp_path / "board.step", name="broken")
     _, parts = read_step(tmp_path / "board.step")
     for name, solid in solids(array).items():
         assert parts[name].valid, name
@@ -214,5 +214,5 @@ def test_overlapping_holes_still_make_solids(tmp_path):
 def test_sheets_of_one_name(tmp_path):
     array, path, twice = BOARDS["no holes"], tmp_path / "board.step", (Sheet("base", 1e-3),) * 2
     message = "sheet names must differ; got base, base"
-    refused(GeometryError, message, write_step, array, path, name="board", sheets=twice)
+    refused(GeometryError, message, write_step, [PlacedArray(array, twice)], path, name="board")
     assert list(tmp_path.iterdir()) == []

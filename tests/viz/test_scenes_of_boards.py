@@ -72,6 +72,7 @@ def test_sheets_of_every_board_lie_on_it():
     np.testing.assert_allclose(parts["lid: sheet cover"].mesh.points, expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_copper_of_all_boards_has_the_colours_of_the_currents():
     parts = parts_of(scene_of_design(PAIR, View(show=("currents",), coil="lid/coil1")))
     currents = operating_currents(PAIR, couple_design(PAIR), "lid/coil1").real
