@@ -111,26 +111,10 @@ def l_match(
 def matched_port(circuit: PortCircuit, impedance: npt.ArrayLike, coil: str) -> PortCircuit:
     """Match the port of a coil to its source or load with two capacitors.
 
-    The other ports stay as they are. Losses of the capacitors count, see `l_match`.
-
-    Parameters
-    ----------
-    circuit : PortCircuit
-        Ports and terminations.
-    impedance : array_like, shape (n, n)
-        Impedance matrix of the coils in Ω, at the frequency of the link.
-    coil : str
-        Name of the coil whose port has a source or a load.
-
-    Returns
-    -------
-    PortCircuit
-        The circuit with other capacitors at this port.
-
-    Raises
-    ------
-    NetworkError
-        A coil without such a port, or a resistance that two capacitors do not reach.
+    The other ports of the `circuit` stay as they are, and losses of the capacitors count. The
+    `impedance` matrix (n, n) of the coils in Ω is that at the frequency of the link, and `coil` the
+    name of the coil. A coil without source or load, or a resistance that `l_match` does not reach,
+    raises a NetworkError.
     """
     port = _port(circuit, coil)
     wanted = float(port.resistance or 0.0)
@@ -157,27 +141,10 @@ def compensated(circuit: PortCircuit, impedance: npt.ArrayLike, topology: Topolo
 
     The capacitor of the coil with the load resonates with its inductance. The capacitor of the coil
     with the source makes its terminals a resistance, with the load as it is. Without losses these
-    are the values of Wang, Covic & Stielau (IEEE Trans. Ind. Electron. 51, 148, 2004).
-
-    Parameters
-    ----------
-    circuit : PortCircuit
-        Ports, one of them with a source and one with a load.
-    impedance : array_like, shape (n, n)
-        Impedance matrix of the coils in Ω, at the frequency of the link.
-    topology : {"SS", "SP", "PS", "PP"}
-        Series or parallel capacitor of the coil with the source, and of the coil with the load.
-
-    Returns
-    -------
-    PortCircuit
-        The circuit with other capacitors at both ports.
-
-    Raises
-    ------
-    NetworkError
-        Another topology, another number of sources or loads, or a load that makes the coil with the
-        source a capacitance.
+    are the values of Wang, Covic & Stielau (IEEE Trans. Ind. Electron. 51, 148, 2004) for the
+    `topology`. The `circuit` has one source and one load, and the `impedance` matrix (n, n) of the
+    coils in Ω is that at the frequency of the link. Another topology or number of sources and
+    loads, or a load that makes the coil with the source a capacitance, raise a NetworkError.
     """
     if topology not in get_args(Topology):
         raise NetworkError(f"topology must be one of {', '.join(get_args(Topology))}; got {topology!r}.")
@@ -203,42 +170,15 @@ def compensated(circuit: PortCircuit, impedance: npt.ArrayLike, topology: Topolo
 
 
 def with_standard_values(circuit: PortCircuit, series: Series = "E24") -> PortCircuit:
-    """Return the circuit with the nearest standard values of all capacitors.
-
-    Parameters
-    ----------
-    circuit : PortCircuit
-        Ports and terminations.
-    series : {"E12", "E24", "E96"}
-        Series of standard values.
-
-    Returns
-    -------
-    PortCircuit
-        The circuit with standard values.
-    """
+    """Return the `circuit` with the nearest values of a `series` for all capacitors."""
     return _scaled(circuit, lambda C: standard_value(C, series))
 
 
 def tolerance_corners(circuit: PortCircuit, tolerance: float) -> Iterator[PortCircuit]:
-    """Yield the circuit with every capacitor at either end of its tolerance.
+    """Yield the `circuit` with every capacitor at either end of its tolerance.
 
-    Parameters
-    ----------
-    circuit : PortCircuit
-        Ports and terminations.
-    tolerance : float
-        Relative tolerance of the capacitances, for example of `TOLERANCES`.
-
-    Yields
-    ------
-    PortCircuit
-        One corner of the 2^c corners of c capacitors, of which twelve are allowed.
-
-    Raises
-    ------
-    NetworkError
-        A tolerance that is not above 0 and below 1, or more capacitors.
+    The relative `tolerance`, for example of `TOLERANCES`, is above 0 and below 1. More than twelve
+    capacitors raise a NetworkError.
     """
     if not 0 < tolerance < 1:
         raise NetworkError(f"tolerance of capacitors must be above 0 and below 1; got {tolerance:g}.")

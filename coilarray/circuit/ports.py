@@ -117,25 +117,9 @@ def port_circuit(design: Design, network: Network | None = None) -> PortCircuit:
     """Return the ports of a design, the other coils with their terminations.
 
     A grounded coil is closed through its two switches, a loaded coil by 50 Ω. All others are open,
-    also a coil with one end at ground, as the ports float.
-
-    Parameters
-    ----------
-    design : Design
-        Design with ports.
-    network : Network, optional
-        Network with the capacitances of the windings, which are left out without it. A capacitance
-        between two floating coils adds a twelfth of it across each.
-
-    Returns
-    -------
-    PortCircuit
-        Circuit for all coils of the design.
-
-    Raises
-    ------
-    NetworkError
-        A design without ports.
+    also a coil with one end at ground, as the ports float. The `network` of the design has the
+    capacitances of the windings, which are left out without it. A design without ports raises a
+    NetworkError.
     """
     circuit = design.circuit
     if not circuit.ports or circuit.link_frequency is None:
@@ -300,24 +284,10 @@ class Transfer(NamedTuple):
 
 
 def power_transfer(circuit: PortCircuit, impedance: ComplexArray) -> Transfer:
-    """Return efficiencies between the ports.
+    """Return efficiencies between the ports of a `circuit`.
 
-    Parameters
-    ----------
-    circuit : PortCircuit
-        Ports and terminations.
-    impedance : ndarray, shape (…, m, m)
-        Result of `port_impedance` in Ω.
-
-    Returns
-    -------
-    Transfer
-        Input impedances, efficiencies and ratios of voltages.
-
-    Raises
-    ------
-    NetworkError
-        No source or no load.
+    `impedance` (…, m, m) in Ω is a result of `port_impedance`. Without a source or without a load a
+    NetworkError is raised.
     """
     r, sources, loads = circuit.resistances, circuit.sources, circuit.loads
     for found, key in ((sources, "source_ohm"), (loads, "load_ohm")):
@@ -341,7 +311,7 @@ class BestLink(NamedTuple):
     Attributes
     ----------
     kq : ndarray, shape (…)
-        Ohira's kQ product U, dimensionless. Of two coils without further losses it is k √(Q₁Q₂).
+        Figure of merit U, dimensionless. Of two coils without further losses it is k √(Q₁Q₂).
     efficiency : ndarray, shape (…)
         Largest efficiency U²/(1 + √(1 + U²))², dimensionless.
     load : ndarray, shape (…)
@@ -356,22 +326,10 @@ class BestLink(NamedTuple):
 def best_link(impedance: npt.ArrayLike) -> BestLink:
     """Return the largest efficiency of a link, and its load.
 
-    Both ends are matched at the same time by conjugate images (S. Roberts, Proc. IRE 34, 198, 1946).
-    U = |Z₂₁|/√(R₁₁R₂₂ − R₁₂²) (T. Ohira, IEICE Electron. Express 11, 20140480, 2014), which is
+    The `impedance` matrices (…, 2, 2) of the two coils are in Ω. Both ends are matched at the same
+    time by conjugate images (S. Roberts, Proc. IRE 34, 198, 1946). U = |Z₂₁|/√(R₁₁R₂₂ − R₁₂²) is
     k √(Q₁Q₂) for two coils (M. Kurs et al., Science 317, 83, 2007).
 
-    Parameters
-    ----------
-    impedance : array_like, shape (…, 2, 2)
-        Impedance matrices of the two coils in Ω.
-
-    Returns
-    -------
-    BestLink
-        kQ product, efficiency and optimum load.
-
-    Examples
-    --------
     >>> link = best_link([[1 + 100j, 10j], [10j, 1 + 100j]])  # k = 0.1, Q = 100
     >>> f"{link.kq:.4g}, {link.efficiency:.4f}, {link.load:.3f}"
     '10, 0.8190, 10.050-100.000j'
@@ -390,16 +348,9 @@ def port_resonances(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the resonances of the ports with their sources and loads.
 
-    They are the natural oscillations e^(st) of the whole circuit, s = jω (1 + j/2Q) nearly. Two
-    equal resonators that are coupled by k have f₀/√(1 ± k), as long as their losses do not exceed
-    the coupling. The resistance is taken as constant.
-
-    Parameters
-    ----------
-    circuit : PortCircuit
-        Ports and terminations.
-    inductance, resistance : array_like, shape (n, n)
-        Matrices of the coils in H and Ω, at the frequency of the link.
+    They are the natural oscillations e^(st) of the whole circuit. Two equal resonators that are
+    coupled by k have f₀/√(1 ± k), as long as their losses do not exceed the coupling. `inductance`
+    and `resistance` (n, n) of the coils in H and Ω are those at the frequency of the link.
 
     Returns
     -------
@@ -433,27 +384,9 @@ def design_ports(
 ) -> tuple[PortCircuit, Network]:
     """Return the ports of a design with the capacitances of its windings, and its network.
 
-    Parameters
-    ----------
-    design : Design
-        Design with ports.
-    frequencies : array_like, shape (n,), optional
-        Rising frequencies in Hz between which the network's resistance holds, besides that of the
-        link.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
-
-    Returns
-    -------
-    circuit : PortCircuit
-        Ports and terminations.
-    network : Network
-        Coils with all losses, for `coilarray.circuit.network.coil_impedance`.
-
-    Raises
-    ------
-    NetworkError
-        A design without ports, or frequencies that are not positive and rising.
+    The losses of the network hold at the frequency of the link and between the rising `frequencies`
+    (n,) in Hz. The `accuracy` of the inductance matrix is that of `coilarray.inductance_matrix`. A
+    design without ports, or frequencies that are not positive and rising, raise a NetworkError.
     """
     frequency = port_circuit(design).frequency
     f = np.atleast_1d(np.asarray(frequency if frequencies is None else frequencies, dtype=np.float64))
