@@ -238,8 +238,8 @@ def scattering(impedance: ComplexArray, resistances: npt.ArrayLike) -> ComplexAr
 
     The `impedance` (…, m, m) is in Ω, and the reference `resistances` (m,) or one for all are in Ω.
     With power waves S = r^(−1/2) (Z − r) (Z + r)^(−1) r^(1/2) (Kurokawa, IEEE Trans. MTT 13, 194,
-    1965), so that |S_ji|² is the power in the resistance of port j over the available power of a
-    source in port i.
+    1965), so that the square of S_ji is the power in the resistance of port j over the available
+    power of a source in port i.
 
     >>> scattering(np.array([[150.0 + 0j]]), 50.0).real
     array([[0.5]])
@@ -272,7 +272,7 @@ class Transfer(NamedTuple):
     efficiency : ndarray, shape (…, s, l)
         Power in the load over the power that enters the terminals, dimensionless.
     available_efficiency : ndarray, shape (…, s, l)
-        Power in the load over the available power of the source, |S|², dimensionless.
+        Power in the load over the available power of the source, dimensionless.
     voltage_ratio : ndarray, shape (…, s, l)
         Voltage of the load over the open-circuit voltage of the source, dimensionless.
     """
@@ -327,8 +327,8 @@ def best_link(impedance: npt.ArrayLike) -> BestLink:
     """Return the largest efficiency of a link, and its load.
 
     The `impedance` matrices (…, 2, 2) of the two coils are in Ω. Both ends are matched at the same
-    time by conjugate images (S. Roberts, Proc. IRE 34, 198, 1946). U = |Z₂₁|/√(R₁₁R₂₂ − R₁₂²) is
-    k √(Q₁Q₂) for two coils (M. Kurs et al., Science 317, 83, 2007).
+    time by conjugate images (S. Roberts, Proc. IRE 34, 198, 1946). U is the magnitude of Z₂₁ over
+    √(R₁₁R₂₂ − R₁₂²), k √(Q₁Q₂) for two coils (M. Kurs et al., Science 317, 83, 2007).
 
     >>> link = best_link([[1 + 100j, 10j], [10j, 1 + 100j]])  # k = 0.1, Q = 100
     >>> f"{link.kq:.4g}, {link.efficiency:.4f}, {link.load:.3f}"
@@ -357,7 +357,7 @@ def port_resonances(
     frequencies : ndarray, shape (modes,)
         Frequencies in Hz, rising, from a third of the link's frequency to three times of it.
     quality_factors : ndarray, shape (modes,)
-        Quality factors |s|/(−2 Re s), dimensionless.
+        Quality factors abs(s)/(−2 Re s), dimensionless.
     """
     n, elements, omega = len(circuit.names), _admittances(circuit), 2 * math.pi * circuit.frequency
     nodes = len(elements.conductance)

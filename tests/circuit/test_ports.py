@@ -150,6 +150,24 @@ matrices = st.integers(0, 10_000)
 
 @settings(max_examples=20, deadline=None)
 @given(seed=matrices)
+def test_no_other_load_is_better(seed):
+    """Of coils that also heat each other's copper: efficiency at the best load, and beside it in every direction."""
+    rng = np.random.default_rng(seed)
+    root = rng.uniform(0.2, 1.0, (2, 2))
+    Z = root @ root.T + 0.1 * np.eye(2) + 1j * OMEGA * 1e-7 * random_matrix(2, seed)
+
+    def efficiency(load):
+        ratio = Z[1, 0] / (Z[1, 1] + load)  # of the currents
+        return abs(ratio) ** 2 * load.real / (Z[0, 0] - Z[0, 1] * ratio).real
+
+    best = best_link(Z)
+    assert efficiency(best.load) == pytest.approx(best.efficiency, rel=1e-9)
+    for step in 0.01 * best.load.real * np.exp(2j * np.pi * np.arange(6) / 6):
+        assert efficiency(best.load + step) < best.efficiency
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=matrices)
 def test_reciprocity_and_power_balance(seed):
     """Of any board with three ports and an ending: nothing is made or lost, by the currents in all resistances."""
     rng = np.random.default_rng(seed)

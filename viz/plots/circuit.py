@@ -233,7 +233,7 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
 def ports_figure(solved: xr.Dataset) -> Figure:
     """Draw S-parameters over frequency, and the efficiencies below.
 
-    S is for the resistances of sources and loads, and |S| of every pair of ports is drawn once.
+    The magnitude of S, for the resistances of sources and loads, is drawn once of every pair.
     Dotted lines are the resonances, the grey line is the frequency of the link. `solved` is the
     result of `coilarray.circuit.ports.solve_ports`.
     """
