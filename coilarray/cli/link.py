@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +12,7 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.studies import extremes
-from coilarray.compute.display_units import DisplayUnit, display_unit
+from coilarray.compute.display_units import DisplayUnit, display_unit, value_text
 from coilarray.compute.store import open_store
 from coilarray.compute.table import Column, Table, text_table
 from coilarray.errors import GoalError
@@ -19,7 +20,10 @@ from coilarray.errors import GoalError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from coilarray.design.model import Design
+
 _MOST_ROWS, _MOST_PAIRS = 40, 4  # poses, and pairs of coils, whose numbers are printed one by one
+_FRAMES, _POSITIONS = 48, 24  # most pictures of a film, and positions of a slider
 _MOST_VALUES = 10_000  # of an axis
 _K = DisplayUnit("", 1.0, 4)  # as M is known to 1e-4 of L
 
@@ -68,6 +72,12 @@ def link(
     cache: shared.Cache = None,
     out: shared.NumbersFile = None,
     plot: Annotated[Path | None, shared.plot_option("k and efficiency over the poses")] = None,
+    film: Annotated[
+        Path | None,
+        shared.file_option(
+            ("--film",), "Film of the motion (.gif, .mp4), or a page with a slider (.html).", (".gif", ".mp4", ".html")
+        ),
+    ] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
@@ -98,7 +108,7 @@ def link(
         chosen |= {axis: _values("--turn-deg", text) for axis, text in zip(study.AXES[3:], angles, strict=True)}
     if not move or not chosen:
         raise GoalError("a link needs --move BOARD and places or angles, such as --move receiver --z-mm 1:20:1.")
-    for path in (out, plot):
+    for path in (out, plot, film):
         if path is not None:
             shared.require_new(path, force=force)
     opened = load_design(design)
@@ -121,13 +131,48 @@ def link(
     else:
         shared.write_numbers(out, found, str)
     shared.draw(plot, lambda: viz.link_figure(flat))
+    if film is not None:
+        _write_film(opened, poses, flat, film)
     data = {"file": out and str(out), **shared.design_record(opened), "moved": move, "poses": _records(flat)}
     lines = [] if "best_efficiency" in found else [
         "no frequency: only M and k; --frequency-MHz, or ports in the design, add voltage and efficiency"
     ]  # fmt: skip
     if not as_json and count > _MOST_ROWS:
         lines.append(f"{count} poses: smallest and largest values are shown")
-    shared.print_result(data, as_json=as_json, tables=[] if as_json else [_table(flat)], lines=lines, files=[out, plot])
+    shared.print_result(
+        data, as_json=as_json, tables=[] if as_json else [_table(flat)], lines=lines, files=[out, plot, film]
+    )
+
+
+def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Dataset, path: Path) -> None:
+    """Write the boards at up to `_FRAMES` poses as a film or page."""
+    import numpy as np
+
+    from coilarray.studies.link import moved_boards
+    from coilarray.viz.scenes.board import moving_scenes, room, scene_of_boards, scene_of_motion
+    from coilarray.viz.scenes.scene import Slider
+
+    page = path.suffix.lower() == ".html"
+    count = next(iter(poses.values())).size
+    numbers = np.unique(np.linspace(0, count - 1, _POSITIONS if page else _FRAMES).round().astype(int)).tolist()
+    placed = [moved_boards(design, poses, number).placed for number in numbers]
+    starts = tuple(poses)
+    moves = [board.name is not None and board.name.split("/")[0] in starts for board in placed[0]]
+    still = [board for board, moving in zip(placed[0], moves, strict=True) if not moving]
+    moved = [[board for board, moving in zip(boards, moves, strict=True) if moving] for boards in placed]
+    rows = flat.to_dataframe().reset_index().to_dict("records")
+    labels = [
+        ", ".join(f"{name} = {value_text(rows[number][str(name)])}" for name in flat.coords) for number in numbers
+    ]
+    pairs = [name for name in map(str, flat.data_vars) if name.startswith("k[")][:_MOST_PAIRS]
+    notes = [tuple(f"{name} = {_K.texts([rows[number][name]])[0]}" for name in pairs) for number in numbers]
+    if page:
+        slider = Slider("pose", tuple(labels), tuple(notes))
+        viz.save_page(scene_of_motion(still, moved, slider), path, title=design.name)
+        return
+    lines = [(label, *values) for label, values in zip(labels, notes, strict=True)]
+    everywhere = room([board for boards in moved for board in boards])
+    viz.save_movie(scene_of_boards(still) + everywhere, moving_scenes(moved, lines), path)
 
 
 def _records(flat: xr.Dataset) -> list[dict[str, float | None]]:

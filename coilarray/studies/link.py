@@ -159,6 +159,19 @@ def together(design: Design, names: Sequence[str], poses: xr.DataArray) -> dict[
     return found
 
 
+def moved_boards(design: Design, poses: Mapping[str, xr.DataArray], number: int) -> Design:
+    """Return a design with its boards at one of many poses.
+
+    The `poses` by board are those of `link`, of which the `number` counts from 0. Boards that cut
+    through each other raise a DesignError.
+    """
+    boards = (
+        replace(board, pose=poses[name].values.ravel()[number]) if name in poses else board
+        for name, board in _boards(design).items()
+    )
+    return replace(design, boards=tuple(boards))
+
+
 def link(
     design: Design | DesignFile,
     poses: Mapping[str, xr.DataArray | Sequence[Pose]],
@@ -262,7 +275,9 @@ def link(
                 "source_coil": [circuit.active[place].coil for place in circuit.sources],
                 "load_coil": [circuit.active[place].coil for place in circuit.loads],
             }
-    shaped = [(name, (*grid.dims, *dims), _over(grid, value), unit, says) for name, dims, value, unit, says in rows]
+    shaped = [
+        (name, (*map(str, grid.dims), *dims), _over(grid, value), unit, says) for name, dims, value, unit, says in rows
+    ]
     attributes = {**provenance(design), "moved": ", ".join(moves), "error_of_larger_inductance": 1e-4}
     if f is not None:
         attributes["frequency_Hz"] = f

@@ -33,6 +33,7 @@ def files(own_folder):
     Path("reader.toml").write_text(design_text(reader) + PLACED, encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_files_and_json_are_the_numbers_of_the_library(capsys):
     poses = pose_grid(z=np.array([6.0, 9.0, 12.0]) * 1e-3, turn_y=np.radians(10.0))
     expected = link(load_design("reader.toml"), {"tag": poses}, frequency=1e6)
@@ -78,3 +79,11 @@ BAD = {
 def test_mistakes_are_one_line(capsys, options, says):
     assert says in refused(capsys, *options)
     assert not Path("link.nc").exists()
+
+
+@pytest.mark.slow
+def test_a_page_has_a_slider_over_the_poses(capsys):
+    good(capsys, *UP, "--film", "motion.html")
+    page = Path("motion.html").read_text(encoding="utf-8")
+    assert "z_mm = 12" in page
+    assert "--film" in refused(capsys, *UP, "--film", "motion.avi")

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from coilarray import Array, Board, Design, Spiral, mutual_inductance
+from coilarray import Array, Board, Design, Spiral, couple_design, mutual_inductance
 from coilarray.design.model import Circuit
 from coilarray.design.ports import Port
 from coilarray.errors import DesignError
 from coilarray.geometry import FinitePlate, Pose, Rectangle
 from coilarray.geometry.bodies import MATERIALS
-from coilarray.studies.link import columns, link, pose_grid, pose_of, pose_path, together
+from coilarray.studies.link import columns, link, moved_boards, pose_grid, pose_of, pose_path, together
 
 READER = Array.row(Spiral(4, 20e-3, 3, 0.5e-3, 0.5e-3), 2, pitch=24e-3)
 TAG = Spiral(6, 12e-3, 4, 0.3e-3, 0.3e-3).as_array()
@@ -38,6 +38,13 @@ def test_each_pose_has_the_mutual_inductance_of_its_coils():
     np.testing.assert_allclose(found.coupling, found.mutual_inductance / math.sqrt(L1 * L2), rtol=1e-9)
     assert found.mutual_inductance.attrs["units"] == "H"
     assert "induced_voltage" not in found
+
+
+def test_each_pose_is_that_of_a_design_with_the_board_there():
+    found = link(PAIR, {"tag": HEIGHTS})
+    there = couple_design(moved_boards(PAIR, {"tag": HEIGHTS}, 3)).inductance.values
+    # the same integral over the same paths
+    np.testing.assert_allclose(found.mutual_inductance.values[1, 1], there[:2, 2], rtol=1e-9)
 
 
 def test_boards_may_change_places_and_the_whole_scene_move():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
@@ -22,7 +22,7 @@ from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import meshes
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, METAL, SHEETS, cycled
-from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Text
+from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Slider, Text
 
 if TYPE_CHECKING:
     import pyvista
@@ -126,6 +126,33 @@ def scene_of_boards(
     ]
     drawn = Scene(tuple(parts), tuple(texts))
     return drawn + _rulers(*Scene(drawn.parts).bounds[:5])
+
+
+def moving_scenes(moved: Sequence[Sequence[Board]], notes: Sequence[Sequence[str]]) -> Iterator[Scene]:
+    """Scenes of the same boards at one place after another, with notes, without names and rulers."""
+    bare = [_bare_board(board.array, None, None, 0.0) for board in moved[0]]
+    for boards, lines in zip(moved, notes, strict=True):
+        placed = [in_space(scene, board) for scene, board in zip(bare, boards, strict=True)]
+        yield Scene(tuple(part for scene in placed for part in scene.parts), notes=tuple(lines))
+
+
+def room(boards: Sequence[Board]) -> Scene:
+    """Invisible box about boards, so that a camera has all of them in view."""
+    from coilarray.viz.extra_3d import pyvista
+
+    corners = meshes.MM_PER_M * np.concatenate([board.pieces.reshape(-1, 3) for board in boards])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return Scene((Part("room", pyvista.Box(np.column_stack((low, high)).ravel()), opacity=0.0),))
+
+
+def scene_of_motion(still: Sequence[Board], moved: Sequence[Sequence[Board]], slider: Slider) -> Scene:
+    """Scene of boards that stay, and of others at every position of a slider."""
+    parts = [
+        replace(part, name=f"{part.name}, {step + 1}", step=step)
+        for step, scene in enumerate(moving_scenes(moved, slider.notes))
+        for part in scene.parts
+    ]
+    return scene_of_boards(still) + Scene(tuple(parts), slider=slider)
 
 
 def in_space(scene: Scene, board: Board) -> Scene:
