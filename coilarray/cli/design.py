@@ -501,7 +501,8 @@ def check(
     if several:
         pairs = [(one, other) for one, other in combinations(opened.placed, 2) if one.name or other.name]
         apart: list[tuple[str | float, ...]] = [
-            (one.name or opened.name, other.name, boards_apart(one.pieces, other.pieces)) for one, other in pairs
+            (one.name or opened.name, other.name or opened.name, boards_apart(one.pieces, other.pieces))
+            for one, other in pairs
         ]
         between = Table("board_clearances", "Clearance between boards", _CLEARANCE, tuple(apart))
         lines, data = [*lines, between], {**data, between.name: between.records()}
