@@ -390,7 +390,7 @@ def calibrate(
         page = partial(report.write_calibration_page, result, data=data)
         written = shared.write_folder(out, "calibration", page, result, tables)
         written.insert(2, out / "calibrated.toml")
-        write_text(written[2], file_text(found.file))
+        write_text(written[2], file_text(found.file, out))
     shared.draw(plot, lambda: viz.calibration_figure(result))
     best = str(result.combination.values[0])
     record = {"best": best, "values": dict(found.values), "notes": notes}

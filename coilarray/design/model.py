@@ -927,8 +927,11 @@ def _named(key: str) -> Iterator[None]:
         raise DesignError(f"{key}: {error}") from None
 
 
+_KNOWN_BY = {"boards": "name", "ports": "coil"}  # tables in lists whose keys have a name instead of a number
+
+
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    """Return every value by its dotted key, plain lists whole."""
+    """Return every value by its dotted key, plain lists whole, boards and ports by their names."""
     flat: dict[str, object] = {}
     for key, value in table.items():
         name = f"{prefix}{key}"
@@ -936,7 +939,7 @@ def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
             flat.update(_flatten(value, f"{name}."))
         elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
             for index, item in enumerate(value):
-                flat.update(_flatten(item, f"{name}.{index}."))
+                flat.update(_flatten(item, f"{name}.{item.get(_KNOWN_BY.get(key, ''), index)}."))
         else:
             flat[name] = value
     return flat

@@ -237,9 +237,9 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
         write_text(Path(path), with_comments(design_text(design)))
 
 
-def file_text(file: DesignFile, folder: Path | None = None) -> str:
-    """Return the text of a design file with its layout, with paths from a folder if given."""
-    document = file.document if folder is None else with_paths(file.document, partial(relative_path, folder))
+def file_text(file: DesignFile, folder: Path) -> str:
+    """Return the text of a design file with its layout, for a folder from which its paths begin."""
+    document = with_paths(file.document, partial(relative_path, folder))
     return edited_text(file.text, document) or with_comments(document_text(document))
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -232,7 +233,7 @@ def test_a_file_with_a_changed_entry_keeps_its_text(name):
     file = load_design_file(name)
     changes = {"board.margin_mm": 3.25, "circuit.capacitance_pF": 91}
     changed = dataclasses.replace(file, document=vary_chosen(file.document, changes))
-    before, after = file.text.splitlines(), file_text(changed).splitlines()
+    before, after = file.text.splitlines(), file_text(changed, Path()).splitlines()
     different = [line for line in difflib.ndiff(before, after) if line[0] in "+-"]
     assert len(different) <= 3 * len(changes)  # two lines of each, and a reason why it was assumed
     assert tomllib.loads("\n".join(after)) == changed.document

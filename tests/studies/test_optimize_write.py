@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,11 +125,11 @@ def test_designs_of_the_user_stay(single, double, tmp_path):
 
 def test_what_was_chosen_is_not_assumed(single):
     board = load_design_file("gast2020")
-    read = parse_design_file(trial_text(board, single.best, "best"))
+    read = parse_design_file(trial_text(board, single.best, "best", Path()))
     assert set(board.assumed) - set(read.assumed) == {"array.pitch_mm", "array.layers"}
     assert read.assumed.items() <= board.assumed.items()
     bare = build_design_file({**board.document, "assumed": {"array.pitch_mm": "why"}})
-    assert "assumed" not in trial_text(bare, single.best, "best")
+    assert "assumed" not in trial_text(bare, single.best, "best", Path())
 
 
 @pytest.mark.slow

@@ -464,7 +464,7 @@ def test_a_copy_is_called_by_its_own_file_before_and_after_a_step_back(tmp_path)
     assert (read.document, read.values, read.given) == (copy.kept, copy.opened.values, copy.opened.given)
     assert (read.design.name, read.design.title, read.design.digest) == ("copy", "copy", second.design.digest)
     again = copy.called("copy", "A copy")
-    assert parse_design_file(file_text(again.opened), "copy.toml").values == again.opened.values
+    assert parse_design_file(file_text(again.opened, Path()), "copy.toml").values == again.opened.values
     back = first.of_file(again)
     assert (back.file, back.changed) == ("copy.toml", True)
     assert (back.design.name, back.design.title, back.opened.values["board.margin_mm"]) == ("copy", "A copy", 2)

@@ -126,8 +126,8 @@ class Shelf:
 
     def save(self, work: Work, name: str) -> Work:
         """Write a design, and return it with its new file."""
-        path, text = self.path(name), file_text(work.opened)
-        parse_design_file(text, name)  # refuses a file that would not be readable
+        path, text = self.path(name), file_text(work.opened, self.folder)
+        parse_design_file(text, name, self.folder)  # refuses a file that would not be readable
         write_text(path, text)
         opened = replace(work.opened, text=text)
         return replace(work, opened=opened, file=name, kept=opened.document, kept_text=text)

@@ -367,7 +367,7 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     GoalError for a wish that is not valid, and if nothing could be changed.
     """
     file = as_file(design)
-    if file.design.boards:
+    if file.design.boards and (not vary or any(wish in _NAMED for wish in wishes)):
         raise GoalError(_SEVERAL.format(file.design.name))
     asked = [_named(wish) for wish in wishes]
     for one in asked:
@@ -419,9 +419,7 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
     return DerivedGoal(check_goal(document, "--vary and --keep"), comments)
 
 
-_SEVERAL = (
-    "named goals and wishes are for one board, and {} has several; write a goal file with its entries and quantities."
-)
+_SEVERAL = "named goals are for one board, and {} has several: give a goal file, or --goal and --vary."
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:

@@ -451,7 +451,7 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
         "result.json": json.dumps(result_data(result), indent=1, allow_nan=False) + "\n",
     }
     for name, trial in zip(names, result.front, strict=True):
-        texts[name] = trial_text(result.file, trial, Path(name).stem)
+        texts[name] = trial_text(result.file, trial, Path(name).stem, folder)
     try:
         front = json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]
         before = [str(design["file"]) for design in front]
@@ -472,8 +472,8 @@ def design_names(result: Optimization) -> tuple[str, ...]:
     return tuple(f"pareto_{k + 1:02d}.toml" for k in range(len(result.front)))
 
 
-def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
-    """Design file of a trial, named after design and `label`.
+def trial_text(file: DesignFile, trial: Trial, label: str, folder: Path) -> str:
+    """Design file of a trial for a `folder`, named after design and `label`.
 
     Entries that were chosen are no longer marked as assumed.
     """
@@ -482,7 +482,7 @@ def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
     document["name"] = f"{design.name}-{label}"
     document["title"] = f"{design.title or design.name} – {label}"
     found = ", ".join(f"{key} = {value:.6g}" for key, value in trial.quantities.items())
-    text = file_text(replace(file, document=document))
+    text = file_text(replace(file, document=document), folder)
     return f"# {design.name} as changed by coilarray optimize ({trial.name}): {found}\n\n{text}"
 
 
