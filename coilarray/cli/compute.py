@@ -67,6 +67,7 @@ def report(
     distortion: Annotated[
         Path | None, typer.Option(help="Result of `coilarray paper distortion --out` (.nc), to be included.")
     ] = None,
+    link: Annotated[Path | None, typer.Option(help="Result of `coilarray link --out` (.nc), to be included.")] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -81,11 +82,13 @@ def report(
         from coilarray.compute.netcdf import read_checked
         from coilarray.paper.distortion import DISTORTION
         from coilarray.report.write import write_report
+        from coilarray.studies.link import LINK
 
         opened = shared.open_design_file(design, allow_violations=allow_violations, boards=True)
         causes = None if distortion is None else read_checked(distortion, DISTORTION)
+        motion = None if link is None else read_checked(link, LINK)
         with shared.progress_bar(f"report of {opened.design.name}") as progress:
-            made = write_report(opened, out, distortion=causes, progress=progress)
+            made = write_report(opened, out, distortion=causes, link=motion, progress=progress)
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:

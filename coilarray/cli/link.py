@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,9 +13,9 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.studies import extremes
-from coilarray.compute.display_units import DisplayUnit, display_unit, value_text
+from coilarray.compute.display_units import DisplayUnit, value_text
 from coilarray.compute.store import open_store
-from coilarray.compute.table import Column, Table, text_table
+from coilarray.compute.table import Table, text_table
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -183,6 +184,8 @@ def _records(flat: xr.Dataset) -> list[dict[str, float | None]]:
 
 def _table(flat: xr.Dataset) -> Table:
     """Table of all poses, or of the extremes of many."""
+    from coilarray.report.tables import link_table
+
     names = [str(name) for name in flat.data_vars if not str(name).startswith("M_uH")]
     pairs = [name for name in names if name.startswith("k[")]
     strongest = sorted(pairs, key=lambda name: -float(abs(flat[name]).max()))[:_MOST_PAIRS]
@@ -195,10 +198,4 @@ def _table(flat: xr.Dataset) -> Table:
     if count > _MOST_ROWS:
         rows = [extremes(flat, name, str(flat[name].attrs.get("units", ""))) for name in names]
         return text_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
-    frame = flat[names].to_dataframe().reset_index()
-    columns = []
-    for name in map(str, frame.columns):
-        shown_as = _K if name.startswith("k[") or "efficiency" in name else display_unit("1")
-        columns.append(Column(name, name, "1", shown_as))
-    rows = [tuple("" if math.isnan(value) else float(value) for value in row) for row in frame.itertuples(index=False)]
-    return Table("link", "", tuple(columns), tuple(rows))
+    return replace(link_table(flat[names]), title="")

@@ -38,6 +38,7 @@ from coilarray.response.dataset import coils_outside, on_board, origin_of
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
 from coilarray.response.target import target_map
+from coilarray.studies.link import columns
 
 # the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per
 # pixel
@@ -56,10 +57,15 @@ class Results:
     """Results for the sections, computed beside the drawing of pictures."""
 
     def __init__(
-        self, file: DesignFile, distortion: xr.Dataset | None, drawing: Drawing, beside: ThreadPoolExecutor
+        self,
+        file: DesignFile,
+        distortion: xr.Dataset | None,
+        link: xr.Dataset | None,
+        drawing: Drawing,
+        beside: ThreadPoolExecutor,
     ) -> None:
         """Begin the long computations, the common one first."""
-        self.file, self.design, self.distortion = file, file.design, distortion
+        self.file, self.design, self.distortion, self.link = file, file.design, distortion, link
         self.several = len(self.design.coil_names) > 1
         self.active = self.design.array.middle_coil
         self.outlines = list(page.board_outlines(self.design).values())  # corners in m on the board
@@ -481,6 +487,17 @@ def _distortion(r: Results) -> Section | None:
     ))  # fmt: skip
 
 
+def _motion(r: Results) -> Section | None:
+    if r.link is None:
+        return None
+    flat = columns(r.link)
+    return Section("Link over motion", (
+        f"Boards that move: {r.link.attrs.get('moved', '')}. M is known to 10⁻⁴ of the larger L.",
+        r.plot("link_figure", "link", "Coupling and efficiency at every pose of the boards that move.", flat),
+        Details("All poses", (tables.link_table(flat),)),
+    ))  # fmt: skip
+
+
 def _rules(r: Results) -> Section:
     table = tables.rules_table(r.margins)
     broken, count = sum(not margin.kept for margin in r.margins), len(r.margins)
@@ -515,15 +532,15 @@ def _design(r: Results) -> Section:
 
 SECTIONS: dict[str, Callable[[Results], Section | None]] = {
     "Copper": _copper, "Fabrication rules": _rules, "Design": _design, "Indentation": _indentation, "Coils": _coils,
-    "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Ports": _ports,
+    "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Ports": _ports, "Link over motion": _motion,
     "Metal": _plates, "Response": _response, "Position": _position, "What moves x0": _distortion, "Target": _target,
     "Boards": _boards,
 }  # fmt: skip
 """Sections in order, first those without the circuit."""
 
 ORDER = (
-    "Coils", "Coupling", "Field", "Circuit", "Ports", "Metal", "Target", "Indentation", "Response", "Position",
-    "What moves x0", "Boards", "Copper", "Fabrication rules", "Design",
+    "Coils", "Coupling", "Field", "Circuit", "Ports", "Link over motion", "Metal", "Target", "Indentation", "Response",
+    "Position", "What moves x0", "Boards", "Copper", "Fabrication rules", "Design",
 )  # fmt: skip
 ESSENTIAL = ("Copper", "Fabrication rules", "Design", "Coils", "Coupling", "Circuit")
 """Sections without which there is no report."""

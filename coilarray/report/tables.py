@@ -93,6 +93,18 @@ def pair_table(coupling: xr.Dataset) -> Table:
     return replace(table, rows=tuple(row for row in table.rows if row[0] != row[1]))
 
 
+def link_table(columns: xr.Dataset) -> Table:
+    """Return the numbers of a link at every pose, from `coilarray.studies.link.columns`."""
+    known = DisplayUnit("", 1.0, 4)  # as M is known to 1e-4 of L
+    frame = columns.to_dataframe().reset_index()
+    shown = [
+        Column(name, name, "1", known if name.startswith("k[") or "efficiency" in name else None)
+        for name in map(str, frame.columns)
+    ]
+    rows = tuple(tuple(map(cell, row)) for row in frame.itertuples(index=False))
+    return Table("link", "Link over the poses", tuple(shown), rows)
+
+
 def design_table(file: DesignFile) -> Table:
     """Return all values of the design, with reasons if assumed."""
     rows = []

@@ -18,7 +18,7 @@ from coilarray.compute.threads import Progress, threads
 from coilarray.design.boards import boards_words
 from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.design.write import as_file
-from coilarray.errors import CoilarrayError, LocalizeError, OutputError
+from coilarray.errors import CoilarrayError, DesignError, LocalizeError, OutputError
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.report import page, tables
 from coilarray.report.drawing import drawing_beside
@@ -61,6 +61,7 @@ def write_report(
     where: str | Path = ".",
     *,
     distortion: xr.Dataset | None = None,
+    link: xr.Dataset | None = None,
     progress: Progress | None = None,
 ) -> Report:
     """Compute the coupling of a design and write its report.
@@ -76,6 +77,9 @@ def write_report(
     distortion : xarray.Dataset, optional
         Result of `coilarray.paper.distortion.distortion` for the design. It adds the causes that
         move x0 to the page.
+    link : xarray.Dataset, optional
+        Result of `coilarray.studies.link.link` for the design. It adds coupling and efficiency over
+        the motion of boards to the page, as ``link.csv`` to the folder.
     progress : callable, optional
         Function that is called with (done, total) as the work goes on.
 
@@ -88,6 +92,8 @@ def write_report(
     ------
     LocalizeError
         A distortion of another design.
+    DesignError
+        A link of another design.
     OutputError
         A file that cannot be written, or a ``report.html`` that is no report of coilarray. Each
         file is written under a temporary name first, so none is left half-written.
@@ -110,6 +116,8 @@ def write_report(
     design = file.design
     if distortion is not None and distortion.attrs.get("design_hash") != design.digest:
         raise LocalizeError(f"the distortion is that of another design than {design.name}.")
+    if link is not None and link.attrs.get("design_hash") != design.digest:
+        raise DesignError(f"the link is that of another design than {design.name}.")
     folder = Path(where)
     make_folder(folder)  # a folder that cannot be written is known before the work begins
     target = folder / "report.html"
@@ -118,7 +126,7 @@ def write_report(
     made: dict[str, Section] = {}
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:
-        results = Results(file, distortion, drawing, beside)
+        results = Results(file, distortion, link, drawing, beside)
         board = results.draw(page.board_picture, design)
         scene, problem = drawing.submit(page.board_page, design), drawing.submit(viz.rendering_problem)
         for done, (title, make) in enumerate(SECTIONS.items(), start=1):

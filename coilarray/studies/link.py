@@ -30,7 +30,7 @@ from coilarray.circuit.ports import (
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, value_text
 from coilarray.compute.memory import require_memory
-from coilarray.compute.netcdf import variables
+from coilarray.compute.netcdf import Entry, Schema, variables
 from coilarray.compute.store import Store, content_key, store_to_keep
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Board, Design, DesignFile, design_of
@@ -45,6 +45,18 @@ MOST_POSES = 100_000
 """Largest number of poses of a link."""
 _POSES_A_BLOCK = 128  # that are computed and kept together
 _BYTES_A_PAIR, _BYTES_A_COIL_PAIR = 200.0, 100.0  # peak memory per pose and pair that moves, and of all coils
+
+
+_OVER = ("pose", "along", *AXES, "pair")
+LINK = Schema(
+    DesignError, "mutual inductances and couplings over poses and pairs",
+    {
+        "mutual_inductance": Entry("H", _OVER, needed=True, fewer_dims=True),
+        "coupling": Entry("1", _OVER, needed=True, fewer_dims=True),
+        "pair": Entry(None, ("pair",), needed=True),
+    },
+)  # fmt: skip
+"""Requirements on a file of a link."""
 
 
 def pose_grid(

@@ -355,6 +355,7 @@ def test_a_report_wants_the_result_of_distortion(capsys):
     line = refused(capsys, "report", "starter", "--distortion", "map.nc")
     assert "map.nc must have effects and ellipses over cause" in line
     assert "there is no file n.nc" in refused(capsys, "report", "starter", "--distortion", "n.nc")
+    assert "map.nc must have mutual inductances" in refused(capsys, "report", "starter", "--link", "map.nc")
     assert not Path("report.html").exists()
 
 

@@ -27,15 +27,16 @@ from coilarray import (
     write_report,
 )
 from coilarray.design.bundled import read
-from coilarray.design.model import Board, Circuit, parse_design_file
+from coilarray.design.model import Board, Circuit, Design, parse_design_file
 from coilarray.design.scan_states import Switches
-from coilarray.errors import LocalizeError
+from coilarray.errors import DesignError, LocalizeError
 from coilarray.geometry import Array, Pose, Spiral, check_rules
 from coilarray.paper.ellipse import fit_ellipses
 from coilarray.paper.ellipse_model import ellipse_model, locate_x, published_map
 from coilarray.report.position import map_positions
 from coilarray.report.summary import summary_table
 from coilarray.response.dataset import coils_outside, in_ellipse_window, on_board
+from coilarray.studies.link import link, pose_grid
 
 pytestmark = pytest.mark.slow
 
@@ -561,3 +562,16 @@ def test_the_page_fits_a_telephone_and_paper(opened):
     assert opened.evaluate(scrolls) is False
     assert opened.evaluate(_BEYOND) == []
     assert opened.evaluate(_CUT.format("th, td")) == []
+
+
+def test_a_link_has_its_section_and_its_table(tmp_path):
+    tag = Spiral(6, 12e-3, 4, 0.3e-3, 0.3e-3).as_array()
+    pair = Design(Spiral(4, 20e-3, 3, 0.5e-3, 0.5e-3).as_array(), boards=(Board(tag, Pose(z=8e-3), "tag"),))
+    found = link(pair, {"tag": pose_grid(z=[5e-3, 9e-3])}, frequency=1e6)
+    made = written_report(pair, tmp_path, link=found)
+    assert "Link over motion" in [section.title for section in made.sections]
+    rows = table(made, "link")
+    assert [float(row["z_mm"]) for row in rows] == [5.0, 9.0]
+    assert [float(row["k[coil1,tag/coil1]"]) for row in rows] == pytest.approx(found.coupling.values[:, 0].tolist())
+    with pytest.raises(DesignError, match="another design"):
+        write_report(SINGLE, tmp_path, link=found)
