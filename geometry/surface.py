@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,7 @@ _MOST_FACES = 500_000
 _SECTIONS, _RINGS = 72, 18  # of a dome: chords lie 1e-3 of its radius below it
 _A_COIL, _SAMPLES = 400, 40_000  # samples of the surface for each coil, and at most
 _POINTS_AT_ONCE = 1000
+_LONGEST = 0.07  # of a surface's size: side of a triangle that is searched as one
 _PICOMETRE_DIGITS = 12  # of a place in m
 _STEPS, _FURTHER, _STILL = 300, 1.6, 3e-4  # of the relaxation: over-relaxed, until steps of the mean distance
 _EQUAL = 1e-6  # of a distance: the first of such samples is taken, so that rounding makes no other choice
@@ -222,8 +223,9 @@ class Surface:
         """
         import trimesh
 
+        triangles: Any = trimesh.triangles  # trimesh is typed in part only
         given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        corners, middles, radii = self._triangles
+        corners, middles, radii, whole = self._triangles
         places, face = np.empty_like(given), np.empty(len(given), dtype=np.int64)
         for start, stop in ranges(len(given), _POINTS_AT_ONCE):
             some = given[start:stop]
@@ -233,14 +235,15 @@ class Surface:
             other = np.concatenate([np.asarray(faces, dtype=np.int64) for faces in within])
             size, middle = radii[other, None], middles[other]
             unit = (corners[other] - middle[:, None]) / size[:, None]
-            near = size * trimesh.triangles.closest_point(unit, (some[one] - middle) / size) + middle
+            near = size * triangles.closest_point(unit, (some[one] - middle) / size) + middle
             away = np.linalg.norm(near - some[one], axis=1)
             order = np.lexsort((away, one))
             best = order[np.unique(one[order], return_index=True)[1]]
             places[start:stop], face[start:stop] = near[best], other[best]
-        unit = (corners[face] - middles[face, None]) / radii[face, None, None]
-        weights = trimesh.triangles.points_to_barycentric(unit, (places - middles[face]) / radii[face, None])
-        normals = (weights[:, :, None] * self.normals[self.faces[face]]).sum(axis=1)
+        around = self.vertices[self.faces[whole[face]]]
+        size = np.ptp(around, axis=1).max(axis=1, keepdims=True)
+        weights = triangles.points_to_barycentric((around - places[:, None]) / size[:, None], np.zeros_like(places))
+        normals = (weights[:, :, None] * self.normals[self.faces[whole[face]]]).sum(axis=1)
         return places, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     def samples(self, count: int) -> FloatArray:
@@ -248,7 +251,8 @@ class Surface:
         import trimesh
 
         edge = math.sqrt(4 / math.sqrt(3) * self.area / count)
-        vertices, faces = trimesh.remesh.subdivide_to_size(self.vertices, self.faces, 1.4 * edge, max_iter=20)
+        remesh: Any = trimesh.remesh  # trimesh is typed in part only
+        vertices, faces = remesh.subdivide_to_size(self.vertices, self.faces, 1.4 * edge, max_iter=20)
         corners = vertices[faces]
         a, b, c = np.moveaxis(corners, 1, 0)
         weight = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
@@ -267,12 +271,24 @@ class Surface:
         return cKDTree(self._triangles[1])
 
     @cached_property
-    def _triangles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Corners (m, 3, 3), middles (m, 3), and distances (m,) of the corners from them, in m."""
-        corners = self.vertices[self.faces]
+    def _triangles(self) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Parts of the triangles that are small beside the surface.
+
+        Their corners (m, 3, 3), middles (m, 3) and distances (m,) of the corners from them, in m,
+        and the triangles that they are of.
+        """
+        import trimesh
+
+        remesh: Any = trimesh.remesh  # trimesh is typed in part only
+        longest = _LONGEST * float(np.ptp(self.vertices, axis=0).max())
+        vertices, faces, whole = remesh.subdivide_to_size(
+            self.vertices, self.faces, longest, max_iter=20, return_index=True
+        )
+        corners = vertices[faces]
         middles = corners.mean(axis=1)
         # a millionth more, for the rounding of distances
-        return corners, middles, (1 + 1e-6) * np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+        radii = (1 + 1e-6) * np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+        return corners, middles, radii, np.asarray(whole)
 
 
 def _check(mesh: trimesh.Trimesh) -> None:
@@ -400,7 +416,7 @@ def _relaxed(
         points = moved
         if still:
             break
-    mean = float((cKDTree(points).query(samples)[0] ** 2).mean())
+    mean = float(np.mean(np.square(cKDTree(points).query(samples)[0])))
     return mirrored(surface.nearest(points)[0]), mean
 
 

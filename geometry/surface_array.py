@@ -100,7 +100,7 @@ class SurfaceLattice:
         places = self.on_surface[0]
         scale = math.sqrt(self.surface.area / len(points))
         if len(points) > 1:
-            apart = cKDTree(points).query(points, k=2)[0][:, 1]
+            apart = np.asarray(cKDTree(points).query(points, k=2)[0])[:, 1]
             if apart.min() < _SAME * scale:
                 raise GeometryError(f"points must be apart; point {int(np.argmin(apart))} is at another one's place.")
             scale = min(scale, float(apart.mean()))
@@ -477,7 +477,7 @@ def _refuse_cuts(paths: Sequence[Conductor]) -> None:
         sizes.append(diagonal)
     for i, k in combinations(range(len(paths)), 2):
         needed = (sizes[i] + sizes[k]) / 2
-        near = trees[i].query(trees[k].data, distance_upper_bound=needed)[0].min()
+        near = float(np.min(trees[i].query(trees[k].data, distance_upper_bound=needed)[0]))
         if near < needed:
             raise GeometryError(
                 f"coils {paths[i].name} and {paths[k].name} cut through each other: their traces are {near * 1e3:.3g} "

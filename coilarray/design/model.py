@@ -849,9 +849,9 @@ def _build(parsed: Document) -> Design:
     loops: tuple[tuple[Array, Pose], ...] = ()
     with _named("array"):
         if isinstance(parsed.array, SurfaceArray):
-            for table, there in (("connector", parsed.connector), ("board.bend", parsed.board.is_bent or None)):
-                if there is not None:
-                    raise DesignError(f'{table} needs one flat board; lattice = "surface" has a board for each coil.')
+            for key, is_given in (("connector", parsed.connector is not None), ("board.bend", parsed.board.is_bent)):
+                if is_given:
+                    raise DesignError(f'{key} needs one flat board; lattice = "surface" has a board for each coil.')
             loops = parsed.array.build(stackup, coils, parsed.board)
             array = loops[0][0]
         else:

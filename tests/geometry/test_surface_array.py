@@ -23,7 +23,7 @@ from coilarray.geometry import (
 )
 from coilarray.geometry.rules import FabRules, check_rules
 from coilarray.geometry.surface import Surface, neighbours, spread
-from coilarray.geometry.surface_array import SurfaceLattice, Wrap, levels, resized
+from coilarray.geometry.surface_array import SurfaceLattice, Wrap, levels, resized, sizes_by_distance
 
 STRIP = Stackup(("L1",), (35e-6,), (), ())
 LOOP = RoundedSpiral(20e-3, 20e-3, 1, 0.2e-3, 0.2e-3, corner_radius=10e-3, layers=1, leads=None)
@@ -35,7 +35,7 @@ def ball(radius, fineness=4, pose=None):
     return Surface(mesh.vertices if pose is None else pose.apply(mesh.vertices), mesh.faces)
 
 
-def circle(radius, width=0.1e-3, sides=240):
+def circle(radius, width=0.1e-3, sides=120):
     """A circular coil with a gap of 0.1° at its start, whose turn has the area of the circle."""
     turn = np.linspace(np.radians(0.05), 2 * np.pi - np.radians(0.05), sides + 1)
     grown = radius * (1 + math.pi**2 / 3 / sides**2)
@@ -136,7 +136,7 @@ def test_published_tilted_circles():
 def test_two_loops_on_a_sphere(apart):
     """Loops of radius 20 mm, of thin wire, `apart` rad on a sphere of 100 mm, against tilted circles.
 
-    Wire of 0.1 mm, the chords of 240 sides and the gap of 0.1° change M by some 1e-4 of L each.
+    Wire of 0.1 mm, the chords of 120 sides and the gap of 0.1° change M by some 1e-4 of L each.
     """
     sphere = ball(0.1, 5)
     points = sphere.nearest(0.1 * np.array([(0, 0, 1), (math.sin(apart), 0, math.cos(apart))]))[0]
@@ -209,6 +209,27 @@ def test_overlapping_coils_differ_in_level():
     lattice = SurfaceLattice(sphere, points, ("L1",), np.full(12, 0.12), step=1e-3, wrapped=True)
     heights = [np.linalg.norm(pose.shift) for _, pose in lattice.boards(LOOP, STRIP)]
     assert (np.round((np.array(heights) - min(heights)) / 1e-3) == found).all()
+
+
+HELMET = Surface.dome((97e-3, 117e-3, 100e-3), skirt=50e-3)
+CAPSULE = trimesh.creation.capsule(height=12e-3, radius=8e-3, count=[48, 48])
+
+
+@pytest.mark.parametrize(("surface", "count", "mirror"), [
+    (HELMET, 8, "x"), (HELMET, 16, "x"), pytest.param(HELMET, 32, None, marks=pytest.mark.slow),
+    (Surface(CAPSULE.vertices, CAPSULE.faces), 12, None),
+], ids=["8", "16", "32", "fingertip"])  # fmt: skip
+def test_helmets_and_a_fingertip(surface, count, mirror):
+    """Nearest neighbours of points of equal parts of the area A are sqrt(2 A/(n sqrt 3)) apart, were all hexagons."""
+    points = spread(surface, count, mirror)
+    apart = np.linalg.norm(points[:, None] - points, axis=2) + np.diag(np.full(count, math.inf))
+    hexagons = math.sqrt(2 * surface.area / (math.sqrt(3) * count))
+    assert 0.7 < apart.min() / hexagons < apart.min(axis=1).max() / hexagons < 1.15
+    lattice = SurfaceLattice(surface, points, ("L1",), sizes_by_distance(surface, points, 1.3), wrapped=True)
+    paths = lattice.conductors(LOOP, STRIP)
+    assert [path.name for path in paths] == [f"coil{k + 1}" for k in range(count)]
+    heights = [np.linalg.norm(surface.nearest(path.vertices)[0] - path.vertices, axis=1) for path in paths]
+    assert min(height.min() for height in heights) > 0  # all above the surface
 
 
 @pytest.mark.parametrize("coil", [
