@@ -21,8 +21,9 @@ from coilarray.geometry.pose import Pose
 SEGMENTS = 72
 """Segments of a whole turn, by default.
 
-L of a ring is right to 6e-4 for wires below a tenth of its radius. Turns that lie closer than a
-wire's diameter apart add up to 1 % of L, thick wires near each other up to 1e-3 of M.
+L of a ring is right to 6e-4 for wires below a tenth of its radius. Turns that touch are
+right to 2e-3 of L, and M of wires below a twentieth of the radius, three diameters or more apart,
+to 2e-4 of the larger L.
 """
 # Geometric mean distance of a circle from itself over its diameter, and of a square over its side.
 _ROUND, _SQUARE = 0.5 * math.exp(-0.25), 0.4470491559

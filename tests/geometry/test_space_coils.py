@@ -60,6 +60,21 @@ def test_solenoid(diameter, length, turns, wire):
     assert coil.area[2] == pytest.approx(turns * math.pi * diameter**2 / 4, rel=1e-12)
 
 
+@pytest.mark.parametrize("gap", [0.0, 0.1, 1.0])
+def test_turns_that_touch(gap):
+    """Rings of wire side by side against Maxwell's formula, exact for round wires but for (wire/diameter)²."""
+    radius, wire, turns = 20e-3, 1e-3, 4
+    pitch = (1 + gap) * wire
+    ring, _ = space_coils.loop_pair(radius, 0.1, wire)
+    rings = [ring.posed(Pose(z=k * pitch)) for k in range(turns)]
+    height = pitch * np.arange(1, turns)
+    k2 = 4 * radius**2 / (4 * radius**2 + height**2)
+    between = MU_0 * radius * ((2 / np.sqrt(k2) - np.sqrt(k2)) * ellipk(k2) - 2 / np.sqrt(k2) * ellipe(k2))
+    expected = turns * ring_inductance(radius, wire) + 2 * ((turns - np.arange(1, turns)) * between).sum()
+    # as stated; squares in place of circles change the distance of wires that touch by 0.5 %
+    assert inductance_matrix(rings, allow_overlaps=True).sum() == pytest.approx(expected, rel=2e-3)
+
+
 def test_ring():
     upper, _ = space_coils.loop_pair(25e-3, 1.0, 1e-3)
     assert self_inductance(upper)[0] == pytest.approx(ring_inductance(25e-3, 1e-3), rel=5e-4)  # as stated
