@@ -45,7 +45,7 @@ def kept(folder="cache"):
 
 @pytest.mark.slow
 def test_the_file_is_the_dataset_of_the_library(capsys, expected):
-    out = good(capsys, *SMALL, "--out", "s.nc", "--plot", "s.svg")
+    out = good(capsys, *SMALL, *ONE, "--out", "s.nc", "--plot", "s.svg")
     with xr.open_dataset("s.nc", engine="h5netcdf") as saved:
         xr.testing.assert_identical(saved.load(), expected)
     assert Path("s.svg").read_text(encoding="utf-8").startswith("<?xml")
