@@ -124,16 +124,15 @@ def test_small_ball_over_a_perfect_conductor_sees_the_mirrored_coils():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("material", "error"), [("aluminium", 4e-3), ("ferrite", 8e-3)])
-def test_a_wide_disc_sends_back_the_field_of_a_near_ball(material, error):
-    """0.1 and 0.6 % by higher multipoles and the mesh; without what is sent back it would be 0.7 and 1.9 %."""
-    ball, aluminium = Ball(RADIUS, MATERIALS[material]), MATERIALS["aluminium"]
+def test_a_wide_disc_sends_back_the_field_of_a_near_ball():
+    """0.6 % by higher multipoles and the mesh; without what is sent back it would be 1.9 %."""
+    ball, aluminium = Ball(RADIUS, MATERIALS["ferrite"]), MATERIALS["aluminium"]
     at = [[1e-3, 0.0, 1e-3 + RADIUS], [4e-3, 2e-3, 4e-3 + RADIUS]]
     disc = FinitePlate("disc", Disc(16e-3), (0.0, 0.0, -3e-3), 1e-3, aluminium)
     coils = [polygon(24, 6e-3, -0.5e-3, centre=(1e-3, 0.0)), polygon(24, 5e-3, -0.8e-3, centre=(-3e-3, 2e-3))]
     found = ball_inductance(coils, ball, at, [1e6], (), [disc], fineness=0.35)
     exact = ball_inductance(coils, ball, at, [1e6], (), [Plate("plate", -3.5e-3, 1e-3, aluminium)])
-    np.testing.assert_allclose(found, exact, atol=error * np.abs(exact).max())
+    np.testing.assert_allclose(found, exact, atol=8e-3 * np.abs(exact).max())
 
 
 def test_a_plate_of_nothing_leaves_what_a_ball_does():
