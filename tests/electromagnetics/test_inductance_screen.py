@@ -43,7 +43,7 @@ def test_bundled_designs(name):
 
 
 @pytest.mark.slow
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(
     st.sampled_from([3, 4, 6, 48]), st.integers(6, 18), st.floats(0, 30e-3), st.floats(0, 3.2), st.floats(0, 3.2)
 )  # fmt: skip
