@@ -72,8 +72,8 @@ ax.legend()
 
 # %%
 # Nearer than its match the card couples too much: the resonance splits, and the reader becomes more than 50 Ω. Farther
-# away it couples too little. The match at 40 mm reaches farthest, and gives the least close by. Nearer than some 14 mm no
-# two capacitors match 50 Ω.
+# away it couples too little. The match at 40 mm reaches farthest, and gives the least close by. Nearer than some 14 mm
+# no two capacitors match 50 Ω.
 #
 # The losses are those of the copper, to some percent. Those of the laminate, and of the resistors that make the band of
 # a reader broader, are left out: real shares are smaller. The film of the card that comes nearer:

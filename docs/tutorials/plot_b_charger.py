@@ -57,10 +57,10 @@ centre = np.argmin(np.abs(x))
 print(f"{served[centre].item():.0%} of {row.sel(pair='middle')[centre].item():.0%}")
 
 # %%
-# The copper is 35 µm thick, as of common boards, so that the quality factors are only 8 to 9; chargers of litz wire over
-# ferrite have more. Traces of 1.9 mm are wide at this frequency. L is that of uniform direct current. R has the skin and
-# proximity effect within each coil, but no losses of a coil in the copper of another, which it overlaps here. The
-# efficiencies are therefore upper limits. The film of the receiver over the row, with the couplings as arcs:
+# The copper is 35 µm thick, as of common boards, so that the quality factors are only 8 to 9; chargers of litz wire
+# over ferrite have more. Traces of 1.9 mm are wide at this frequency. L is that of uniform direct current. R has the
+# skin and proximity effect within each board, but no losses in the copper of another board. The efficiencies are
+# therefore upper limits. The film of the receiver over the row, with the couplings as arcs:
 #
 # .. code-block:: python
 #

@@ -20,9 +20,9 @@ for name, array in (("flat", flat), ("bent", strip)):
 
 # %%
 # L loses 0.7 %, as opposite sides of a coil turn away from each other. Neighbours gain a fifth of k, coils after next
-# become 2.6 times as strong, and the first and the last, which hardly couple on the flat strip, become neighbours across
-# the gap. All are right to 10⁻⁴ of L. ``coilarray check finger_strip`` knows the bend too: the finger's radius is 47
-# times the thickness of the board, where ten are enough.
+# become 2.6 times as strong, and the first and the last, which hardly couple on the flat strip, become neighbours
+# across the gap. All are right to 10⁻⁴ of L. ``coilarray check finger_strip`` knows the bend too: the finger's radius
+# is 47 times the thickness of the board, where ten are enough.
 #
 # Why does k grow, though the coils look away from each other? Far coils are dipoles. If the axes lean by ±a from
 # the normal of their chord, two dipoles couple by 1 + sin²a instead of 1, and the chord is shorter than the arc by
@@ -38,9 +38,8 @@ for other, name in ((1, "neighbours"), (2, "after next")):
     gains = [ca.mutual_inductance(*paths[: other + 1 : other]).item() / own for paths in around]
     (line,) = ax.plot(turns, gains, "o", label=name)
     a = other * np.linspace(0.01, turns[0], 50) / 2
-    ax.plot(
-        2 * a / other, (1 + np.sin(a) ** 2) * (a / np.sin(a)) ** 3, color=line.get_color(), label=f"{name}, dipoles"
-    )
+    dipoles = (1 + np.sin(a) ** 2) * (a / np.sin(a)) ** 3
+    ax.plot(2 * a / other, dipoles, color=line.get_color(), label=f"{name}, dipoles")
 ax.set(xlabel="turn from coil to coil (rad)", ylabel="M, bent over flat")
 ax.legend()
 
