@@ -361,13 +361,13 @@ def studio(
 def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:
     """Summarize a design with the numbers of the report."""
     from coilarray.circuit.coupling import scan_design
+    from coilarray.design.boards import check_boards
     from coilarray.design.write import design_document
-    from coilarray.geometry import check_rules
     from coilarray.geometry.usual_values import unusual_values
     from coilarray.report.summary import position_bounds, summary_table, verdicts
     from coilarray.viz.studio.services import Summary
 
-    margins = check_rules(design.array, design.rules)
+    margins = check_boards(design)
     try:
         scan = scan_design(design)
     except (GeometryError, NetworkError):  # as in the report

@@ -46,11 +46,18 @@ def boards_words(design: Design) -> str:
     """Describe the coils of all boards."""
     own, *named = named_boards(design)
     loops = len(design.placed) - len(named)
-    if loops > 1:
-        words = f"{loops} loops in space, the first {array_words(own.array).removeprefix('1 ')}"
-    else:
-        words = array_words(own.array)
-    return "; ".join([words, *(f"on board {board.name} {array_words(board.array)}" for board in named)])
+    start = f"{loops} loops in space, the first " if loops > 1 else ""
+    return "; ".join(
+        [start + array_words(own.array), *(f"{board.name}: {array_words(board.array)}" for board in named)]
+    )
+
+
+def board_facts(design: Design) -> list[tuple[str, str]]:
+    """Facts about other boards, as rows of name and value."""
+    _, *named = named_boards(design)
+    loops = len(design.placed) - len(named)
+    rows = [("loops", f"{loops} in space, the first as above")] if loops > 1 else []
+    return rows + [(f"board {board.name}", f"{array_words(board.array)}, {pose_words(board.pose)}") for board in named]
 
 
 def pose_words(pose: Pose) -> str:

@@ -24,6 +24,7 @@ from coilarray.compute.display_units import MM, display_unit
 from coilarray.compute.table import html_card, html_table
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
+from coilarray.design.boards import board_facts, boards_words, named_boards
 from coilarray.design.body_tables import Edges, Positions, array_window, check_plates
 from coilarray.design.fabs import load_profile
 from coilarray.design.ports import Port, check_ports
@@ -490,8 +491,7 @@ class Design:
         return one_board(self, "the resistance of paths").array.flat_conductors()
 
     def __repr__(self) -> str:
-        facts = dict(design_facts(self))
-        return f"<Design {self.name}: {facts['coils']}; hash {facts['hash']}>"
+        return f"<Design {self.name}: {boards_words(self)}; hash {self.digest[:_HASH_DIGITS]}>"
 
     def _repr_html_(self) -> str:
         return design_html(self)
@@ -1040,6 +1040,7 @@ def design_facts(design: Design) -> list[tuple[str, str]]:
     depths = [] if setup is None else [f"{depth:g}" for depth in MM.of(setup.depths).round(6)]
     rows = [
         *array_facts(design.array),
+        *board_facts(design),
         ("elastomer", ", ".join(sheets)),
         ("pressed by", "" if setup is None else f"{setup.indenter.name}, {', '.join(depths)} mm deep"),
         ("metal", metal_words(design)),
@@ -1062,4 +1063,6 @@ def design_html(design: Design, more: list[tuple[str, str]] | None = None) -> st
     """Return a design, with more rows, for a notebook."""
     title = f"{design.name}: {design.title}" if design.title not in ("", design.name) else design.name
     rows = [*design_facts(design), *(more or [])]
-    return html_card(title, array_picture(design.array, title), html_table((), rows))
+    own, *others = named_boards(design)
+    pictures = [f"<p>board {board.name}</p>{array_picture(board.array)}" for board in others]
+    return html_card(title, array_picture(own.array, title), *pictures, html_table((), rows))

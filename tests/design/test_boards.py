@@ -10,7 +10,7 @@ from support.refusals import refused
 
 import coilarray as ca
 from coilarray.design.bundled import read
-from coilarray.design.model import Board, Design, build_design_file, load_design_file
+from coilarray.design.model import Board, Design, build_design_file, design_facts, load_design_file
 from coilarray.design.vary import vary
 from coilarray.errors import DesignError
 from coilarray.geometry import Bend, Pose, Spiral, Zone
@@ -56,6 +56,15 @@ def test_boards_of_a_board_follow_it():
     assert design.coil_names[2:] == ("box/coil1", "box/lid/coil1")
     # a turn about y by 90° takes z to x
     np.testing.assert_allclose(design.centres[3], [45e-3, 0.0, 0.0], atol=1e-15)
+
+
+def test_a_design_tells_of_its_boards():
+    design = Design(ROW, boards=(Board(COIL, FACING, "receiver"),), name="pair")
+    facts = dict(design_facts(design))
+    assert "(1, 0, 6) mm" in facts["board receiver"]
+    assert "(180, 0, 0)°" in facts["board receiver"]
+    assert "receiver" in repr(design)
+    assert design._repr_html_().count("<img") == 2  # both boards
 
 
 def test_a_board_may_be_placed_several_times_and_its_place_counts():

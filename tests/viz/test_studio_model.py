@@ -21,7 +21,7 @@ from coilarray.design.fabs import load_profile
 from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design_file
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import file_text
-from coilarray.electromagnetics.field import magnetic_field
+from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import DesignError, GeometryError, NetworkError, OutputError
 from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
 from coilarray.localize.forward import forward_model
@@ -280,7 +280,7 @@ def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
 
 def test_a_design_that_no_page_can_follow_is_refused():
     many = build_design_file({**OPENED.document, "array": {**OPENED.document["array"], "columns": 70}})
-    with pytest.raises(DesignError, match="at most 64 coils; the array has 70"):
+    with pytest.raises(DesignError, match="at most 64 coils; the design has 70"):
         work_on(many, "many")
 
 
@@ -541,8 +541,8 @@ def test_settings_name_a_state_and_coils_in_series_add_with_their_coupling(start
     assert result.apparent_inductance == pytest.approx(ideal.inductance[:2, :2].sum(), rel=1e-9)
     np.testing.assert_allclose(np.abs(result.currents), [1.0, 1.0, 0.0], atol=1e-9)
     assert (state.name, state.exceptions) == ("coil1 + coil2", {"coil3": "open"})
-    assert kept_settings(starter.array, {}) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
-    kept = kept_settings(starter.array, {"coil1": "open", "coil3": "measure", "coil9": "open"})
+    assert kept_settings(starter, {}) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
+    kept = kept_settings(starter, {"coil1": "open", "coil3": "measure", "coil9": "open"})
     assert kept == {"coil1": "open", "coil2": "ground", "coil3": "measure"}
     with pytest.raises(NetworkError, match="at least one coil must be measured"):
         state_of({"coil1": "ground"})
@@ -630,3 +630,26 @@ def test_a_target_says_for_every_state_what_the_library_computes(starter):
     # the same computation, of fewer distances
     np.testing.assert_allclose([row[2] for row in rows], alone.effective_inductance.values, rtol=1e-9)
     np.testing.assert_allclose([row[6] for row in rows], alone.frequency.values, rtol=1e-9)
+
+
+def test_boards_are_moved_by_sliders_and_every_coil_has_numbers(tmp_path):
+    """Poses are entries, the state, the matrix and B take all coils, and a saved file finds its boards."""
+    (tmp_path / "lid.toml").write_text(bundled.read("proximity"))
+    placed = '\n[[boards]]\nname = "lid"\ndesign = "lid.toml"\nx_mm = 3\nz_mm = 15\nturn_deg = [180, 0, 0]\n'
+    (tmp_path / "pair.toml").write_text(bundled.read("proximity") + placed)
+    shelf = Shelf(tmp_path)
+    work = shelf.open("pair.toml")
+    entries = {entry.key: entry for entry in entries_of(work.opened) if entry.group == "Board lid"}
+    assert set(entries) == {*(f"boards.0.{axis}_mm" for axis in "xyz"), *(f"boards.0.turn_deg.{k}" for k in range(3))}
+    assert all(entry.low < entry.value < entry.high or entry.value == 180 for entry in entries.values())
+    moved = work.with_document(work.document_with({"boards.0.z_mm": 20.0, "boards.0.turn_deg.1": 10.0}))
+    np.testing.assert_allclose(moved.design.placed[1].pose.shift, [3e-3, 0, 20e-3])
+    assert shelf.save(moved, "moved.toml").design.digest == shelf.open("moved.toml").design.digest
+    assert '"lid.toml"' in (tmp_path / "moved.toml").read_text()
+    names = moved.design.coil_names
+    assert numbers_of(moved.design, "screen").names == names
+    assert set(kept_settings(moved.design, {})) == set(names)
+    fields = unit_fields(moved.design, 5e-3)
+    points = grid_points(fields.x, fields.y, fields.height)
+    expected = magnetic_field([moved.design.conductors()[1]], points)
+    np.testing.assert_allclose(fields.fields[1], expected)

@@ -127,6 +127,14 @@ def scene_of_design(design: Design, view: View | None = None, track: Tracker | N
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 
 
+def bare_scene(design: Design, *, sheets: bool) -> Scene:
+    """Scene of the boards, with sheets lifted off a single board at its own place."""
+    if not design.boards and design.pose == Pose():
+        return boards.board_scene(design.array, design.sheets if sheets else ())
+    scene = boards.sheets_in_space(design.placed) if sheets else Scene()
+    return scene + boards.scene_of_boards(design.placed)
+
+
 class _Making:
     """Scene during its computation."""
 
@@ -146,8 +154,8 @@ class _Making:
         if self.coil not in design.coil_names:
             raise GeometryError(f"there is no coil {self.coil!r}; there are {', '.join(design.coil_names)}.")
         self._require_field()
-        if shown <= _ALONE and "board" in shown and layers is None and not design.boards and design.pose == Pose():
-            return boards.board_scene(design.array, design.sheets if "elastomer" in shown else ())
+        if shown <= _ALONE and "board" in shown and layers is None:
+            return bare_scene(design, sheets="elastomer" in shown)
         makers: dict[str, Callable[[], Scene]] = {
             "dent": self._dent,
             "elastomer": lambda: boards.sheets_in_space(design.placed),

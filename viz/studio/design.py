@@ -7,17 +7,16 @@ import math
 import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
 from coilarray.compute.threads import Progress
 from coilarray.design import fabs
-from coilarray.design.export import SUFFIXES, Format, export
+from coilarray.design.boards import boards_words
+from coilarray.design.export import SUFFIXES, Format, board_targets, export
 from coilarray.design.model import DesignFile, build_design
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.arcs import SIDES
-from coilarray.geometry.array import array_words
 from coilarray.studies.create.plan import Choices, Shape, read_arrangement, read_size
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.services import Document
@@ -56,7 +55,7 @@ class DesignPanel(Panel):
             self._session.server.clear_state_client_cache("texts")
         state.file, state.changed = work.file, work.changed
         state.title = str(work.opened.document.get("title", ""))
-        state.array_words = array_words(work.design.array)
+        state.array_words = boards_words(work.design)
         state.trame__title = f"{work.file} – coilarray studio"
         state.report_url = ""
 
@@ -105,11 +104,18 @@ class DesignPanel(Panel):
         self._state.file_note = f"saved {shelf.path(name)}"
 
     def _export(self, to: Format) -> None:
-        session, name = self._session, self._session.work.design.name
-        path = session.may_write(f"{name}-{to}{SUFFIXES[to][0]}")
-        if path is not None:
-            item = session.work.opened.document, name, path, to
-            session.start_bar("export", f"{to} of {name}", write_board, *item, done=partial(session.wrote, path))
+        session, design, folder = self._session, self._session.work.design, self._session.setup.shelf.folder
+        path = folder / f"{design.name}-{to}{SUFFIXES[to][0]}"
+        places = list(dict.fromkeys((path, *board_targets(design, path, to))))
+        if None in [session.may_write(str(place.relative_to(folder))) for place in places]:
+            return
+
+        def done(line: str) -> None:
+            for place in places:
+                session.wrote(place, line)
+
+        item = session.work.opened.document, design.name, path, to
+        session.start_bar("export", f"{to} of {design.name}", write_board, *item, done=done)
 
     def _report(self) -> None:
         session, design, write = self._session, self._session.work.design, self._session.setup.services.write_report

@@ -92,7 +92,7 @@ def drawing(design: Design, delta: Mapping[str, float | None], marks: str = "", 
     fills = ["none"] * len(array.names)
     if delta:
         of_coils = colours_of_delta(delta_by_coil(design, delta), least)
-        fills = [f"rgb{tuple(one)}" for one in of_coils.scale.colours_of(of_coils.values).tolist()]
+        fills = [f"rgb{tuple(one)}" for one in of_coils.scale.colours_of(of_coils.values[: len(fills)]).tolist()]
     for place, fill in zip(array.placements, fills, strict=True):
         stroke = f'stroke="{colours[place.name]}" stroke-width="{1.5 * view.line:g}"'
         parts.append(polygon(place.to_board(place.coil.outline), f'fill="{fill}" fill-opacity="0.75" {stroke}'))

@@ -20,16 +20,16 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, PERCENT, DisplayUnit, number_text, true_minus
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.compute.threads import Progress
+from coilarray.design.boards import check_boards
 from coilarray.design.model import Design, build_design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import NetworkError
-from coilarray.geometry.array import Array
-from coilarray.geometry.rules import Margin, broken_rules, check_rules
+from coilarray.geometry.rules import Margin, broken_rules
 from coilarray.viz.datasets.results import AMOUNT, field_grid, require_memory
 from coilarray.viz.palette import DIVERGING
-from coilarray.viz.scenes.results import Span, colours_of_currents, scale_of_field, scene_of_slices
+from coilarray.viz.scenes.results import colours_of_currents, field_planes, scale_of_field, scene_of_slices
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document, Summary
@@ -65,7 +65,7 @@ class Numbers(NamedTuple):
 def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
     """Compute the inductance matrix, or raise NetworkError for impossible coils."""
     inductance = checked_network(design_inductance(design, accuracy=accuracy)[0], 0.0)[0]
-    return Numbers(design.array.names, inductance, accuracy)
+    return Numbers(design.coil_names, inductance, accuracy)
 
 
 def circuit_of(design: Design) -> Circuit:
@@ -76,7 +76,7 @@ def circuit_of(design: Design) -> Circuit:
 def margins_of(design: Design) -> tuple[Margin, ...]:
     """Worst margin of every rule on every layer."""
     worst: dict[tuple[str, str], Margin] = {}
-    for margin in check_rules(design.array, design.rules):
+    for margin in check_boards(design):
         worst.setdefault((margin.rule, margin.layer), margin)
     return tuple(worst.values())[:_SHOWN_MARGINS]
 
@@ -295,10 +295,10 @@ class UnitFields:
         return field_grid(self.x, self.y, [self.height], B)
 
 
-def kept_settings(array: Array, settings: Mapping[str, str]) -> dict[str, str]:
+def kept_settings(design: Design, settings: Mapping[str, str]) -> dict[str, str]:
     """Keep settings for other coils."""
-    kept = {name: settings.get(name, "ground") for name in array.names}
-    return kept if "measure" in kept.values() else {**dict.fromkeys(kept, "ground"), array.middle_coil: "measure"}
+    kept, middle = {name: settings.get(name, "ground") for name in design.coil_names}, design.array.middle_coil
+    return kept if "measure" in kept.values() else {**dict.fromkeys(kept, "ground"), middle: "measure"}
 
 
 def state_of(settings: Mapping[str, str]) -> ScanState:
@@ -313,13 +313,12 @@ def state_of(settings: Mapping[str, str]) -> ScanState:
 
 def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
     """B of every coil on a plane of limited points."""
-    x_min, y_min, x_max, y_max = design.array.bounds
-    x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
-    conductors = design.array.conductors()
+    x, y, z = field_planes(design, design.array.middle_coil, spacing)[0]
+    conductors = design.conductors()
     require_memory(x.count * y.count * len(conductors), f"a spacing of {spacing * 1e3:g} mm")
-    points = grid_points(x.points, y.points, design.field_height)
+    points = grid_points(x.points, y.points, z.low)
     fields = np.stack([magnetic_field([conductor], points) for conductor in conductors])
-    return UnitFields(x.points, y.points, design.field_height, fields)
+    return UnitFields(x.points, y.points, z.low, fields)
 
 
 def reading_table(result: Resonance) -> Table:
@@ -344,7 +343,7 @@ class SwitchesPanel(Panel):
 
     def show(self, design: Design, *, anew: bool) -> None:
         """Show another design, `anew` for another file."""
-        self._state.settings = kept_settings(design.array, {} if anew else self._state.settings)
+        self._state.settings = kept_settings(design, {} if anew else self._state.settings)
         self._result = None
 
     def solve(self) -> None:
@@ -372,7 +371,7 @@ class SwitchesPanel(Panel):
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Scene of the solved state or None, in a thread."""
-        result, names = self._result, design.array.names
+        result, names = self._result, design.coil_names
         if result is None or len(result.currents) != len(names):
             return None
         scene = board.coloured(colours_of_currents(result.currents, names.index(result.state.measured[0][0])))

@@ -115,7 +115,7 @@ class Page(Session):
 
     def _show(self, work: Work, *, typed: bool) -> None:
         opened = work.file != self.work.file
-        other = opened or set(work.design.array.names) != set(self.work.design.array.names)
+        other = opened or set(work.design.coil_names) != set(self.work.design.coil_names)
         if work.kept is not self.work.kept:
             self.numbers.show(work)
         self.work = work

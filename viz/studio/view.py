@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.design.model import Design
-from coilarray.viz.scenes.board import CoilColours, board_in_pieces, board_scene, recoloured
-from coilarray.viz.scenes.design import first_states
+from coilarray.viz.scenes.board import CoilColours, board_in_pieces, recoloured
+from coilarray.viz.scenes.design import bare_scene, first_states
 from coilarray.viz.scenes.draw import bar_of, draw_parts, gradient, set_camera, text_name
 from coilarray.viz.scenes.results import colours_of_delta
 from coilarray.viz.scenes.scene import FILLED, SIDES, Camera, Part, Scene, Side, Text, aim
@@ -24,7 +24,7 @@ from coilarray.viz.studio.session import Panel, Session
 def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
     """δ of each coil's first measured state, or NaN."""
     states = first_states(design)
-    return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
+    return np.array([delta.get(states.get(name, "")) for name in design.coil_names], dtype=np.float64)  # None is NaN
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,14 +297,14 @@ class ScenePanel(Panel):
     def _scene(self, design: Design, tab: str, sheets: bool) -> Scene:
         """Compute a scene in a thread, maybe with lifted sheets."""
         if self._parts is None or self._parts.design is not design:
-            self._parts = BoardParts(design, *board_in_pieces(design.array))
+            self._parts = BoardParts(design, *board_in_pieces(design.placed))
         scene = self._tabs[tab](design, self._parts) if tab in self._tabs else None
         if scene is None and (design.plates or design.target is not None):
             scene = self._metal(design, self._parts)
         if scene is not None:
             return scene
         if self._alone is None or self._alone[0] is not design or self._alone[1] != sheets:
-            self._alone = design, sheets, board_scene(design.array, design.sheets if sheets else ())
+            self._alone = design, sheets, bare_scene(design, sheets=sheets)
         return self._alone[2]
 
     def _show(self, found: tuple[Design, int, Scene]) -> None:

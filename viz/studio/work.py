@@ -94,10 +94,11 @@ def work_on(opened: DesignFile, file: str) -> Work:
 
 def require_small(design: Design) -> None:
     """Raise DesignError for a design too large for the studio."""
-    count = len(design.array.names)
+    count = len(design.coil_names)
     if count > MOST_COILS:
-        raise DesignError(f"the studio follows at most {MOST_COILS} coils; the array has {count}.")
-    segments = sum(len(line) - 1 for place in design.array.placements for line in place.coil.lines)
+        raise DesignError(f"the studio follows at most {MOST_COILS} coils; the design has {count}.")
+    placements = [place for board in design.placed for place in board.array.placements]
+    segments = sum(len(line) - 1 for place in placements for line in place.coil.lines)
     if segments > MOST_SEGMENTS:
         raise DesignError(f"the studio follows at most {MOST_SEGMENTS} segments of winding; there are {segments}.")
 
@@ -162,7 +163,7 @@ class Shelf:
 
 _SYMBOLS = {"deg": "°", "ohm": "Ω", "1": ""}
 _GROUPS = {
-    "coils.NAME": "Coil", "coils.NAME.leads": "Coil", "array": "Array", "connector": "Connector",
+    "boards.N": "Board", "coils.NAME": "Coil", "coils.NAME.leads": "Coil", "array": "Array", "connector": "Connector",
     "elastomer.N": "Elastomer", "plate.N": "Plate", "target": "Target", "indentation": "Indentation",
     "indenter": "Indenter", "circuit": "Circuit", "stackup": "Board", "board": "Board", "field": "Field",
     "fab": "Limits of the board house",
@@ -211,7 +212,8 @@ def entries_of(file: DesignFile) -> tuple[Entry, ...]:
         for k, number in enumerate(numbers):
             if isinstance(number, int | float) and not isinstance(number, bool):
                 many = isinstance(value, list)
-                label, at = (f"{words} {k + 1}", f"{dotted}.{k}") if many else (words, dotted)
+                which = f"about {'xyz'[k]}" if key.name == "turn_deg" else k + 1
+                label, at = (f"{words} {which}", f"{dotted}.{k}") if many else (words, dotted)
                 found[key.path].append(_entry(key, at, label, group, float(number)))
     return tuple(entry for entries in found.values() for entry in entries)
 
@@ -231,6 +233,9 @@ def _entry(key: Key, dotted: str, label: str, group: str, value: float) -> Entry
         low, high, step = min(-_TURN, value), max(_TURN, value), 1.0
     elif key.allowed.startswith("whole number"):
         low, high, step = 1.0, max(2 * value, 8.0), 1.0
+    elif key.path == "boards.N":
+        high, step = max(2 * abs(value), 2 * _RANGE_OF_ZERO), _RANGE_OF_ZERO / 100
+        low = -high
     elif value <= 0:
         low, high, step = min(value, 0.0), _RANGE_OF_ZERO, _RANGE_OF_ZERO / 100
     else:
