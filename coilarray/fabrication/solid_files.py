@@ -117,7 +117,7 @@ def write_step(boards: Sequence[PlacedArray], path: Path, *, name: str) -> None:
     if any(board.array.form is not None for board in boards):
         raise OutputError(f"cannot write {path}: STEP is written of flat boards only; a bent one goes to .stl or .glb.")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
-    parts = {}
+    parts: dict[str, tuple[Any, Any]] = {}
     for board in boards:
         array = board.array
         circles = np.array(  # centres and radii in m of pads, holes and the inside of barrels
