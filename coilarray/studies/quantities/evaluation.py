@@ -15,10 +15,11 @@ import xarray as xr
 from coilarray.circuit.board_circuit import board_circuit
 from coilarray.circuit.coupling import design_circuit, design_inductance, scan_design
 from coilarray.compute.arrays import FloatArray
+from coilarray.design.boards import check_boards
 from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError, MetalError
-from coilarray.geometry import Margin, Target, check_rules
+from coilarray.geometry import Margin, Target
 from coilarray.response.interpolation import coil_extent
 from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import no_indentation, target_of
@@ -47,7 +48,7 @@ class Evaluation:
     @cached_property
     def margins(self) -> tuple[Margin, ...]:
         """Margins of the fabrication rules."""
-        return tuple(margin for board in self.design.placed for margin in check_rules(board.array, board.design.rules))
+        return check_boards(self.design)
 
     @cached_property
     def inductance(self) -> FloatArray:
