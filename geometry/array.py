@@ -357,7 +357,7 @@ class Array(SeveralCoils):
         >>> strip = Array.row(Spiral(6, 10e-3, 6, 0.15e-3, 0.15e-3), 3, pitch=10.5e-3)
         >>> around = strip.bent(Bend((Zone(8e-3),), axis=math.pi / 2))
         >>> [round(float(path.centre[2]) * 1e3, 1) for path in around.conductors()]
-        [-6.2, -0.6, -6.2]
+        [-6.1, -0.7, -6.1]
         """
         return replace(self, form=form)
 

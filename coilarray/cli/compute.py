@@ -297,7 +297,11 @@ def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
 
     if out.suffix.lower() == ".inp":
         frequency = float(couple_design(design).frequency.mean())
-        write_text(out, fasthenry_input(design.array, [frequency], title=design.name))
+        resistivity = design.circuit.resistivity
+        if any(board.design.circuit.resistivity != resistivity for board in design.placed):
+            raise OutputError("--out .inp holds one resistivity, and the boards have several; write .cir or .sNp.")
+        text = fasthenry_input(design.paths, [frequency], title=design.name, resistivity=resistivity)
+        write_text(out, text)
     else:
         circuit = board_circuit(design)
         export_network(circuit.swept(exchange_frequencies(circuit.network)), out, title=design.name)

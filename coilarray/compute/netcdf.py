@@ -195,6 +195,15 @@ def netcdf_of(dataset: xr.Dataset) -> bytes:
     return memory.getvalue()
 
 
+_SLASH = "\N{DIVISION SLASH}"  # for the slash in names of coils of boards, which netCDF keeps for its groups
+
+
+def _renamed(dataset: xr.Dataset, old: str, new: str) -> xr.Dataset:
+    """Replace a letter in names of variables and dimensions."""
+    names = {name: name.replace(old, new) for name in map(str, {*dataset.variables, *dataset.dims}) if old in name}
+    return dataset.rename(names) if names else dataset
+
+
 @contextmanager
 def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterator[Any]:
     """Write a dataset to memory, and yield the h5netcdf.File."""
@@ -202,7 +211,7 @@ def netcdf_in(memory: io.IOBase, dataset: xr.Dataset, **options: Any) -> Iterato
     from xarray.backends import H5NetCDFStore
 
     with _File(memory, "w", track_order=True) as opened, h5netcdf.File(opened, "w", **options) as file:
-        dataset.dump_to_store(H5NetCDFStore(file))
+        _renamed(dataset, "/", _SLASH).dump_to_store(H5NetCDFStore(file))
         yield file
 
 
@@ -243,4 +252,4 @@ def _load(path: Path) -> xr.Dataset:
                 xr.open_dataset(H5NetCDFStore(file), decode_times=False) as dataset,
             ):
                 require_memory(dataset.nbytes, str(path))
-                return dataset.load()
+                return _renamed(dataset.load(), _SLASH, "/")

@@ -783,12 +783,13 @@ def with_paths(document: Mapping[str, Any], change: Callable[[str], str]) -> dic
     changed = dict(document)
     boards = document.get("boards")
     if isinstance(boards, list):
-        changed["boards"] = [
-            {**table, "design": change(table["design"])}
-            if isinstance(table, Mapping) and isinstance(table.get("design"), str)
-            else table
-            for table in boards
-        ]
+        changed["boards"] = list(boards)
+        for k, table in enumerate(boards):
+            match table.get("design") if isinstance(table, Mapping) else None:
+                case str(given):
+                    changed["boards"][k] = {**table, "design": change(given)}
+                case Mapping() as inner:
+                    changed["boards"][k] = {**table, "design": with_paths(inner, change)}
     array = document.get("array")
     if isinstance(array, Mapping) and isinstance(array.get("surface"), str):
         changed["array"] = {**array, "surface": change(array["surface"])}
@@ -796,14 +797,24 @@ def with_paths(document: Mapping[str, Any], change: Callable[[str], str]) -> dic
 
 
 def _whole_path(folder: Path, given: str) -> str:
-    """Return a file's whole path, or a name that is no file."""
+    """Return a file's whole path, or the name of a bundled design or of a surface."""
     path = os.path.normpath(folder / given)
-    return path if given and (os.path.isfile(path) or Path(given).suffix) else given
+    named = given in (*bundled.names(), "dome") and not os.path.isfile(path)
+    return given if named or not given else path
 
 
 def relative_path(folder: Path, given: str) -> str:
     """Return a whole path relative to a folder."""
     return os.path.relpath(given, folder.absolute()) if os.path.isabs(given) else given
+
+
+def content_of(given: str) -> str:
+    """Return the digest of a design's file, or of a surface's, at a whole path or of a name."""
+    if not os.path.isfile(given) and given not in bundled.names():
+        return given
+    if os.path.isabs(given) and Path(given).suffix.lower() != ".toml":
+        return hashlib.sha256(Path(given).read_bytes()).hexdigest()
+    return load_design(given).digest
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:

@@ -20,7 +20,16 @@ from coilarray.design.board_tables import BoardTable, ConnectorTable, StackupTab
 from coilarray.design.body_tables import IndentationTable, PlateTable, SheetTable, indenter_entries, target_entries
 from coilarray.design.fabs import FabTable
 from coilarray.design.keys import MM, entry_of, sections_of
-from coilarray.design.model import Board, Design, DesignFile, build_design_file, design_of, relative_path, with_paths
+from coilarray.design.model import (
+    Board,
+    Design,
+    DesignFile,
+    build_design_file,
+    design_of,
+    load_design,
+    relative_path,
+    with_paths,
+)
 from coilarray.design.surface_tables import SurfaceArray
 from coilarray.design.tables import SCHEMA, CircuitTable, Document, PlacedBoardTable, ReadoutTable, StateTable
 from coilarray.errors import DesignError
@@ -109,7 +118,7 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
         raise DesignError(f"{design.name} has boards without names, or a moved board, which a file cannot hold.")
     if boards:
         document["boards"] = [
-            PlacedBoardTable.of(board, name, board.file or design_document(board.design))
+            PlacedBoardTable.of(board, name, _file_of(board) or design_document(board.design))
             for name, board in list(zip(design.board_names, design.boards, strict=True))[-len(boards) :]
         ]
     document["field"] = {"height_mm": entry_of(design.field_height, MM)}
@@ -132,6 +141,14 @@ def _made_on_surface(design: Design) -> OnSurface | None:
     return made if same else None
 
 
+def _file_of(board: Board) -> str | None:
+    """Return the file of a board, if it still holds the board."""
+    try:
+        return board.file if board.file and load_design(board.file).digest == board.design.digest else None
+    except DesignError:
+        return None
+
+
 _Body = TypeVar("_Body", Sheet, Plate | FinitePlate)
 
 
@@ -148,13 +165,14 @@ def as_file(given: Design | DesignFile | CurrentPaths) -> DesignFile:
     return replace(build_design_file(design_document(design), design.name), design=design)
 
 
-def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
+def design_text(design: Design, assumed: Mapping[str, str] | None = None, folder: Path | None = None) -> str:
     """Return the TOML text of a design, to 1 nm and 12 digits.
 
     `assumed` has dotted keys with reasons, ``coils.*.KEY`` of every shape, ``coils.NAME.KEY`` of
-    one.
+    one. Paths begin from a `folder`, if given.
     """
     document = _rounded(design_document(design))
+    document = document if folder is None else with_paths(document, partial(relative_path, folder))
     of_coil = dict(zip(design.array.names, shape_names(design.array), strict=True))
     reasons: dict[str, str] = {}
     for key, reason in (assumed or {}).items():
@@ -234,7 +252,7 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     if isinstance(design, DesignFile):
         write_text(Path(path), file_text(design, folder))
     else:
-        write_text(Path(path), with_comments(design_text(design)))
+        write_text(Path(path), with_comments(design_text(design, folder=folder)))
 
 
 def file_text(file: DesignFile, folder: Path) -> str:

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from coilarray.compute.store import Store, content_key, store_to_keep
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import open_executor, outcomes
 from coilarray.design.keys import entry_unit
-from coilarray.design.model import Design, DesignFile, build_design
+from coilarray.design.model import Design, DesignFile, build_design, content_of, with_paths
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.vary import plain, vary, vary_document
 from coilarray.design.write import as_file
@@ -109,12 +110,14 @@ def run_cached(
 
     An outcome is the function's result, or the line of its CoilarrayError. A text in place of an
     item is its outcome. Equal items are computed once. The key in the `cache` is the function's
-    name with the item. `total` is for `progress`, by default the items read so far.
+    name with the item, its ``document`` with the content of the files that it refers to. `total` is
+    for `progress`, by default the items read so far.
     """
     name = f"{function.__module__}.{function.__qualname__}"
     known: deque[tuple[int, Outcome]] = deque()
     equal: dict[str, list[int]] = {}  # numbers of equal items in flight, by key
     keys: list[str] = []  # of all tasks
+    content = lru_cache(content_of)  # files are read once
     read = done = 0
 
     def tasks() -> Iterator[Mapping[str, Any]]:
@@ -124,7 +127,8 @@ def run_cached(
             if isinstance(item, str):
                 known.append((number, item))
                 continue
-            key = content_key(name, item)
+            what = {"document": with_paths(item["document"], content)} if "document" in item else {}
+            key = content_key(name, {**item, **what})
             if key in equal:
                 equal[key].append(number)
             elif (kept := None if cache is None else _kept(cache.get(key))) is not None:

@@ -6,12 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from support.refusals import refused
 
 import coilarray as ca
+from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.compute.store import open_store
 from coilarray.design.bundled import read
 from coilarray.design.model import Board, Design, build_design_file, design_facts, load_design_file
 from coilarray.design.vary import vary
+from coilarray.design.write import design_text
 from coilarray.errors import DesignError
 from coilarray.geometry import Bend, Pose, Spiral, Zone
 from coilarray.geometry.array import Array
@@ -203,3 +207,31 @@ def test_boards_have_fabrication_errors_of_their_own():
     assert thin.array.placements[0].coil.widths[0][0] == pytest.approx(0.2e-3)
     shares = [one for one in contributors(pair, load_tolerances()) if "etch, board" in one.name]
     assert [one.targets for one in shares] == [("etch.L1", "etch.L2"), ("receiver/etch.L1", "receiver/etch.L2")]
+
+
+def test_a_kept_result_is_not_used_when_the_file_of_a_board_has_changed(tmp_path):
+    for turns in (4, 3):
+        receiver = Array.row(Spiral(6, 10e-3, turns, 0.2e-3, 0.2e-3), 1)
+        ca.save_design(Design(receiver), tmp_path / "receiver.toml")
+        (tmp_path / "link.toml").write_text(design_text(Design(COIL)) + PLACED)
+        link, store = load_design_file(tmp_path / "link.toml"), open_store(tmp_path / "store")
+        key = "k[coil1,receiver/coil1]"
+        found = ca.sweep(link, {"boards.receiver.z_mm": [8.0]}, [key], accuracy="screen", keep=store.folder)
+        assert float(found[key][0]) == pytest.approx(evaluate(link.design, [key])[key], abs=1e-3)
+
+
+def test_a_board_that_was_changed_in_python_is_saved_as_it_is(files, tmp_path):
+    link = ca.load_design(files / "link.toml")
+    changed = replace(link, boards=(replace(link.boards[0], of=COIL),))
+    assert vary(changed, {}).digest == changed.digest != link.digest
+    (tmp_path / "sub").mkdir()
+    ca.save_design(changed, tmp_path / "sub" / "changed.toml")
+    assert ca.load_design(tmp_path / "sub" / "changed.toml").digest == changed.digest
+    ca.save_design(link, tmp_path / "sub" / "same.toml")
+    assert 'design = "../receiver.toml"' in (tmp_path / "sub" / "same.toml").read_text()
+
+
+def test_names_of_coils_of_boards_are_kept_in_netcdf(tmp_path):
+    dataset = xr.Dataset({"k[coil1,receiver/coil1]": ("a/b", [1.0])}, {"coil": ("a/b", ["receiver/coil1"])})
+    save_dataset(dataset, tmp_path / "k.nc")
+    xr.testing.assert_identical(load_part(tmp_path / "k.nc"), dataset)
