@@ -64,4 +64,3 @@ from .stackup import Stackup as Stackup
 from .surface import Surface as Surface
 from .surface import spread as spread
 from .surface_array import SurfaceLattice as SurfaceLattice
-from .surface_array import Wrap as Wrap

@@ -121,19 +121,9 @@ class Surface:
 
     @classmethod
     def read(cls, path: Path, unit: float = 1e-3) -> Surface:
-        """Read a mesh file.
+        """Read a mesh file at a `path`, of a kind in `FILES`.
 
-        Parameters
-        ----------
-        path : Path
-            File of a kind in `FILES`.
-        unit : float
-            Length of the file's unit in m. Mesh files do not name it.
-
-        Returns
-        -------
-        Surface
-            The surface.
+        Mesh files do not name the `unit` of their lengths, here in m.
         """
         import trimesh
 
@@ -155,22 +145,10 @@ class Surface:
 
     @classmethod
     def dome(cls, radii: Sequence[float], skirt: float = 0.0) -> Surface:
-        """Return half an ellipsoid on an elliptic cylinder.
+        """Return half an ellipsoid on an elliptic cylinder: a fingertip, or a helmet.
 
-        The ellipsoid's centre is the origin, its upper half points along z, and the cylinder goes
-        down from there, open below: a fingertip, or a helmet.
-
-        Parameters
-        ----------
-        radii : sequence of float
-            Half axes of the ellipsoid along x, y and z in m.
-        skirt : float
-            Length of the cylinder in m.
-
-        Returns
-        -------
-        Surface
-            The surface.
+        The ellipsoid's centre is the origin and its upper half points along z. `radii` are its half
+        axes along x, y and z in m, and the cylinder, open below, goes down by `skirt` in m.
         """
         import trimesh
 
@@ -205,21 +183,9 @@ class Surface:
         return np.array(trimesh.Trimesh(scale * self.vertices, self.faces, process=False).vertex_normals)
 
     def nearest(self, points: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Find the nearest points of the surface, and its normals there.
+        """Find the nearest points (n, 3) of the surface in m to `points` (n, 3), and unit normals (n, 3).
 
         Normals are interpolated between those of the vertices.
-
-        Parameters
-        ----------
-        points : array_like, shape (n, 3)
-            Points in m.
-
-        Returns
-        -------
-        places : ndarray, shape (n, 3)
-            Points of the surface in m.
-        normals : ndarray, shape (n, 3)
-            Unit normals.
         """
         import trimesh
 
@@ -320,32 +286,24 @@ def spread(surface: Surface, count: int, mirror: Mirror | None = None) -> FloatA
     """Spread points evenly over a surface.
 
     Every point is where it has the least mean squared distance to its part of the surface, the part
-    that is nearer to it than to the other points (Lloyd's method).
+    that is nearer to it than to the other points (Lloyd's method). The first points are those
+    farthest from all before, so that the same surface always has the same points. On a sphere 12
+    points are the corners of an icosahedron to 1°.
 
     Parameters
     ----------
     surface : Surface
-        The surface, several distances of neighbours thick.
+        The surface, thicker than the distance of neighbours.
     count : int
-        Number of points, up to 1000.
+        Number of points, 1 to 1000.
     mirror : {"x", "y"}, optional
-        Axis across a plane through the origin at which both the surface and the points are mirrored.
+        Axis across a plane through the origin at which the surface and the points are mirrored.
 
     Returns
     -------
     ndarray, shape (count, 3)
-        Points on the surface in m.
-
-    Raises
-    ------
-    GeometryError
-        A number of points that is not 1 to 1000, or a surface that is not on both sides of the
-        mirror.
-
-    Notes
-    -----
-    The first points are those farthest from all before, so that the same surface always has the
-    same points. On a sphere 12 points are the corners of an icosahedron to 1°.
+        Points on the surface in m. Raises GeometryError for a wrong number, or a surface that is
+        not on both sides of the mirror.
 
     Examples
     --------
@@ -421,22 +379,10 @@ def _relaxed(
 
 
 def neighbours(surface: Surface, points: FloatArray) -> tuple[tuple[int, int], ...]:
-    """Pairs of points whose parts of a surface have a common border.
+    """Pairs i < k of points (n, 3) in m whose parts of a surface have a common border.
 
     A part is what is nearer to a point than to all others. Borders shorter than about a tenth of a
     part's width do not count.
-
-    Parameters
-    ----------
-    surface : Surface
-        The surface.
-    points : ndarray, shape (n, 3)
-        Points in m.
-
-    Returns
-    -------
-    tuple of tuple of int
-        Pairs i < k in order.
     """
     if len(points) < 2:
         return ()

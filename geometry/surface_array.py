@@ -134,27 +134,11 @@ class SurfaceLattice:
     def boards(
         self, coil: SingleCoil, stackup: Stackup, *, board_margin: float = 2e-3, through_holes: bool = True
     ) -> tuple[tuple[Array, Pose], ...]:
-        """Return the board of every coil and its pose.
+        """Return the board of every coil, and its pose.
 
-        Parameters
-        ----------
-        coil : Coil, Spiral or RoundedSpiral
-            Shape of the coils.
-        stackup : Stackup
-            Layers of each board.
-        board_margin, through_holes
-            As in `Array`.
-
-        Returns
-        -------
-        tuple of (Array, Pose)
-            Boards of one coil each, wrapped or flat, and where they are.
-
-        Raises
-        ------
-        GeometryError
-            A size that the shape cannot have, unknown layers, or flat coils that cut through each
-            other.
+        All have the shape of `coil` in their sizes, and their own `stackup`. `board_margin` and
+        `through_holes` are as in `Array`. Raises GeometryError as the shape in another size, or for
+        flat coils that cut through each other.
         """
         found = self._placed(coil, stackup, board_margin, through_holes)
         if not self.wrapped:
@@ -162,20 +146,7 @@ class SurfaceLattice:
         return found
 
     def conductors(self, coil: SingleCoil, stackup: Stackup) -> tuple[Conductor, ...]:
-        """Return the current paths in space, also of coils that cut through each other.
-
-        Parameters
-        ----------
-        coil : Coil, Spiral or RoundedSpiral
-            Shape of the coils.
-        stackup : Stackup
-            Layers of each board.
-
-        Returns
-        -------
-        tuple of Conductor
-            The path of every coil in m.
-        """
+        """Return the paths in m of a `coil` on its `stackup`, also if they cut through each other."""
         return tuple(array.conductors()[0].posed(pose) for array, pose in self._placed(coil, stackup))
 
     def _placed(
@@ -197,20 +168,7 @@ class SurfaceLattice:
         return tuple(found)
 
     def poses(self, coils: Sequence[Coil], stackup: Stackup) -> tuple[Pose, ...]:
-        """Return the pose of every coil's board.
-
-        Parameters
-        ----------
-        coils : sequence of Coil
-            The coils in their sizes.
-        stackup : Stackup
-            Layers of each board.
-
-        Returns
-        -------
-        tuple of Pose
-            Poses, whose heights part the coils that overlap.
-        """
+        """Return the pose of the boards of all `coils` in their sizes, on levels of a `stackup`."""
         places, normals = self.on_surface
         radii = np.array([np.hypot(*coil.outline.T).max() for coil in coils])
         step = 2 * stackup.thickness if self.step is None else self.step
@@ -239,21 +197,7 @@ class Wrap:
 
     A point of the board goes along the normal at the nearest point of the surface, to its own height
     above it. Beyond a rim the surface goes on straight. Lengths are kept in the middle of the board
-    only.
-
-    Parameters
-    ----------
-    carrier : Surface
-        The surface.
-    pose : Pose
-        Pose of the flat board, tangent to the surface. The wrapped board stays in its coordinates.
-
-    Examples
-    --------
-    >>> ball = Surface.dome((50e-3, 50e-3, 50e-3))
-    >>> wrap = Wrap(ball, Pose(z=50e-3))
-    >>> wrap.surface([[10e-3, 0.0, 0.0], [20e-3, 0.0, 0.0]])[:, 2].round(4).tolist()
-    [-0.001, -0.0036]
+    only. `pose` is that of the flat board, in whose coordinates the wrapped board stays.
     """
 
     carrier: Surface
@@ -266,36 +210,12 @@ class Wrap:
         return float((self.pose.shift - place[0]) @ normal[0])
 
     def surface(self, points: npt.ArrayLike) -> FloatArray:
-        """Return points of the flat board where the wrapped board has them.
-
-        Parameters
-        ----------
-        points : array_like, shape (..., 3)
-            Points in m.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            The points of the wrapped board, in m.
-        """
+        """Return points of the flat board where the wrapped board has them."""
         flat = np.asarray(points, dtype=np.float64)
         return self._laid(flat.reshape(-1, 3))[0].reshape(flat.shape)
 
     def bent(self, path: Conductor) -> Conductor:
-        """Return a path of the flat board on the wrapped board.
-
-        Its segments are cut into pieces, whose widths are tangential to the surface.
-
-        Parameters
-        ----------
-        path : Conductor
-            Path on the flat board.
-
-        Returns
-        -------
-        Conductor
-            Path on the wrapped board.
-        """
+        """Return a path of the flat board in pieces on the wrapped board, widths tangential."""
         longest = _CHORD * float(np.ptp(path.vertices, axis=0).max())
         row, starts, middles = path.pieces(np.ceil(path.lengths / longest))
         vertices = self._laid(np.vstack((starts, path.vertices[-1:])))[0]
@@ -309,20 +229,7 @@ class Wrap:
         return Conductor(vertices, *sizes, path.name, across)
 
     def require_fits(self, bounds: tuple[float, float, float, float], thickness: float) -> None:
-        """Refuse a board that the surface is too narrow for.
-
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-        thickness : float
-            Thickness of the board in m.
-
-        Raises
-        ------
-        GeometryError
-            A board that is laid to less than half of its width.
-        """
+        """Refuse a board that keeps less than half of its width on the surface."""
         x_min, y_min, x_max, y_max = bounds
         edges = np.array([(x_min, 0, 0), (x_max, 0, 0), (0, y_min, 0), (0, y_max, 0)])
         kept = np.linalg.norm(self.surface(edges) - self.surface(np.zeros(3)), axis=1) / np.linalg.norm(edges, axis=1)
@@ -333,18 +240,7 @@ class Wrap:
             )
 
     def strips(self, bounds: tuple[float, float, float, float]) -> tuple[shapely.Polygon, ...]:
-        """Return tiles of the flat board, which are nearly flat on the surface.
-
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-
-        Returns
-        -------
-        tuple of shapely.Polygon
-            Tiles in m that cover the board, 1/24 of its longer edge wide.
-        """
+        """Return tiles of the flat board, which are nearly flat on the surface."""
         x_min, y_min, x_max, y_max = bounds
         size = max(x_max - x_min, y_max - y_min) / _TILES
         x, y = (
@@ -355,20 +251,7 @@ class Wrap:
         return tuple(np.asarray(shapely.box(*low, *high)).ravel().tolist())
 
     def inner_radius(self, bounds: tuple[float, float, float, float], thickness: float) -> float:
-        """Return inf: boards on surfaces have no rule for their bend.
-
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m.
-        thickness : float
-            Thickness of the board in m.
-
-        Returns
-        -------
-        float
-            Infinity.
-        """
+        """Return inf: boards on surfaces have no rule for their bend."""
         return math.inf
 
     def _laid(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -380,21 +263,9 @@ class Wrap:
 
 
 def sizes_by_distance(surface: Surface, points: FloatArray, ratio: float) -> FloatArray:
-    """Size coils by the distance of their neighbours.
+    """Size coils at `points` (n, 3) of a `surface` in m: `ratio` times the mean distance of neighbours.
 
-    Parameters
-    ----------
-    surface : Surface
-        The surface.
-    points : ndarray, shape (n, 3)
-        Centres of at least two coils in m.
-    ratio : float
-        Width of a coil over its mean distance to its neighbours. Flat circles decouple at 1.32.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Widths in m.
+    Flat circles decouple at a ratio of 1.32.
     """
     centres = np.asarray(points, dtype=np.float64)
     pairs = np.array(neighbours(surface, centres)).reshape(-1, 2)
@@ -407,18 +278,7 @@ def levels(centres: FloatArray, radii: FloatArray) -> list[int]:
     """Give coils that overlap different levels, few in all.
 
     The coil with the most levels beside it comes next (D. Brélaz, Commun. ACM 22, 251, 1979).
-
-    Parameters
-    ----------
-    centres : ndarray, shape (n, 3)
-        Centres of the coils in m.
-    radii : ndarray, shape (n,)
-        Largest radii of the coils in m.
-
-    Returns
-    -------
-    list of int
-        Level of every coil, from 0.
+    `centres` (n, 3) and largest `radii` (n,) are in m.
     """
     apart = np.linalg.norm(centres[:, None] - centres, axis=2)
     overlaps = (apart < radii[:, None] + radii) & ~np.eye(len(centres), dtype=bool)
@@ -432,20 +292,7 @@ def levels(centres: FloatArray, radii: FloatArray) -> list[int]:
 
 
 def resized(coil: Coil, size: float) -> Coil:
-    """Return a coil in another width, with the same traces.
-
-    Parameters
-    ----------
-    coil : Coil
-        The coil.
-    size : float
-        Width in m: a diameter, the size across flats, or the longer side.
-
-    Returns
-    -------
-    Coil
-        The coil, its centre lines scaled or wound anew.
-    """
+    """Return a coil of a width in m, as in `SurfaceLattice`, with the same traces."""
     share = size / size_of(coil)
     if isinstance(coil.wound, Spiral):
         return replace(coil.wound, diameter=size).coil()

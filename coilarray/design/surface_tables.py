@@ -72,31 +72,14 @@ class SurfaceArray(Table):
             raise ValueError("has mirror beside count only")
         if self.sizes_mm is not None and self.size_over_distance is not None:
             raise ValueError("needs at most one of sizes_mm and size_over_distance")
-        for key in ("sizes_mm", "names"):
-            given = getattr(self, key)
-            if given is not None and len(given) != self.coils:
-                raise ValueError(f"needs {self.coils} {key}, one a coil; got {len(given)}")
-        if self.size_over_distance is not None and self.coils == 1:
+        if self.size_over_distance is not None and 1 in (self.count, len(self.points_mm or ())):
             raise ValueError("has size_over_distance for several coils only")
         return self
-
-    @property
-    def coils(self) -> int:
-        """Number of coils."""
-        return self.count if self.points_mm is None else len(self.points_mm)  # type: ignore[return-value]  # one is given
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> tuple[tuple[Array, Pose], ...]:
         """Return the boards of the coils in SI, with their poses."""
         coil = coil_named(coils, self.coil, "array.coil")
         require_layers(stackup, self.layers, "array.layers")
-        lattice = self.surface_lattice()
-        try:
-            return lattice.boards(coil, stackup, **board.of_array)
-        except GeometryError as error:
-            raise DesignError(f"array: {error}") from None
-
-    def surface_lattice(self) -> SurfaceLattice:
-        """Return surface, places and sizes in SI."""
         try:
             if self.radii_mm is not None:
                 surface = Surface.dome([radius * MM for radius in self.radii_mm], self.skirt_mm * MM)
@@ -110,7 +93,7 @@ class SurfaceArray(Table):
             points = spread(surface, self.count, self.mirror)
         if self.size_over_distance is not None:
             sizes = sizes_by_distance(surface, points, self.size_over_distance)
-        return SurfaceLattice(surface, points, sizes=sizes, **given)
+        return SurfaceLattice(surface, points, sizes=sizes, **given).boards(coil, stackup, **board.of_array)
 
     @classmethod
     def of(cls, made: OnSurface, names: Mapping[str, str], layers: Mapping[str, str]) -> dict[str, Any]:

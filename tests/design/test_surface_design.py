@@ -110,7 +110,7 @@ def test_placed_as_a_board():
     (DOME + "count = 1001\n", "", "array.count must be at most 1000; got 1001"),
     (DOME + "points_mm = [[0, 0]]\n", "", "array.points_mm.0 must have at least 3"),
     (DOME + "points_mm = [[0, 0, 9]]\n", "", "array: points must lie on the surface.*1 mm"),
-    (DOME + "count = 2\nsizes_mm = [1]\n", "", "array needs 2 sizes_mm.*got 1"),
+    (DOME + "count = 2\nsizes_mm = [1]\n", "", "array: sizes must be 2"),
     (DOME + "count = 2\nsizes_mm = [1, 2]\nsize_over_distance = 1\n", "", "at most one of sizes_mm"),
     (DOME + "count = 1\nsize_over_distance = 1\n", "", "size_over_distance for several"),
     (DOME + "count = 1\nsizes_mm = [60]\nwrapped = true\n", "", "array: a wrapped coil must keep half"),

@@ -26,15 +26,14 @@ def decoupled_lattice(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stacku
     """Move and resize coils on a surface until neighbours decouple.
 
     Neighbours overlap as far as their coupling needs to vanish. Where their number and places do
-    not allow that for all, the squares of the couplings become least. Coils that have no common
-    border, as in `coilarray.geometry.surface.neighbours`, keep a small negative coupling.
+    not allow that for all, the squares of the couplings become least. Coils without a common border
+    keep a small negative coupling. Coils count as thin filaments, which changes k by some 1e-4.
 
     Parameters
     ----------
     lattice : SurfaceLattice
         Places and sizes from which the search starts. Without sizes, 1.4 times the mean distance to
-        the neighbours. Places in triangles, as few with other than six neighbours as the surface
-        allows, decouple best.
+        the neighbours. Places in triangles, few with other than six neighbours, decouple best.
     coil : Coil, Spiral or RoundedSpiral
         Shape of the coils.
     stackup : Stackup
@@ -43,17 +42,7 @@ def decoupled_lattice(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stacku
     Returns
     -------
     SurfaceLattice
-        The lattice with the places and sizes found.
-
-    Raises
-    ------
-    DesignError
-        A single coil.
-
-    Notes
-    -----
-    For the search coils are thin filaments, which changes k by some 1e-4 where traces are narrow
-    and levels some trace widths apart. `lattice_coupling` computes the result.
+        The lattice with the places and sizes found. Raises DesignError for a single coil.
     """
     surface, count = lattice.surface, len(lattice.points)
     pairs = np.array(neighbours(surface, lattice.points), dtype=np.intp).reshape(-1, 2).T
@@ -114,21 +103,9 @@ def decoupled_lattice(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stacku
 
 
 def lattice_coupling(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stackup) -> tuple[float, float]:
-    """Find the largest coupling of neighbours, and of all other pairs.
+    """Find the largest |k|, dimensionless, of neighbours, and of all other pairs.
 
-    Parameters
-    ----------
-    lattice : SurfaceLattice
-        Places and sizes of the coils.
-    coil : Coil, Spiral or RoundedSpiral
-        Shape of the coils.
-    stackup : Stackup
-        Layers of each board.
-
-    Returns
-    -------
-    near, far : float
-        Largest |k|, dimensionless, of neighbours and of pairs without a common border.
+    `lattice`, `coil` and `stackup` are as in `decoupled_lattice`.
     """
     k = np.abs(coupling_matrix(inductance_matrix(lattice.conductors(coil, stackup), allow_overlaps=True)))
     near = np.zeros_like(k, dtype=np.bool_)
