@@ -48,7 +48,7 @@ def board_table(design: Design) -> Table:
         *(Column(f"turn_{axis}", f"turn about {axis}", "rad", _DEGREES) for axis in "xyz"),
         *(Column(name, unit="m", shown=_LENGTH) for name in ("width", "height", "thickness")),
     )
-    rows = []
+    rows: list[tuple[Value, ...]] = []
     for board in design.placed:
         x_min, y_min, x_max, y_max = board.array.bounds
         size = (x_max - x_min, y_max - y_min, board.array.stackup.thickness)
@@ -68,7 +68,9 @@ def layer_table(design: Design) -> Table:
     rows: list[tuple[Value, ...]] = []
     for board in named_boards(design):
         stackup = board.array.stackup
-        below = [*zip(stackup.dielectric_thickness, stackup.epsilon_r, strict=True), ("", "")]
+        below: list[tuple[Value, ...]] = [
+            *zip(stackup.dielectric_thickness, stackup.epsilon_r, strict=True), ("", "")
+        ]  # fmt: skip
         for layer, copper, slab in zip(stackup.names, stackup.copper_thickness, below, strict=True):
             rows.append((board.name or design.name, layer, copper, *slab))
     return Table("layers", "Layers of the boards", columns, tuple(rows))
