@@ -81,7 +81,7 @@ ax.legend()
 # .. code-block:: python
 #
 #    from pathlib import Path
-#    from coilarray.viz import save_movie, scene_of_design
+#    from coilarray.viz import Scene, save_movie, scene_of_design
 #
 #    frames = [scene_of_design(ca.vary(file, {"boards.card.z_mm": z})) for z in range(60, 4, -2)]
-#    save_movie(frames[0], frames, Path("card.gif"))
+#    save_movie(Scene(), frames, Path("card.gif"))

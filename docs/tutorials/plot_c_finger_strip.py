@@ -46,13 +46,13 @@ ax.legend()
 # %%
 # Coils after next follow the dipoles to 7 %. Neighbours, whose copper is 0.5 mm apart, go half of the way.
 #
-# The film of the bend, with the couplings as arcs:
+# The film of the bend:
 #
 # .. code-block:: python
 #
 #    from pathlib import Path
-#    from coilarray.viz import View, save_movie, scene_of_design
+#    from coilarray.viz import Scene, save_movie, scene_of_design
 #
 #    bends = [ca.vary(file, {"board.bend_radius_mm": 8 / share}) for share in np.linspace(0.04, 1.0, 25)]
-#    frames = [scene_of_design(one, View(show=("board", "coupling"))) for one in bends]
-#    save_movie(frames[0], frames, Path("bend.gif"))
+#    frames = [scene_of_design(one) for one in bends]
+#    save_movie(Scene(), frames, Path("bend.gif"))

@@ -65,11 +65,11 @@ def test_a_design_without_an_indenter_has_no_film(design):
 FLOOR = Scene((Part("floor", pyvista.Box((0, 16, 0, 9, -1, 0)), colour="#00ff00", lit=False),))
 
 
-def steps(count=4):
+def steps(count=4, *, noted=True):
     """A red box that moves to the right, a quarter of the floor each time."""
     for k in range(count):
         box = pyvista.Box((4 * k, 4 * k + 4, 0, 9, 0, 1))
-        yield Scene((Part("box", box, colour="#ff0000", lit=False),), notes=(f"step {k}",))
+        yield Scene((Part("box", box, colour="#ff0000", lit=False),), notes=(f"step {k}",) if noted else ())
 
 
 def in_quarters(pictures):
@@ -82,9 +82,10 @@ def in_quarters(pictures):
 
 @pytest.mark.slow
 @renders
-def test_a_gif_shows_every_step(tmp_path):
+@pytest.mark.parametrize("noted", [True, False])
+def test_a_gif_shows_every_step(tmp_path, noted):
     path = tmp_path / "film.gif"
-    save_movie(FLOOR, steps(), path, side="top", size=SIZE, rate=20)
+    save_movie(FLOOR, steps(noted=noted), path, side="top", size=SIZE, rate=20)
     with Image.open(path) as film:
         assert (film.n_frames, film.size, film.info["duration"], film.info["loop"]) == (4, SIZE, 50, 0)
         pictures = [np.asarray(one.convert("RGB")) for one in ImageSequence.Iterator(film)]

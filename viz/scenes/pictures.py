@@ -153,6 +153,7 @@ def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -
     for scene in chain((None,), following):
         if scene is not None:
             draw_parts(scene, plotter, pixel_of(plotter.window_size))
+        plotter.render()  # which texts alone would cause
         yield np.asarray(plotter.screenshot(return_img=True))
 
 
