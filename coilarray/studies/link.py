@@ -7,9 +7,9 @@ computed anew at every pose.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -93,19 +93,19 @@ def pose_grid(
     """
     values = {}
     for name, given in zip(AXES, (x, y, z, turn_x, turn_y, turn_z), strict=True):
-        values[name] = np.atleast_1d(np.asarray(given, dtype=np.float64))
-        if values[name].ndim != 1 or not np.isfinite(values[name]).all():
-            raise DesignError(f"{name} of a grid of poses must be a row of finite numbers; got {given!r:.60}.")
-        if not 0 < len(np.unique(values[name])) == len(values[name]):
-            raise DesignError(f"{name} of a grid of poses must have one value or more, each once; got {given!r:.60}.")
-    shape = [len(row) for row in values.values()]
-    if math.prod(shape) > MOST_POSES:
-        raise DesignError(f"a link must have at most {MOST_POSES} poses; got {math.prod(shape)}.")
+        row = np.atleast_1d(np.asarray(given, dtype=np.float64))
+        if row.ndim != 1 or not np.isfinite(row).all() or not 0 < len(np.unique(row)) == len(row):
+            raise DesignError(
+                f"{name} of a grid of poses must be a row of different finite numbers, at least one; got {given!r:.60}."
+            )
+        values[name] = xr.Variable(name, row, {"units": "m" if len(name) == 1 else "rad"})
+    shape = [row.size for row in values.values()]
+    _require_few(math.prod(shape))
     poses = np.empty(shape, dtype=object)
     for place in np.ndindex(*shape):
-        a, b, c, *turn = (float(row[k]) for row, k in zip(values.values(), place, strict=True))
+        a, b, c, *turn = (float(row.values[k]) for row, k in zip(values.values(), place, strict=True))
         poses[place] = Pose(a, b, c, (turn[0], turn[1], turn[2]))
-    return xr.DataArray(poses, _described(values), dims=AXES).squeeze()
+    return xr.DataArray(poses, values, dims=AXES).squeeze()
 
 
 def pose_path(function: Callable[[float], Pose], along: npt.ArrayLike) -> xr.DataArray:
@@ -130,9 +130,7 @@ def pose_path(function: Callable[[float], Pose], along: npt.ArrayLike) -> xr.Dat
     {'along': 3}
     """
     numbers = np.atleast_1d(np.asarray(along, dtype=np.float64))
-    poses = np.empty(len(numbers), dtype=object)
-    poses[:] = [function(number) for number in numbers.tolist()]
-    return xr.DataArray(poses, {"along": numbers}, dims=("along",))
+    return xr.DataArray(_row(map(function, numbers.tolist())), {"along": numbers}, dims=("along",))
 
 
 def pose_of(design: Design, name: str) -> Pose:
@@ -140,7 +138,11 @@ def pose_of(design: Design, name: str) -> Pose:
 
     A DesignError names the boards of the `design` if none has the `name`.
     """
-    return _boards(design)[_known(design, name)].pose
+    boards = _boards(design)
+    if name not in boards or not name:
+        there = f"there are {', '.join(filter(None, boards))}" if any(boards) else f"{design.name} places no boards"
+        raise DesignError(f"no board of the design can move by the name {name!r}; {there}.")
+    return boards[name].pose
 
 
 def together(design: Design, names: Sequence[str], poses: xr.DataArray) -> dict[str, xr.DataArray]:
@@ -162,13 +164,12 @@ def together(design: Design, names: Sequence[str], poses: xr.DataArray) -> dict[
     """
     places = {name: pose_of(design, name) for name in names}
     first = _back(places[names[0]])
-    found = {}
-    for name, place in places.items():
-        there = np.empty(poses.shape, dtype=object)
-        for k, pose in np.ndenumerate(poses.values):
-            there[k] = pose if name == names[0] else pose.after(first.after(place))
-        found[name] = poses.copy(data=there)
-    return found
+    return {
+        name: poses if name == names[0] else poses.copy(
+            data=_row(pose.after(first.after(place)) for pose in poses.values.ravel().tolist()).reshape(poses.shape)
+        )
+        for name, place in places.items()
+    }  # fmt: skip
 
 
 def moved_boards(design: Design, poses: Mapping[str, xr.DataArray], number: int) -> Design:
@@ -251,23 +252,23 @@ def link(
         raise DesignError(f"frequency of a link must be positive and finite; got {f} Hz.")
     groups = _groups(design, moves)
     count, n = grid.size, len(design.coil_names)
-    pairs = [pair for one, other in combinations(groups, 2) for pair in _pairs(one, other)]
-    ports = f is not None and bool(design.circuit.ports)
+    pairs = [(a, b) for one, other in combinations(groups, 2) for a in one.coils for b in other.coils]
     needed = count * (_BYTES_A_PAIR * len(pairs) + _BYTES_A_COIL_PAIR * n**2)
     require_memory(needed, f"a link of {n} coils at {count} poses", "take fewer")
-    _require_clear(design, groups, grid)
-    M = _moved(design, groups, count, store_to_keep(keep), progress)
+    _require_clear(design, groups, count)
     L = board_circuit(design).inductance
-    i, k = np.array(pairs).T
+    moved = np.broadcast_to(L, (count, n, n)).copy()
+    _move(design, groups, moved, store_to_keep(keep), progress)
+    i, k = np.sort(np.array(pairs), axis=1).T
     own = np.diag(L)
-    between = M[:, i, k]
+    between = moved[:, i, k]
     rows: list[tuple[str, tuple[str, ...], Any, str, str]] = [
         ("mutual_inductance", ("pair",), between, "H", "mutual inductance M"),
         ("coupling", ("pair",), between / np.sqrt(own[i] * own[k]), "1", "coupling coefficient k"),
     ]
     names = np.array(design.coil_names)
     coordinates: dict[str, Any] = {
-        "pair": [f"{names[a]},{names[b]}" for a, b in pairs],
+        "pair": [f"{a},{b}" for a, b in zip(names[i], names[k], strict=True)],
         "coil": ("pair", names[i]), "other": ("pair", names[k]),
     }  # fmt: skip
     if f is not None:
@@ -279,16 +280,16 @@ def link(
             Z[..., side, side] = R[coil, coil] + 1j * omega * own[coil]
             Z[..., side, 1 - side] = 1j * omega * between
         rows.append(("best_efficiency", ("pair",), best_link(Z).efficiency, "1", "largest efficiency of the pair"))
-        if ports:
-            whole = _whole(L, M, pairs)
+        if design.circuit.ports:
             circuit = replace(port_circuit(design, board_circuit(design).direct), frequency=f)
-            rows += _between_ports(circuit, whole, R)
+            rows += _between_ports(circuit, moved, R)
             coordinates |= {
                 "source_coil": [circuit.active[place].coil for place in circuit.sources],
                 "load_coil": [circuit.active[place].coil for place in circuit.loads],
             }
     shaped = [
-        (name, (*map(str, grid.dims), *dims), _over(grid, value), unit, says) for name, dims, value, unit, says in rows
+        (name, (*map(str, grid.dims), *dims), value.reshape(*grid.shape, *value.shape[1:]), unit, says)
+        for name, dims, value, unit, says in rows
     ]
     attributes = {**provenance(design), "moved": ", ".join(moves), "error_of_larger_inductance": 1e-4}
     if f is not None:
@@ -314,54 +315,40 @@ def columns(result: xr.Dataset) -> xr.Dataset:
     """
     names = {
         "coupling": ("k", 1.0, "1"), "mutual_inductance": ("M_uH", 1e6, "µH"),
-        "induced_voltage": ("voltage_V_per_A", 1.0, "V/A"), "best_efficiency": ("best_efficiency", 1.0, "1"),
-        "efficiency": ("efficiency", 1.0, "1"), "available_efficiency": ("available_efficiency", 1.0, "1"),
-        "lowest_resonance": ("lowest_resonance_MHz", 1e-6, "MHz"),
-        "highest_resonance": ("highest_resonance_MHz", 1e-6, "MHz"), "splitting": ("splitting_MHz", 1e-6, "MHz"),
+        "induced_voltage": ("voltage_V_per_A", 1.0, "V/A"),
+        **{f"{name}_resonance": (f"{name}_resonance_MHz", 1e-6, "MHz") for name in ("lowest", "highest")},
+        "splitting": ("splitting_MHz", 1e-6, "MHz"),
     }  # fmt: skip
     found = {}
-    for variable, (name, factor, unit) in names.items():
-        if variable not in result:
-            continue
-        values = factor * result[variable]
-        attributes = {"units": unit, "long_name": result[variable].attrs["long_name"]}
-        if "pair" in values.dims:
-            for pair in values.pair.values.tolist():
-                found[f"{name}[{pair}]"] = values.sel(pair=pair, drop=True).assign_attrs(attributes)
-        elif "load_coil" in values.dims:
-            for source in values.source_coil.values.tolist():
-                for load in values.load_coil.values.tolist():
-                    at = values.sel(source_coil=source, load_coil=load, drop=True)
-                    found[f"{name}[{source},{load}]"] = at.assign_attrs(attributes)
-        else:
-            found[name] = values.assign_attrs(attributes)
-    flat = xr.Dataset({name: values.reset_coords(drop=True) for name, values in found.items()})
-    shown = {}
+    for variable, values in result.data_vars.items():
+        name, factor, unit = names.get(str(variable), (str(variable), 1.0, "1"))
+        ends = [dim for dim in ("pair", "source_coil", "load_coil") if dim in values.dims]
+        for place in product(*(values[dim].values.tolist() for dim in ends)):
+            one = factor * values.sel(dict(zip(ends, place, strict=True)), drop=True).reset_coords(drop=True)
+            label = f"{name}[{','.join(place)}]" if place else name
+            found[label] = one.assign_attrs(units=unit, long_name=values.attrs.get("long_name", ""))
+    flat = xr.Dataset(found)
     for name in map(str, flat.dims):
-        length = name in ("x", "y", "z")
-        unit = "mm" if length else "deg" if name in AXES else ""
-        factor = 1e3 if length else math.degrees(1.0) if name in AXES else 1.0
+        unit, factor = ("", 1.0) if name not in AXES else ("mm", 1e3) if len(name) == 1 else ("deg", math.degrees(1.0))
+        numbers = (flat[name].values * factor).round(9) if name in flat.coords else np.arange(1, flat.sizes[name] + 1)
         label = f"{name}_{unit}" if unit else name
-        numbers = flat[name].values * factor if name in flat.coords else np.arange(1, flat.sizes[name] + 1)
-        shown[name] = (label, numbers.round(9), unit)
-    renamed = flat.rename({name: label for name, (label, *_) in shown.items()})
-    return renamed.assign_coords(
-        {label: (label, at, {"units": unit} if unit else {}) for label, at, unit in shown.values()}
-    )
+        flat = flat.rename({name: label} if unit else {})
+        flat = flat.assign_coords({label: (label, numbers, {"units": unit} if unit else {})})
+    return flat
 
 
 @dataclass(frozen=True, eq=False)
 class _Group:
     """Boards that keep their places relative to each other.
 
-    `first` is the number of its first coil, `boards` and `paths` are in the frame of the group, and
-    `poses` are where it is, None if it does not move.
+    `coils` are their numbers, `boards` and `paths` are in the frame of the group, and `poses` are
+    where that is.
     """
 
     coils: tuple[int, ...]
     boards: tuple[Board, ...]
     paths: tuple[Conductor, ...]
-    poses: tuple[Pose, ...] | None
+    poses: tuple[Pose, ...]
 
 
 def _boards(design: Design) -> dict[str, Board]:
@@ -369,13 +356,14 @@ def _boards(design: Design) -> dict[str, Board]:
     return {f"board{k}" if b.name is None else b.name: b for k, b in enumerate(design.boards, start=2)}
 
 
-def _known(design: Design, name: str) -> str:
-    """Refuse a name of no board."""
-    names = [known for known in _boards(design) if known]
-    if name not in names:
-        there = f"there are {', '.join(names)}" if names else f"{design.name} places no boards"
-        raise DesignError(f"no board of the design can move by the name {name!r}; {there}.")
-    return name
+def _row(poses: Iterable[Any]) -> npt.NDArray[np.object_]:
+    return np.fromiter(poses, dtype=object)
+
+
+def _require_few(count: int) -> None:
+    """Refuse too many poses."""
+    if count > MOST_POSES:
+        raise DesignError(f"a link must have at most {MOST_POSES} poses; got {count}.")
 
 
 def _back(pose: Pose) -> Pose:
@@ -391,118 +379,81 @@ def _checked(
         raise DesignError("a link needs the poses of at least one board.")
     grid, moves = None, {}
     for name, given in poses.items():
-        _known(design, name)
-        if isinstance(given, xr.DataArray):
-            array = given
-        else:
-            row = np.empty(len(given), dtype=object)
-            row[:] = list(given)
-            array = xr.DataArray(row, dims=("pose",))
-        wrong = [pose for pose in array.values.ravel().tolist() if not isinstance(pose, Pose)]
+        pose_of(design, name)
+        array = given if isinstance(given, xr.DataArray) else xr.DataArray(_row(given), dims=("pose",))
+        moves[name] = tuple(array.values.ravel().tolist())
+        wrong = [pose for pose in moves[name] if not isinstance(pose, Pose)]
         if wrong or not array.size:
             raise DesignError(
                 f"poses of {name} must be one Pose or more; got {f'{wrong[0]!r:.60}' if wrong else 'none'}."
             )
-        if array.size > MOST_POSES:
-            raise DesignError(f"a link must have at most {MOST_POSES} poses; got {array.size}.")
+        _require_few(array.size)
         grid = array if grid is None else grid
         if array.shape != grid.shape:
             raise DesignError(f"boards must have equally many poses; {name} has {array.shape}, and not {grid.shape}.")
-        moves[name] = tuple(array.values.ravel().tolist())
     assert grid is not None
     return grid, moves
 
 
 def _groups(design: Design, moves: Mapping[str, tuple[Pose, ...]]) -> list[_Group]:
     """Cut a design into what does not move, and each board that does."""
-    placed, first, still, groups = list(design.placed), 0, [], []
-    sizes = {name: len(board.design.placed) for name, board in _boards(design).items()}
-    numbers = []
-    for board in placed:
-        numbers.append(tuple(range(first, first + len(board.coil_names))))
-        first += len(board.coil_names)
-    at = 1
-    still.append(0)
-    for name, size in sizes.items():
-        mine = list(range(at, at + size))
-        at += size
-        if name not in moves:
-            still += mine
-            continue
-        back = _back(pose_of(design, name))
+    placed = design.placed
+    of = ["", *(name for name, board in _boards(design).items() for _ in board.design.placed)]
+    first = np.cumsum([0, *(len(board.coil_names) for board in placed)]).tolist()
+    groups = []
+    for name in ("", *moves):
+        back = _back(pose_of(design, name)) if name else Pose()
+        mine = [k for k, whose in enumerate(of) if (whose if whose in moves else "") == name]
         boards = tuple(Board(placed[k].of, back.after(placed[k].pose), placed[k].name) for k in mine)
         paths = tuple(path for board in boards for path in board.conductors())
-        groups.append(_Group(tuple(c for k in mine for c in numbers[k]), boards, paths, moves[name]))
-    boards = tuple(placed[k] for k in still)
-    paths = tuple(path for board in boards for path in board.conductors())
-    return [_Group(tuple(c for k in still for c in numbers[k]), boards, paths, None), *groups]
-
-
-def _pairs(one: _Group, other: _Group) -> list[tuple[int, int]]:
-    return [(min(i, k), max(i, k)) for i in one.coils for k in other.coils]
+        coils = tuple(coil for k in mine for coil in range(first[k], first[k + 1]))
+        groups.append(_Group(coils, boards, paths, moves.get(name, (Pose(),) * len(next(iter(moves.values()))))))
+    return groups
 
 
 def _relative(one: _Group, other: _Group, start: int, stop: int) -> list[Pose]:
     """Poses of a group in the frame of another."""
-    assert other.poses is not None
-    if one.poses is None:
-        return list(other.poses[start:stop])
     return [_back(a).after(b) for a, b in zip(one.poses[start:stop], other.poses[start:stop], strict=True)]
 
 
-def _require_clear(design: Design, groups: Sequence[_Group], grid: xr.DataArray) -> None:
+def _require_clear(design: Design, groups: Sequence[_Group], count: int) -> None:
     """Refuse a pose at which boards cut through each other."""
     for one, other in combinations(groups, 2):
-        for number, pose in enumerate(_relative(one, other, 0, grid.size)):
+        for number, pose in enumerate(_relative(one, other, 0, count)):
             for a in one.boards:
                 for b in other.boards:
                     if cut_through(a.pieces, pose.apply(b.pieces)) is not None:
                         raise DesignError(
                             f"boards {a.name or design.name} and {b.name} cut through each other at "
-                            f"{_pose_words(other, number)}."
+                            f"pose {number + 1}: {_words(other.poses[number])}."
                         )
 
 
-def _pose_words(group: _Group, number: int) -> str:
+def _words(pose: Pose) -> str:
     """Name a pose in mm and degrees."""
-    assert group.poses is not None
-    pose = group.poses[number]
     place = ", ".join(value_text(float(value)) for value in MM.of(pose.shift).round(6))
     turn = ", ".join(value_text(round(math.degrees(angle), 6)) for angle in pose.turn)
-    return f"pose {number + 1}: ({place}) mm, turned by ({turn})°"
+    return f"({place}) mm, turned by ({turn})°"
 
 
-def _moved(
-    design: Design, groups: Sequence[_Group], count: int, store: Store | None, progress: Progress | None
-) -> FloatArray:
-    """Mutual inductances (poses, coils, coils) in H, zero between coils that do not move apart."""
-    n = len(design.coil_names)
-    M = np.zeros((count, n, n))
-    blocks = ranges(count, _POSES_A_BLOCK)
-    for start, stop in blocks:
+def _move(
+    design: Design, groups: Sequence[_Group], moved: FloatArray, store: Store | None, progress: Progress | None
+) -> None:
+    """Set the inductances in H (poses, coils, coils) between coils that move against each other."""
+    for start, stop in ranges(len(moved), _POSES_A_BLOCK):
         for one, other in combinations(groups, 2):
-            poses = _relative(one, other, start, stop)
+            poses, i, k = _relative(one, other, start, stop), np.array(one.coils), np.array(other.coils)
             places = [[*pose.shift.tolist(), *pose.rotation.ravel().tolist()] for pose in poses]
-            key = content_key("link", design.digest, list(one.coils), list(other.coils), places)
+            key = content_key("link", design.digest, i.tolist(), k.tolist(), places)
             known = None if store is None else store.get(key)
-            found = np.asarray(known, dtype=np.float64) if isinstance(known, list) else None
-            if found is None or found.shape != (len(poses), len(one.coils), len(other.coils)):
+            found = np.asarray(known, dtype=np.float64) if isinstance(known, list) else np.zeros(0)
+            if found.shape != (len(poses), len(i), len(k)):
                 found = moved_inductance(one.paths, other.paths, poses)
                 if store is not None:
                     store.put(key, found.tolist())
-            M[start:stop, np.array(one.coils)[:, None], np.array(other.coils)] = found
-            M[start:stop, np.array(other.coils)[:, None], np.array(one.coils)] = found.swapaxes(1, 2)
+            moved[start:stop, i[:, None], k], moved[start:stop, k[:, None], i] = found, found.swapaxes(1, 2)
         if progress is not None:
-            progress(stop, count)
-    return M
-
-
-def _whole(L: FloatArray, M: FloatArray, pairs: Sequence[tuple[int, int]]) -> FloatArray:
-    """Inductance matrices (poses, n, n) in H."""
-    whole = np.broadcast_to(L, M.shape).copy()
-    i, k = np.array(pairs).T
-    whole[:, i, k], whole[:, k, i] = M[:, i, k], M[:, k, i]
-    return whole
+            progress(stop, len(moved))
 
 
 def _between_ports(
@@ -528,19 +479,3 @@ def _between_ports(
             ("splitting", (), high - low, "Hz", "splitting of the resonances"),
         ]  # fmt: skip
     return rows
-
-
-def _over(grid: xr.DataArray, values: FloatArray) -> FloatArray:
-    return values.reshape(*grid.shape, *values.shape[1:])
-
-
-def _described(values: Mapping[str, FloatArray]) -> dict[str, xr.Variable]:
-    """Coordinates with units."""
-    words = {"x": "shift along x", "y": "shift along y", "z": "shift along z"}
-    return {
-        name: xr.Variable(name, row, {
-            "units": "m" if name in words else "rad",
-            "long_name": words.get(name, f"turn about {name[-1]}"),
-        })
-        for name, row in values.items()
-    }  # fmt: skip

@@ -48,7 +48,7 @@ def test_files_and_json_are_the_numbers_of_the_library(capsys):
     assert [row["z_mm"] for row in data["poses"]] == [6.0, 9.0, 12.0]
     for name in flat.data_vars:
         np.testing.assert_allclose([row[name] for row in data["poses"]], flat[name].values, rtol=1e-12)
-    assert Path("link.csv").read_text(encoding="utf-8").splitlines()[0].startswith('z_mm,"k[coil1')
+    assert Path("link.csv").read_text(encoding="utf-8").splitlines()[0].startswith('z_mm,"M_uH[coil1')
 
 
 def test_many_poses_are_shown_by_their_extremes(capsys):
