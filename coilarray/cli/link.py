@@ -12,7 +12,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.studies import extremes
+from coilarray.cli.studies import extremes, records
 from coilarray.compute.display_units import DisplayUnit, value_text
 from coilarray.compute.store import open_store
 from coilarray.compute.table import Table, text_table
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
 
 _MOST_ROWS, _MOST_PAIRS = 40, 4  # poses, and pairs of coils, whose numbers are printed one by one
-_FRAMES, _POSITIONS = 48, 24  # most pictures of a film, and positions of a slider
+_FRAMES = 36  # most pictures of a film, and positions of a slider
 _MOST_VALUES = 10_000  # of an axis
 _K = DisplayUnit("", 1.0, 4)  # as M is known to 1e-4 of L
 
@@ -134,11 +134,11 @@ def link(
     shared.draw(plot, lambda: viz.link_figure(flat))
     if film is not None:
         _write_film(opened, poses, flat, film)
-    data = {"file": out and str(out), **shared.design_record(opened), "moved": move, "poses": _records(flat)}
+    data = {"file": out and str(out), **shared.design_record(opened), "moved": move, "poses": records(flat)}
     lines = [] if "best_efficiency" in found else [
         "no frequency: only M and k; --frequency-MHz, or ports in the design, add voltage and efficiency"
     ]  # fmt: skip
-    if not as_json and count > _MOST_ROWS:
+    if count > _MOST_ROWS:
         lines.append(f"{count} poses: smallest and largest values are shown")
     shared.print_result(
         data, as_json=as_json, tables=[] if as_json else [_table(flat)], lines=lines, files=[out, plot, film]
@@ -153,48 +153,38 @@ def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Data
     from coilarray.viz.scenes.board import moving_scenes, room, scene_of_boards, scene_of_motion
     from coilarray.viz.scenes.scene import Slider
 
-    page = path.suffix.lower() == ".html"
     count = next(iter(poses.values())).size
-    numbers = np.unique(np.linspace(0, count - 1, _POSITIONS if page else _FRAMES).round().astype(int)).tolist()
+    numbers = np.unique(np.linspace(0, count - 1, _FRAMES).round().astype(int)).tolist()
     placed = [moved_boards(design, poses, number).placed for number in numbers]
-    starts = tuple(poses)
-    moves = [board.name is not None and board.name.split("/")[0] in starts for board in placed[0]]
+    moves = [(board.name or "").split("/")[0] in poses for board in placed[0]]
     still = [board for board, moving in zip(placed[0], moves, strict=True) if not moving]
     moved = [[board for board, moving in zip(boards, moves, strict=True) if moving] for boards in placed]
-    rows = flat.to_dataframe().reset_index().to_dict("records")
-    labels = [
-        ", ".join(f"{name} = {value_text(rows[number][str(name)])}" for name in flat.coords) for number in numbers
-    ]
+    rows = [records(flat)[number] for number in numbers]
     pairs = [name for name in map(str, flat.data_vars) if name.startswith("k[")][:_MOST_PAIRS]
-    notes = [tuple(f"{name} = {_K.texts([rows[number][name]])[0]}" for name in pairs) for number in numbers]
-    if page:
-        slider = Slider("pose", tuple(labels), tuple(notes))
-        viz.save_page(scene_of_motion(still, moved, slider), path, title=design.name)
-        return
-    lines = [(label, *values) for label, values in zip(labels, notes, strict=True)]
-    everywhere = room([board for boards in moved for board in boards])
-    viz.save_movie(scene_of_boards(still) + everywhere, moving_scenes(moved, lines), path)
-
-
-def _records(flat: xr.Dataset) -> list[dict[str, float | None]]:
-    """Return every pose with its numbers."""
-    rows = flat.to_dataframe().reset_index().to_dict("records")
-    return [{str(key): None if math.isnan(value) else value for key, value in row.items()} for row in rows]
+    labels = tuple(", ".join(f"{name} = {value_text(row[str(name)])}" for name in flat.coords) for row in rows)
+    notes = tuple(
+        (label, *(f"{name} = {_K.texts([row[name]])[0]}" for name in pairs))
+        for label, row in zip(labels, rows, strict=True)
+    )
+    if path.suffix.lower() == ".html":
+        viz.save_page(scene_of_motion(still, moved, Slider("pose", labels, notes)), path, title=design.name)
+    else:
+        everywhere = room([board for boards in moved for board in boards])
+        viz.save_movie(scene_of_boards(still) + everywhere, moving_scenes(moved, notes), path)
 
 
 def _table(flat: xr.Dataset) -> Table:
     """Table of all poses, or of the extremes of many."""
     from coilarray.report.tables import link_table
 
-    names = [str(name) for name in flat.data_vars if not str(name).startswith("M_uH")]
+    count, names = math.prod(flat.sizes.values()), [str(name) for name in flat.data_vars]
     pairs = [name for name in names if name.startswith("k[")]
     strongest = sorted(pairs, key=lambda name: -float(abs(flat[name]).max()))[:_MOST_PAIRS]
-    shown = {name.partition("[")[2] for name in strongest}
-    names = [name for name in names if name.partition("[")[2] in shown or not name.partition("[")[2]] + [
-        name for name in names if name.startswith(("efficiency[", "available_"))
-    ]
-    names = list(dict.fromkeys(names))
-    count = math.prod(flat.sizes.values())
+    shown = {name[1:] for name in strongest}
+    names = [
+        name for name in names if "[" not in name or name.startswith(("efficiency", "available"))
+        or (name.startswith(("k[", "voltage", "best")) and name[name.index("[") :] in shown)
+    ]  # fmt: skip
     if count > _MOST_ROWS:
         rows = [extremes(flat, name, str(flat[name].attrs.get("units", ""))) for name in names]
         return text_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)

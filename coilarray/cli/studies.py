@@ -101,7 +101,7 @@ def sweep(
         **shared.design_record(opened),
         "sampling": plan.sampling,
         "accuracy": plan.accuracy,
-        "points": _records(result),
+        "points": records(result),
     }
     lines: list[str] = []
     tables: list[Table] = []
@@ -150,7 +150,7 @@ def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:
     ]
 
 
-def _records(result: xr.Dataset) -> list[dict[str, Any]]:
+def records(result: xr.Dataset) -> list[dict[str, Any]]:
     """Return every point with its entries, quantities and reason."""
     table = result.to_dataframe().reset_index().to_dict("records")
     return [

@@ -7,7 +7,7 @@ computed anew at every pose.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
@@ -28,11 +28,11 @@ from coilarray.circuit.ports import (
     power_transfer,
 )
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import MM, value_text
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import Entry, Schema, variables
 from coilarray.compute.store import Store, content_key, store_to_keep
 from coilarray.compute.threads import Progress, ranges
+from coilarray.design.boards import pose_words
 from coilarray.design.model import Board, Design, DesignFile, design_of
 from coilarray.electromagnetics.motion import moved_inductance
 from coilarray.errors import DesignError
@@ -47,7 +47,7 @@ _POSES_A_BLOCK = 128  # that are computed and kept together
 _BYTES_A_PAIR, _BYTES_A_COIL_PAIR = 200.0, 100.0  # peak memory per pose and pair that moves, and of all coils
 
 
-_OVER = ("pose", "along", *AXES, "pair")
+_OVER = ("pose", *AXES, "pair")
 LINK = Schema(
     DesignError, "mutual inductances and couplings over poses and pairs",
     {
@@ -106,31 +106,6 @@ def pose_grid(
         a, b, c, *turn = (float(row.values[k]) for row, k in zip(values.values(), place, strict=True))
         poses[place] = Pose(a, b, c, (turn[0], turn[1], turn[2]))
     return xr.DataArray(poses, values, dims=AXES).squeeze()
-
-
-def pose_path(function: Callable[[float], Pose], along: npt.ArrayLike) -> xr.DataArray:
-    """Return the poses that a function gives along a path.
-
-    Parameters
-    ----------
-    function : callable
-        Takes a number and returns a Pose.
-    along : array_like, shape (n,)
-        Numbers along the path, in any unit.
-
-    Returns
-    -------
-    xarray.DataArray
-        Poses over ``along``.
-
-    Examples
-    --------
-    >>> swing = pose_path(lambda angle: Pose(z=20e-3, turn=(0.0, angle, 0.0)), [0.0, 0.1, 0.2])
-    >>> dict(swing.sizes)
-    {'along': 3}
-    """
-    numbers = np.atleast_1d(np.asarray(along, dtype=np.float64))
-    return xr.DataArray(_row(map(function, numbers.tolist())), {"along": numbers}, dims=("along",))
 
 
 def pose_of(design: Design, name: str) -> Pose:
@@ -201,7 +176,7 @@ def link(
         Design with several boards.
     poses : mapping of str to xarray.DataArray or sequence of Pose
         Poses of each board that moves, by its name, in place of its pose in the design. Those of
-        `pose_grid` and `pose_path` have coordinates. All boards have equally many.
+        `pose_grid` have coordinates. All boards have equally many.
     frequency : float, optional
         Frequency in Hz. By default that of the design's ports. Without any, only M and k are given.
     keep : bool, str or Path
@@ -283,10 +258,9 @@ def link(
         if design.circuit.ports:
             circuit = replace(port_circuit(design, board_circuit(design).direct), frequency=f)
             rows += _between_ports(circuit, moved, R)
-            coordinates |= {
-                "source_coil": [circuit.active[place].coil for place in circuit.sources],
-                "load_coil": [circuit.active[place].coil for place in circuit.loads],
-            }
+            if circuit.sources and circuit.loads:
+                ends = ("source_coil", circuit.sources), ("load_coil", circuit.loads)
+                coordinates |= {end: [circuit.active[place].coil for place in places] for end, places in ends}
     shaped = [
         (name, (*map(str, grid.dims), *dims), value.reshape(*grid.shape, *value.shape[1:]), unit, says)
         for name, dims, value, unit, says in rows
@@ -294,8 +268,6 @@ def link(
     attributes = {**provenance(design), "moved": ", ".join(moves), "error_of_larger_inductance": 1e-4}
     if f is not None:
         attributes["frequency_Hz"] = f
-    used = {dim for _, dims, *_ in rows for dim in dims} | {"coil", "other"}
-    coordinates = {name: value for name, value in coordinates.items() if name in used}
     return xr.Dataset(variables(*shaped), {**grid.coords, **coordinates}, attributes)
 
 
@@ -339,11 +311,7 @@ def columns(result: xr.Dataset) -> xr.Dataset:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Boards that keep their places relative to each other.
-
-    `coils` are their numbers, `boards` and `paths` are in the frame of the group, and `poses` are
-    where that is.
-    """
+    """Boards that keep their places, and their paths, in a frame with `poses`; numbers of their coils."""
 
     coils: tuple[int, ...]
     boards: tuple[Board, ...]
@@ -425,15 +393,8 @@ def _require_clear(design: Design, groups: Sequence[_Group], count: int) -> None
                     if cut_through(a.pieces, pose.apply(b.pieces)) is not None:
                         raise DesignError(
                             f"boards {a.name or design.name} and {b.name} cut through each other at "
-                            f"pose {number + 1}: {_words(other.poses[number])}."
+                            f"pose {number + 1}, {b.name} {pose_words(other.poses[number])}."
                         )
-
-
-def _words(pose: Pose) -> str:
-    """Name a pose in mm and degrees."""
-    place = ", ".join(value_text(float(value)) for value in MM.of(pose.shift).round(6))
-    turn = ", ".join(value_text(round(math.degrees(angle), 6)) for angle in pose.turn)
-    return f"({place}) mm, turned by ({turn})°"
 
 
 def _move(

@@ -13,7 +13,7 @@ from coilarray.design.ports import Port
 from coilarray.errors import DesignError
 from coilarray.geometry import FinitePlate, Pose, Rectangle
 from coilarray.geometry.bodies import MATERIALS
-from coilarray.studies.link import columns, link, moved_boards, pose_grid, pose_of, pose_path, together
+from coilarray.studies.link import columns, link, moved_boards, pose_grid, pose_of, together
 
 READER = Array.row(Spiral(4, 20e-3, 3, 0.5e-3, 0.5e-3), 2, pitch=24e-3)
 TAG = Spiral(6, 12e-3, 4, 0.3e-3, 0.3e-3).as_array()
@@ -111,8 +111,8 @@ def test_kept_results_are_not_computed_again(tmp_path, monkeypatch):
 
 
 def test_columns_are_in_mm_and_degrees():
-    swing = pose_path(lambda angle: Pose(z=20e-3, turn=(0.0, angle, 0.0)), [0.0, 0.2])
-    assert list(columns(link(PAIR, {"tag": swing})).coords) == ["along"]
+    swing = [Pose(z=20e-3, turn=(0.0, angle, 0.0)) for angle in (0.0, 0.2)]
+    assert columns(link(PAIR, {"tag": swing})).pose.values.tolist() == [1, 2]
     flat = columns(link(PAIR, {"tag": pose_grid(z=20e-3, turn_y=[0.0, math.pi / 6])}))
     assert flat.turn_y_deg.values.tolist() == [0.0, 30.0]
     assert "k[coil1,tag/coil1]" in flat
@@ -134,7 +134,7 @@ BAD = {
     "no pose": (PAIR, {"tag": [None]}, "poses of tag.*None"),
     "other numbers of poses": (TWO, {"tag": HEIGHTS, "board3": [Pose(z=20e-3)]}, "board3"),
     "cut through": (
-        PAIR, {"tag": [Pose(z=8e-3), Pose(z=0.2e-3)]}, r"tag cut through each other at pose 2: \(0, 0, 0.2\)",
+        PAIR, {"tag": [Pose(z=8e-3), Pose(z=0.2e-3)]}, r"tag cut through each other at pose 2, tag at \(0, 0, 0.2\) mm",
     ),
     "moved boards that cut through": (
         TWO, {"tag": [Pose(z=8e-3)], "board3": [Pose(z=8e-3)]}, "tag and board3 cut through",
