@@ -159,7 +159,8 @@ def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Data
     moves = [(board.name or "").split("/")[0] in poses for board in placed[0]]
     still = [board for board, moving in zip(placed[0], moves, strict=True) if not moving]
     moved = [[board for board, moving in zip(boards, moves, strict=True) if moving] for boards in placed]
-    rows = [records(flat)[number] for number in numbers]
+    table = records(flat)
+    rows = [table[number] for number in numbers]
     pairs = [name for name in map(str, flat.data_vars) if name.startswith("k[")][:_MOST_PAIRS]
     labels = tuple(", ".join(f"{name} = {value_text(row[str(name)])}" for name in flat.coords) for row in rows)
     notes = tuple(
