@@ -102,7 +102,7 @@ def report(
         if opened.assumed:
             typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
         typer.echo("")
-    typer.echo(_summary(opened.design.array.centres, made.coupling).text(shared.terminal_width()))
+    typer.echo(_summary(opened.design.centres, made.coupling).text(shared.terminal_width()))
 
 
 def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:
@@ -110,7 +110,7 @@ def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:
     import numpy as np
 
     names = coupling.coil.values.tolist()
-    distance = np.hypot(*(centres[:, None] - centres[None, :]).transpose(2, 0, 1))
+    distance = np.linalg.norm(centres[:, None] - centres, axis=2)
     np.fill_diagonal(distance, np.inf)
     columns = (
         (coupling.open_inductance, 1e6, 3), (coupling.effective_inductance, 1e6, 3), (coupling.frequency, 1e-6, 4),
