@@ -51,33 +51,22 @@ def _values(option: str, text: str) -> list[float]:
 def link(
     design: shared.DesignArgument = None,
     move: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Board that moves; may be repeated: the others then keep their places relative to the first."
-        ),
+        list[str] | None, typer.Option(help="Board that moves; further ones move along with the first.")
     ] = None,
-    x_mm: Annotated[
-        str | None,
-        typer.Option("--x-mm", help="Places along x: START:STOP:STEP, A,B,… or one; the board's own by default."),
-    ] = None,
+    x_mm: Annotated[str | None, typer.Option("--x-mm", help="Places along x: START:STOP:STEP, A,B,… or one.")] = None,
     y_mm: Annotated[str | None, typer.Option("--y-mm", help="Places along y, in the same form.")] = None,
     z_mm: Annotated[str | None, typer.Option("--z-mm", help="Heights, in the same form.")] = None,
     turn_deg: Annotated[
-        str | None,
-        typer.Option("--turn-deg", help="Angles about x, y and z: three values or ranges, such as 0,0:90:5,180."),
+        str | None, typer.Option("--turn-deg", help="Angles about x, y and z, three in this form: 0,0:90:5,180.")
     ] = None,
     frequency_mhz: Annotated[
-        float | None,
-        typer.Option("--frequency-MHz", help="Frequency of the link; that of the design's ports by default."),
+        float | None, typer.Option("--frequency-MHz", help="Frequency; that of the design's ports by default.")
     ] = None,
     cache: shared.Cache = None,
     out: shared.NumbersFile = None,
     plot: Annotated[Path | None, shared.plot_option("k and efficiency over the poses")] = None,
     film: Annotated[
-        Path | None,
-        shared.file_option(
-            ("--film",), "Film of the motion (.gif, .mp4), or a page with a slider (.html).", (".gif", ".mp4", ".html")
-        ),
+        Path | None, shared.file_option(("--film",), "Film, or a page with a slider.", (".gif", ".mp4", ".html"))
     ] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
@@ -85,11 +74,10 @@ def link(
     """Compute coupling and efficiency while boards move.
 
     The board takes all combinations of the given places and angles, from its place in the design.
-    For each pose there are M and k of all pairs of coils that move against each other. With a
-    frequency there are also the voltage per ampere and the largest efficiency that each pair
-    allows, with ports of the design their efficiency and the splitting of their resonances. Results
-    are kept, so that the same command resumes an interrupted one. Boards that cut through each
-    other at a pose are refused.
+    M and k are of all pairs of coils that move against each other. With a frequency there are also
+    the voltage per ampere and the largest efficiency of each pair, with ports of the design their
+    efficiency and the splitting of their resonances. Results are kept, so that the same command
+    resumes an interrupted one. Boards that cut through each other at a pose are refused.
 
     Example: coilarray link reader.toml --move tag --z-mm 2:20:2 --plot k.png
 

@@ -84,7 +84,7 @@ def pose_grid(
     Raises
     ------
     DesignError
-        An axis without values, with a value twice or not finite, or more than `MOST_POSES` poses.
+        Values of an axis that are not different and finite, or more than `MOST_POSES` poses.
 
     Examples
     --------
