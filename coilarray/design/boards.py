@@ -16,18 +16,7 @@ if TYPE_CHECKING:
 
 
 def check_boards(design: Design) -> tuple[Margin, ...]:
-    """Measure every board of a design against its own rules.
-
-    Parameters
-    ----------
-    design : Design
-        Design of one or several boards.
-
-    Returns
-    -------
-    tuple of Margin
-        Margins of all boards, the worst first. Layers begin with the name of their board.
-    """
+    """Margins of all boards to their own rules, the worst first, with the board before the layer."""
     own, *others = design.placed
     margins = [*check_rules(own.array, own.design.rules)]
     for board in others:
@@ -47,9 +36,8 @@ def boards_words(design: Design) -> str:
     own, *named = named_boards(design)
     loops = len(design.placed) - len(named)
     start = f"{loops} loops in space, the first " if loops > 1 else ""
-    return "; ".join(
-        [start + array_words(own.array), *(f"{board.name}: {array_words(board.array)}" for board in named)]
-    )
+    others = (f"{board.name}: {array_words(board.array)}" for board in named)
+    return "; ".join([start + array_words(own.array), *others])
 
 
 def board_facts(design: Design) -> list[tuple[str, str]]:

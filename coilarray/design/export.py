@@ -144,30 +144,9 @@ def export(
 
 
 def board_targets(design: Design, target: Path, to: Format) -> tuple[Path, ...]:
-    """Return the file or folder of each board of a design.
+    """Return the file or folder of each board, or the one file of all solids.
 
-    Boards that are placed by name have folders in the folder of a KiCad export, and otherwise files
-    whose names end with theirs. Solids of all boards are one file.
-
-    Parameters
-    ----------
-    design : Design
-        Design of one or several boards.
-    target : Path
-        File or folder of the export.
-    to : {"kicad", "gerber", "dxf", "svg", "step", "stl", "glb"}
-        Format.
-
-    Returns
-    -------
-    tuple of Path
-        Files or folders to write, the one of the own board first.
-
-    Raises
-    ------
-    OutputError
-        Loops on a surface, which are not fabricated as boards, or boards whose files would have
-        one name.
+    Loops of a surface, and boards whose files would have one name, raise an OutputError.
     """
     from coilarray.design.boards import named_boards
 
@@ -190,6 +169,10 @@ def board_targets(design: Design, target: Path, to: Format) -> tuple[Path, ...]:
 
 def _write_board(board: Board, path: Path, shown: Path, kind: Format, *, allow_faults: bool) -> Exported:
     """Write the fabrication files of one board, whose place is `shown` in messages."""
+    from coilarray.fabrication.drawings import write_dxf, write_svg
+    from coilarray.fabrication.gerber_writer import write_gerbers
+    from coilarray.fabrication.kicad_writer import write_kicad
+
     design, faults = board.design, list[str]()
     array, title = design.array, design.title or design.name
     name = board.name.replace("/", "-") if board.name else design.name
@@ -204,20 +187,12 @@ def _write_board(board: Board, path: Path, shown: Path, kind: Format, *, allow_f
 
     files: tuple[Path, ...] = (path,)
     if kind == "kicad":
-        from coilarray.fabrication.kicad_writer import write_kicad
-
         files = write_kicad(array, path, name=name, rules=design.rules, title=title, check=check)
     elif kind == "gerber":
-        from coilarray.fabrication.gerber_writer import write_gerbers
-
         write_gerbers(array, path, name=name, check=check)
     elif kind == "dxf":
-        from coilarray.fabrication.drawings import write_dxf
-
         write_dxf(array, path)
     else:
-        from coilarray.fabrication.drawings import write_svg
-
         write_svg(array, path, title=title)
     return Exported(files, tuple(faults))
 

@@ -39,6 +39,7 @@ from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
 from coilarray.response.target import target_map
 from coilarray.studies.link import columns
+from coilarray.viz.scenes.results import field_planes
 
 # the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per
 # pixel
@@ -630,28 +631,18 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
     The line passes through the active coil, and the others are open and terminated. A single coil
     has one field of each.
     """
-    x_min, y_min, x_max, y_max = _seen_from_above(design)
+    *level, height = field_planes(design, active, _PLANE_STEP)[0]
     middle = design.centres[design.coil_names.index(active)].tolist()
-    height = design.pose.z + design.field_height
     states = {"others open": False, "others as terminated": True} if len(design.coil_names) > 1 else {"alone": False}
 
     def both(x: npt.ArrayLike, y: npt.ArrayLike) -> dict[str, xr.Dataset]:
         return {
-            label: operating_field(design, coupling, active, x, y, height, terminated=terminated)
+            label: operating_field(design, coupling, active, x, y, height.low, terminated=terminated)
             for label, terminated in states.items()
         }
 
     x, y = (
-        np.linspace(low, high, int(np.clip(round((high - low) / _PLANE_STEP) + 1, *_PLANE_POINTS)))
-        for low, high in ((x_min, x_max), (y_min, y_max))
+        np.linspace(span.low, span.high, int(np.clip(round((span.high - span.low) / _PLANE_STEP) + 1, *_PLANE_POINTS)))
+        for span in level
     )
-    return both(np.linspace(x_min, x_max, _LINE_POINTS), middle[1]), both(x, y)
-
-
-def _seen_from_above(design: Design) -> tuple[float, float, float, float]:
-    """x_min, y_min, x_max, y_max of all boards in m."""
-    if not design.boards and design.array.form is None:
-        return design.array.bounds
-    corners = np.concatenate([board.pieces.reshape(-1, 3) for board in design.placed])[:, :2]
-    x_min, y_min, x_max, y_max = np.concatenate((corners.min(axis=0), corners.max(axis=0))).tolist()
-    return x_min, y_min, x_max, y_max
+    return both(np.linspace(level[0].low, level[0].high, _LINE_POINTS), middle[1]), both(x, y)
