@@ -8,6 +8,7 @@ import math
 import re
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -63,7 +64,7 @@ def written_report(design, folder, *, drawn=False, **options):
         patch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
         patch.setattr("coilarray.report.page._DPI", 40)
         if not drawn:
-            patch.setattr("coilarray.report.page.png_of", lambda drawn: b"a picture")
+            patch.setattr("coilarray.report.page.png_of", lambda drawn: plt.close("all") or b"a picture")
         patch.setattr("coilarray.report.sections._SWEEP_POINTS", 8)
         return write_report(design, folder, **options)
 
