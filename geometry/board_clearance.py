@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import Array
@@ -42,6 +41,8 @@ def hull_distance(one: FloatArray, other: FloatArray) -> tuple[float, FloatArray
     The nearest points are mixtures of the points with shares that are not negative (C. L. Lawson,
     R. J. Hanson, Solving Least Squares Problems, ch. 23).
     """
+    from scipy.optimize import nnls  # takes longer than all else of `check`
+
     middle = (one.mean(axis=0) + other.mean(axis=0)) / 2
     size = float(np.ptp(np.concatenate((one, other)), axis=0).max())
     mixed = np.concatenate((one - middle, middle - other)).T / size

@@ -13,9 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.threads import ranges
@@ -23,6 +20,7 @@ from coilarray.errors import GeometryError, require_finite, require_positive, sh
 
 if TYPE_CHECKING:
     import trimesh
+    from scipy.spatial import cKDTree
 
 FILES = (".stl", ".obj", ".ply", ".off")
 """Kinds of mesh files."""
@@ -234,6 +232,8 @@ class Surface:
     @cached_property
     def _tree(self) -> cKDTree:
         """Middles of the triangles for searches."""
+        from scipy.spatial import cKDTree
+
         return cKDTree(self._triangles[1])
 
     @cached_property
@@ -259,6 +259,9 @@ class Surface:
 
 def _check(mesh: trimesh.Trimesh) -> None:
     """Raise GeometryError unless a mesh is one surface with two sides."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     if not len(mesh.faces):
         raise GeometryError("a surface must have an area; all of its triangles are flat.")
     of_edge = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)[1]
@@ -355,6 +358,7 @@ def _relaxed(
     surface: Surface, samples: FloatArray, points: FloatArray, mirror: tuple[int, int] | None
 ) -> tuple[FloatArray, float]:
     """Relax points and return them with their mean squared distance in m²."""
+    from scipy.spatial import cKDTree
 
     def mirrored(points: FloatArray) -> FloatArray:
         if mirror is not None:
@@ -384,6 +388,8 @@ def neighbours(surface: Surface, points: FloatArray) -> tuple[tuple[int, int], .
     A part is what is nearer to a point than to all others. Borders shorter than about a tenth of a
     part's width do not count.
     """
+    from scipy.spatial import cKDTree
+
     if len(points) < 2:
         return ()
     two = np.sort(cKDTree(points).query(surface.samples(min(4 * _A_COIL * len(points), _SAMPLES)), k=2)[1], axis=1)

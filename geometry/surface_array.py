@@ -11,7 +11,6 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.spatial import cKDTree
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError, require_finite, require_positive
@@ -93,6 +92,8 @@ class SurfaceLattice:
     levels: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
+        from scipy.spatial import cKDTree
+
         points = _numbers("points", self.points)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise GeometryError(f"points must have shape (n >= 1, 3); got {points.shape}.")
@@ -316,6 +317,8 @@ def _refuse_cuts(paths: Sequence[Conductor]) -> None:
 
     At any angle to each other, bars that are farther do not meet.
     """
+    from scipy.spatial import cKDTree
+
     trees, sizes = [], []
     for path in paths:
         diagonal = float(np.hypot(path.widths, path.thicknesses).max())
