@@ -640,9 +640,12 @@ def test_boards_are_moved_by_sliders_and_every_coil_has_numbers(tmp_path):
     shelf = Shelf(tmp_path)
     work = shelf.open("pair.toml")
     entries = {entry.key: entry for entry in entries_of(work.opened) if entry.group == "Board lid"}
-    assert set(entries) == {*(f"boards.0.{axis}_mm" for axis in "xyz"), *(f"boards.0.turn_deg.{k}" for k in range(3))}
+    assert set(entries) == {
+        *(f"boards.lid.{axis}_mm" for axis in "xyz"),
+        *(f"boards.lid.turn_deg.{k}" for k in range(3)),
+    }
     assert all(entry.low < entry.value < entry.high or entry.value == 180 for entry in entries.values())
-    moved = work.with_document(work.document_with({"boards.0.z_mm": 20.0, "boards.0.turn_deg.1": 10.0}))
+    moved = work.with_document(work.document_with({"boards.lid.z_mm": 20.0, "boards.lid.turn_deg.1": 10.0}))
     np.testing.assert_allclose(moved.design.placed[1].pose.shift, [3e-3, 0, 20e-3])
     assert shelf.save(moved, "moved.toml").design.digest == shelf.open("moved.toml").design.digest
     assert '"lid.toml"' in (tmp_path / "moved.toml").read_text()

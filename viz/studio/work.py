@@ -199,8 +199,11 @@ def entries_of(file: DesignFile) -> tuple[Entry, ...]:
     for dotted, value in values.items():
         path = re.sub(r"\.\d+\.", ".N.", dotted)
         name = re.match(r"coils\.(.+?)\.(leads\.)?\w+$", dotted)
+        placed = re.match(r"boards\.(.+)\.\w+$", dotted)
         if name:
             path = dotted.replace(f"coils.{name[1]}.", "coils.NAME.", 1)
+        elif placed:
+            path = dotted.replace(f"boards.{placed[1]}.", "boards.N.", 1)
         key = known.get(path)
         if key is None or key.path not in _GROUPS or (key.path == "array" and key.name in without):
             continue
