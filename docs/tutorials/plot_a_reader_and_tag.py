@@ -76,12 +76,6 @@ ax.legend()
 # no two capacitors match 50 Ω.
 #
 # The losses are those of the copper, to some percent. Those of the laminate, and of the resistors that make the band of
-# a reader broader, are left out: real shares are smaller. The film of the card that comes nearer:
+# a reader broader, are left out: real shares are smaller.
 #
-# .. code-block:: python
-#
-#    from pathlib import Path
-#    from coilarray.viz import Scene, save_movie, scene_of_design
-#
-#    frames = [scene_of_design(ca.vary(file, {"boards.card.z_mm": z})) for z in range(60, 4, -2)]
-#    save_movie(Scene(), frames, Path("card.gif"))
+# ``coilarray link nfc_reader --move card --z-mm 60:5:-2.5 --film card.gif`` makes the film of the card coming nearer.

@@ -60,13 +60,6 @@ print(f"{served[centre].item():.0%} of {row.sel(pair='middle')[centre].item():.0
 # The copper is 35 µm thick, as of common boards, so that the quality factors are only 8 to 9; chargers of litz wire
 # over ferrite have more. Traces of 1.9 mm are wide at this frequency. L is that of uniform direct current. R has the
 # skin and proximity effect within each board, but no losses in the copper of another board. The efficiencies are
-# therefore upper limits. The film of the receiver over the row:
+# therefore upper limits.
 #
-# .. code-block:: python
-#
-#    from pathlib import Path
-#    from coilarray.viz import Scene, save_movie, scene_of_design
-#
-#    file = ca.load_design_file("charger")
-#    frames = [scene_of_design(ca.vary(file, {"boards.receiver.x_mm": x})) for x in range(-40, 41, 4)]
-#    save_movie(Scene(), frames, Path("receiver.gif"))
+# ``coilarray link charger --move receiver --x-mm -40:40:4 --film receiver.gif`` makes the film of the receiver.
