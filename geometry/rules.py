@@ -629,7 +629,8 @@ def require_apart(conductors: Sequence[Conductor], stackup: Stackup | None = Non
 def _traces(number: int, conductor: Conductor, shapes: dict[bytes, int]) -> Iterator[_Trace]:
     """Yield the flat runs of a path, recording their shapes."""
     vertices, z = conductor.vertices, conductor.vertices[:, 2]
-    flat = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (conductor.widths > 0)
+    level = (np.abs(np.diff(z)) <= _ALIKE * conductor.lengths) & (np.abs(conductor.across[:, 2]) <= _ALIKE)
+    flat = level & (conductor.widths > 0)
     ends = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])))).tolist()
     for start, stop in zip(ends[::2], ends[1::2], strict=True):
         line, widths = vertices[start : stop + 1, :2], conductor.widths[start:stop]

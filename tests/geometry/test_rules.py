@@ -425,3 +425,9 @@ def test_the_ratio_of_a_bend_has_a_margin(layers, usual):
     (margin,) = [one for one in check_rules(bent, FabRules(min_bend_ratio=11.6)) if one.rule == "bend ratio"]
     assert margin.margin == pytest.approx(-0.1)
     assert not [one for one in check_rules(strip, FabRules()) if one.rule == "bend ratio"]
+
+
+def test_bars_on_edge_overlap_in_no_plan():
+    """Two layers of an upright board, 0.1 mm apart, whose widths of 1 mm are vertical."""
+    bars = [Conductor([[0, y, 0], [1e-2, y, 0]], 1e-3, 35e-6, across=(0, 0, 1)) for y in (0.0, 0.1e-3)]
+    require_apart(bars)
