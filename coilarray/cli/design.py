@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from coilarray.circuit.converter_limits import Limit
-    from coilarray.design.model import Design, DesignFile
+    from coilarray.design.model import Board, Design, DesignFile
     from coilarray.fabrication.board import BoardCopper
     from coilarray.fabrication.tracing import TracedArray, Tracing
     from coilarray.geometry import Margin
@@ -434,7 +434,8 @@ def check(
     from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.array import array_words
     from coilarray.geometry.board_clearance import boards_apart
-    from coilarray.geometry.rules import BEND_RATIO_SOURCE, KEPT_WITHIN
+    from coilarray.geometry.rules import BEND_RATIO_SOURCE, KEPT_WITHIN, worst_first
+    from coilarray.geometry.surface_array import Wrap
     from coilarray.report.tables import converter_line, rules_table
 
     if list_fabs:
@@ -455,13 +456,18 @@ def check(
     profile = None if named is None else load_profile(str(named))
     if picture is not None:
         one_board(opened, "--picture")
-    several, whose = bool(opened.boards), profile.title if profile else "the design"
+    whose = profile.title if profile else "the design"
     lines: list[str | Table] = []
     margins: list[Margin] = []
+    named: dict[str, list[Board]] = {}  # coils on a surface have boards of their own without names
     for board in opened.placed:
-        limits = load_profile(fab).rules if fab else board.design.rules
-        with shared.progress_bar(f"rules of {len(board.array.names)} coils") as progress:
+        named.setdefault(board.name or "", []).append(board)
+    for board, *alike_boards in named.values():
+        limits, coils = load_profile(fab).rules if fab else board.design.rules, len(board.array.names)
+        with shared.progress_bar(f"rules of {coils} coil{'s' * (coils > 1)}") as progress:
             found = check_rules(board.array, limits, progress=progress)
+            more = [check_rules(one.array, limits if fab else one.design.rules) for one in alike_boards]
+            found = worst_first(chain(found, *more)) if more else found
         # margins are sorted, the worst first
         first = {(margin.rule, margin.layer): margin for margin in reversed(found)}
         shown = [margin for margin in found if every or margin is first[margin.rule, margin.layer]]
@@ -476,7 +482,9 @@ def check(
             shared.draw(picture, partial(viz.check_figure, board.array, shown, marks))
         names = board.array.stackup.names
         worst = [replace(group[0], layer=_layers_text(names, {one.layer for one in group})) for group in groups]
-        lines.append(f"board{f' {board.name or opened.name}' if several else ''}: {array_words(board.array)}")
+        beside = f", the first of {1 + len(alike_boards)} on a surface" if alike_boards else ""
+        whose_board = f" {board.name or opened.name}" if len(named) > 1 else ""
+        lines.append(f"board{whose_board}: {array_words(board.array)}{beside}")
         shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in worst])
         lines.append(
             replace(
@@ -487,6 +495,8 @@ def check(
             )
         )
         lines += [f"… and {len(found) - len(shown)} more (--all)"] if len(shown) < len(found) else []
+        if isinstance(board.array.form, Wrap):
+            lines.append("not checked: whether the coils can be laid onto the surface without folds")
         if limits.min_bend_ratio is None and any(margin.rule == "bend ratio" for margin in found):
             lines.append(f"assumed limit of the bend ratio: {BEND_RATIO_SOURCE}")
         of_board = f"{board.name}/" if board.name else ""
@@ -498,7 +508,7 @@ def check(
         "sources": [{"title": title, "url": url} for title, url in profile.sources], "assumed": dict(profile.assumed),
     }  # fmt: skip
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
-    if several:
+    if len(named) > 1:
         pairs = [(one, other) for one, other in combinations(opened.placed, 2) if one.name or other.name]
         apart: list[tuple[str | float, ...]] = [
             (one.name or opened.name, other.name or opened.name, boards_apart(one.pieces, other.pieces))

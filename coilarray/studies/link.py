@@ -188,7 +188,7 @@ def link(
     -------
     xarray.Dataset
         ``mutual_inductance`` in H and ``coupling`` over the poses and ``pair``, all pairs of coils
-        that move against each other. With a frequency also ``induced_voltage`` |ωM| in V per ampere
+        that move against each other. With a frequency also ``induced_voltage`` ωM in V per ampere
         and ``best_efficiency``, which `coilarray.circuit.ports.best_link` describes, of both coils
         alone. With ports the ``efficiency`` and ``available_efficiency`` from
         ``source_coil`` to ``load_coil``, the lowest and highest resonance and their ``splitting``, see
