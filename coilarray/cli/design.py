@@ -459,10 +459,11 @@ def check(
     whose = profile.title if profile else "the design"
     lines: list[str | Table] = []
     margins: list[Margin] = []
-    named: dict[str, list[Board]] = {}  # coils on a surface have boards of their own without names
+    by_name: dict[str, list[Board]] = {}  # coils on a surface have boards of their own without names
     for board in opened.placed:
-        named.setdefault(board.name or "", []).append(board)
-    for board, *alike_boards in named.values():
+        by_name.setdefault(board.name or "", []).append(board)
+    for boards in by_name.values():
+        board, alike_boards = boards[0], boards[1:]
         limits, coils = load_profile(fab).rules if fab else board.design.rules, len(board.array.names)
         with shared.progress_bar(f"rules of {coils} coil{'s' * (coils > 1)}") as progress:
             found = check_rules(board.array, limits, progress=progress)
@@ -483,7 +484,7 @@ def check(
         names = board.array.stackup.names
         worst = [replace(group[0], layer=_layers_text(names, {one.layer for one in group})) for group in groups]
         beside = f", the first of {1 + len(alike_boards)} on a surface" if alike_boards else ""
-        whose_board = f" {board.name or opened.name}" if len(named) > 1 else ""
+        whose_board = f" {board.name or opened.name}" if len(by_name) > 1 else ""
         lines.append(f"board{whose_board}: {array_words(board.array)}{beside}")
         shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in worst])
         lines.append(
@@ -508,7 +509,7 @@ def check(
         "sources": [{"title": title, "url": url} for title, url in profile.sources], "assumed": dict(profile.assumed),
     }  # fmt: skip
     data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
-    if len(named) > 1:
+    if len(by_name) > 1:
         pairs = [(one, other) for one, other in combinations(opened.placed, 2) if one.name or other.name]
         apart: list[tuple[str | float, ...]] = [
             (one.name or opened.name, other.name or opened.name, boards_apart(one.pieces, other.pieces))
