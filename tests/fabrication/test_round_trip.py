@@ -26,7 +26,7 @@ from coilarray.fabrication.gerber_writer import write_gerbers
 from coilarray.fabrication.kicad_reader import read_kicad
 from coilarray.fabrication.kicad_writer import write_kicad
 from coilarray.fabrication.nets import board_layers, check_nets
-from coilarray.fabrication.solid_files import write_step
+from coilarray.fabrication.solid_files import PlacedArray, write_step
 from coilarray.fabrication.tracing import trace_coils, traced_array
 from coilarray.geometry import Array, FabRules, Placement, PlatedHole, copper_by_layer, drills, path_coil
 from coilarray.geometry.arcs import CHORD_ERROR
@@ -154,7 +154,12 @@ def test_equal_coils_are_one_shape(tmp_path):
         (write_svg, "svg", "", ()),
         (write_dxf, "dxf", "fab", ("ezdxf",)),
         (partial(write_gerbers, name="board"), "zip", "fab", ("gerbonara", "gerbonara.newstroke")),
-        (partial(write_step, name="board"), "step", "step", ("OCP", "OCP.STEPCAFControl")),
+        (
+            lambda array, path: write_step([PlacedArray(array)], path, name="board"),
+            "step",
+            "step",
+            ("OCP", "OCP.STEPCAFControl"),
+        ),
     ],
 )
 def test_what_cannot_be_written(write, suffix, extra, modules, tmp_path, monkeypatch):
