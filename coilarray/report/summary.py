@@ -38,7 +38,7 @@ _OF_STATES = (
     ("effective_inductance", "effective inductance"),
     ("quality_factor", ""),  # the name in the dataset is enough
     ("parallel_resistance", "parallel resistance"),
-    ("state_self_resonance", "self-resonance"),
+    ("state_self_resonance", "self-resonance beside the other coils"),
 )
 
 
