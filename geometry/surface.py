@@ -148,8 +148,6 @@ class Surface:
         The ellipsoid's centre is the origin and its upper half points along z. `radii` are its half
         axes along x, y and z in m, and the cylinder, open below, goes down by `skirt` in m.
         """
-        import trimesh
-
         if len(radii) != 3:
             raise GeometryError(f"radii of a dome must be three; got {len(radii)}.")
         for radius in radii:
@@ -162,9 +160,15 @@ class Surface:
         profile[[0, -1]] = (0.0, radii[2]), (1.0, 0.0)
         down = np.linspace(0.0, -skirt, 1 + math.ceil(skirt / (max(radii) * math.pi / 2 / _RINGS)))[1:]
         profile = np.vstack((profile, np.column_stack((np.ones(len(down)), down))))
-        mesh = trimesh.creation.revolve(profile[::-1], sections=_SECTIONS)
-        sizes = (*map(float, radii), float(skirt))
-        return cls(np.array(mesh.vertices) * (radii[0], radii[1], 1.0), np.array(mesh.faces), sizes)
+        turn, along = 2 * np.pi * np.arange(_SECTIONS) / _SECTIONS, np.arange(1, _SECTIONS + 1)
+        rings = [np.column_stack((r * np.cos(turn), r * np.sin(turn), 0 * turn + z)) for r, z in profile[1:].tolist()]
+        following = np.roll(along, -1)
+        faces = [np.column_stack((0 * along, along, following))]
+        for above in range(0, _SECTIONS * (len(rings) - 1), _SECTIONS):
+            a, b, c, d = above + along, above + following, above + _SECTIONS + along, above + _SECTIONS + following
+            faces += [np.column_stack((a, c, d)), np.column_stack((a, d, b))]
+        vertices = np.vstack((profile[:1, [0, 0, 1]], *rings)) * (radii[0], radii[1], 1.0)
+        return cls(vertices, np.vstack(faces), (*map(float, radii), float(skirt)))
 
     @cached_property
     def area(self) -> float:
