@@ -92,6 +92,7 @@ def test_points_turn_with_the_surface():
     np.testing.assert_allclose(spread(turned, 9), pose.apply(spread(shape, 9)), atol=0.2e-3)
 
 
+@pytest.mark.lowest
 def test_dome():
     """Area of a hemisphere and its cylinder, less the chords' share, and normals outwards."""
     finger = Surface.dome((8e-3, 8e-3, 8e-3), skirt=12e-3)
