@@ -429,6 +429,7 @@ def check(
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
     from coilarray.design import fabs
+    from coilarray.design.boards import of_board
     from coilarray.design.fabs import load_profile
     from coilarray.design.model import load_design_file, one_board
     from coilarray.geometry import check_rules, require_kept
@@ -464,7 +465,7 @@ def check(
         by_name.setdefault(board.name or "", []).append(board)
     for boards in by_name.values():
         board, alike_boards = boards[0], boards[1:]
-        limits, coils = load_profile(fab).rules if fab else board.design.rules, len(board.array.names)
+        limits, coils = profile.rules if fab and profile else board.design.rules, len(board.array.names)
         with shared.progress_bar(f"rules of {coils} coil{'s' * (coils > 1)}") as progress:
             found = check_rules(board.array, limits, progress=progress)
             more = [check_rules(one.array, limits if fab else one.design.rules) for one in alike_boards]
@@ -500,8 +501,7 @@ def check(
             lines.append("not checked: whether the coils can be laid onto the surface without folds")
         if limits.min_bend_ratio is None and any(margin.rule == "bend ratio" for margin in found):
             lines.append(f"assumed limit of the bend ratio: {BEND_RATIO_SOURCE}")
-        of_board = f"{board.name}/" if board.name else ""
-        margins += [replace(margin, layer=f"{of_board}{margin.layer}") for margin in found]
+        margins += of_board(board, found)
     if out is not None:
         write_text(out, rules_table(margins).csv())
     source = profile and {

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from coilarray.compute.display_units import MM
@@ -17,13 +19,16 @@ if TYPE_CHECKING:
 
 def check_boards(design: Design) -> tuple[Margin, ...]:
     """Margins of all boards to their own rules, the worst first, with the board before the layer."""
-    own, *others = design.placed
-    margins = [*check_rules(own.array, own.design.rules)]
-    for board in others:
-        for margin in check_rules(board.array, board.design.rules):
-            layer = f"{board.prefix}{margin.layer}" if margin.layer else board.name or ""
-            margins.append(replace(margin, layer=layer))
-    return worst_first(margins) if others else tuple(margins)
+    found = [of_board(board, check_rules(board.array, board.design.rules)) for board in design.placed]
+    return worst_first(chain(*found)) if design.boards else found[0]
+
+
+def of_board(board: Board, margins: Iterable[Margin]) -> tuple[Margin, ...]:
+    """Margins with the name of their board, if any, before the layer."""
+    return tuple(
+        replace(margin, layer=f"{board.prefix}{margin.layer}" if margin.layer else board.name) if board.name else margin
+        for margin in margins
+    )
 
 
 def named_boards(design: Design) -> tuple[Board, ...]:

@@ -899,7 +899,7 @@ def _build(parsed: Document) -> Design:
             boards.append(Board(load_design(placed.design), placed.pose, placed.name, placed.design))
         else:
             boards.append(Board(build_design(placed.design, f"boards.{k}.design"), placed.pose, placed.name))
-    names = Design(array, boards=tuple(boards), name=parsed.name).coil_names if boards else array.names
+    names = (*array.names, *(f"{board.prefix}{name}" for board in boards for name in board.design.coil_names))
     every = {name: terminations.get(name, default) for name in names}
     return Design(
         boards=tuple(boards),

@@ -10,6 +10,7 @@ from support.refusals import refused
 
 from coilarray import Board, Pose, couple_design, coupling_matrix, inductance_matrix, load_design
 from coilarray.cli.compute import _summary
+from coilarray.design.bundled import read
 from coilarray.design.model import Design, build_design, load_design_file, parse_design
 from coilarray.design.write import design_document, save_design
 from coilarray.errors import DesignError
@@ -174,3 +175,9 @@ def test_design_made_in_python(tmp_path):
     (first, pose), *others = replace(lattice, surface=by_hand).boards(boards[0][0].placements[0].coil, STRIP)
     design = Design(first, boards=tuple(Board(array, at, "") for array, at in others), pose=pose)
     refused(DesignError, "cannot hold a mesh", design_document, design)
+
+
+def test_a_board_inside_a_helmet_is_placed():
+    """At the origin, where the first loop lies in its own coordinates only."""
+    design = parse_design(read("helmet") + '\n[[boards]]\nname = "probe"\ndesign = "proximity"\n')
+    assert design.coil_names[-1] == "probe/coil1"
