@@ -486,12 +486,13 @@ def check(
         worst = [replace(group[0], layer=_layers_text(names, {one.layer for one in group})) for group in groups]
         beside = f", the first of {1 + len(alike_boards)} on a surface" if alike_boards else ""
         whose_board = f" {board.name or opened.name}" if len(by_name) > 1 else ""
+        its = whose if fab or not board.name else "its own design"
         lines.append(f"board{whose_board}: {array_words(board.array)}{beside}")
         shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in worst])
         lines.append(
             replace(
                 shown_table,
-                title=f"margins to the limits of {whose}: the worst first, what is kept of the bare board last",
+                title=f"margins to the limits of {its}: the worst first, what is kept of the bare board last",
                 columns=(Column("no."), *shown_table.columns),
                 rows=tuple((str(k + 1), *row) for k, row in enumerate(shown_table.rows)),
             )
