@@ -38,7 +38,7 @@ _OF_STATES = (
     ("effective_inductance", "effective inductance"),
     ("quality_factor", ""),  # the name in the dataset is enough
     ("parallel_resistance", "parallel resistance"),
-    ("state_self_resonance", "self-resonance beside the other coils"),
+    ("state_self_resonance", "self-resonance"),
 )
 
 
@@ -99,8 +99,9 @@ def _rows(
         if scan is None or name not in scan or not np.isfinite(scan[name]).any():
             continue
         values = scan[name]
+        beside = " beside the other coils" if name == "state_self_resonance" and len(names) > 1 else ""
         yield _row(
-            words or str(values.attrs["long_name"]),
+            (words or str(values.attrs["long_name"])) + beside,
             values.state.values.tolist(),
             values.values,
             str(values.attrs["units"]),
