@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from numbers import Integral
 
 _LONGEST = 500  # characters of an error, a path of 200 included
 _END = 150  # characters after the cut
@@ -122,6 +123,7 @@ def require_positive(what: str, value: float, unit: str = " m", error: type[Exce
 
     `unit` follows the value in the message. With " mm" a value in m is shown in mm.
     """
+    _require_number(what, value, error)
     if not 0 < value <= LARGEST:
         shown = f"{value * 1e3:g}" if unit == " mm" else f"{value}"
         raise error(f"{what} must be positive and {_bound(value)}; got {shown}{unit}.")
@@ -130,8 +132,21 @@ def require_positive(what: str, value: float, unit: str = " m", error: type[Exce
 def require_finite(what: str, *values: float, error: type[CoilarrayError] = GeometryError) -> None:
     """Raise an error unless values are finite, up to `LARGEST`."""
     for value in values:
+        _require_number(what, value, error)
         if not abs(value) <= LARGEST:
             raise error(f"{what} must be {_bound(value)}; got {value}.")
+
+
+def require_whole(what: str, value: object, least: int) -> None:
+    """Raise GeometryError unless a value is a whole number from `least`."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise GeometryError(f"{what} must be a whole number of at least {least}; got {shown(value)}.")
+
+
+def _require_number(what: str, value: object, error: type[Exception]) -> None:
+    """Raise an error for texts and lists in place of a number."""
+    if isinstance(value, (str, bytes, list, tuple, dict, type(None))):
+        raise error(f"{what} must be a number; got {shown(value)}.")
 
 
 def _bound(value: float) -> str:

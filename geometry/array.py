@@ -15,7 +15,7 @@ import shapely.affinity
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.display_units import MM
-from coilarray.errors import GeometryError, require_finite, require_positive
+from coilarray.errors import GeometryError, require_finite, require_positive, require_whole, shown
 from coilarray.geometry.arcs import SIDES, Side, place_in_mm
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.conductor import CHORD, Conductor, Form, SeveralCoils, SingleCoil
@@ -320,6 +320,9 @@ class Array(SeveralCoils):
         >>> [place.layers for place in row.placements]
         [('L1', 'L2'), ('L3', 'L4'), ('L1', 'L2')]
         """
+        if not isinstance(coil, SingleCoil):
+            raise GeometryError(f"a row is of one coil, such as a Spiral; got {shown(coil)}.")
+        require_whole("count", count, 1)
         shape = coil.coil()
         layers = len(shape.lines)
         sets = 1

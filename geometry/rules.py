@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -150,6 +150,8 @@ class Margin:
         Place on the board in m. None for rules without a place.
     unit : str
         Unit of the three numbers: "m", or empty for a ratio or a count.
+    leads : str
+        Coils of a broken clearance whose leads or terminals are there, outside their windings.
     """
 
     rule: str
@@ -161,6 +163,7 @@ class Margin:
     x: float | None
     y: float | None
     unit: str = "m"
+    leads: str = ""
 
     def __repr__(self) -> str:
         unit = MM if self.unit else PLAIN
@@ -243,7 +246,8 @@ def _measured(array: Array, rules: FabRules, progress: Progress | None) -> tuple
             inside = np.column_stack((xy - low, high - xy)).min(axis=1)
             k = int(np.argmin(inside))
             margins.append(_margin("edge clearance", layer, net, float(inside[k]), rules.min_edge_clearance, xy[k]))
-        margins += _clearances(layer, copper, rules)
+        for found in _clearances(layer, copper, rules):
+            margins.append(found if found.kept else replace(found, leads=_leads_at(array, found)))
         nearest: dict[tuple[int, tuple[str, ...]], _Gap | None] = {}  # equal coils: same gaps
         for placement in array.placements:
             key = id(placement.coil), placement.layers
@@ -290,13 +294,15 @@ def require_kept(margins: Iterable[Margin]) -> None:
     worst = broken[0]
     more = "" if len(broken) == 1 else f"; {len(broken) - 1} more {'is' if len(broken) == 2 else 'are'} broken"
     layer = f" on layer {worst.layer}" if worst.layer else ""
+    leads = f", at leads of {worst.leads}," if worst.leads else ""
     place = "" if worst.x is None or worst.y is None else f" at {place_in_mm(worst.x, worst.y)}"
     value, margin, limit = (
         f"{number * 1e3:.4g} mm" if worst.unit == "m" else f"{number:.4g}"
         for number in (worst.value, worst.margin, worst.limit)
     )
     raise RuleViolationError(
-        f"{worst.rule} of {worst.feature}{layer} is {value}{place}, margin {margin} to the limit of {limit}{more}."
+        f"{worst.rule} of {worst.feature}{leads}{layer} is {value}{place}, "
+        f"margin {margin} to the limit of {limit}{more}."
     )
 
 
@@ -320,7 +326,8 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
         value, limit, deep = (true_minus(unit.text(one, ".4")) for one in (margin.value, margin.limit, -margin.value))
         if margin.rule == "clearance" and margin.value < 0:
             nets = margin.feature.replace(" – ", " and ")
-            sentences.append(f"The copper of {nets} overlaps on {margin.layer}, by up to {deep}.")
+            leads = f", at leads of {margin.leads}" if margin.leads else ""
+            sentences.append(f"The copper of {nets} overlaps on {margin.layer}, by up to {deep}{leads}.")
             continue
         feature = "" if margin.feature == "board" else f" at {margin.feature}"
         layer = f" on {margin.layer}" if margin.layer else ""
@@ -418,6 +425,14 @@ def _clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) ->
                 value, place = -2 * float(shapely.length(radii[k])), shapely.get_coordinates(radii[k])[0]
         if value <= _HORIZON * rules.min_gap:
             yield _margin("clearance", layer, f"{nets[a]} – {nets[b]}", value, rules.min_gap, place)
+
+
+def _leads_at(array: Array, found: Margin) -> str:
+    """Names of the two coils that have the place outside their winding."""
+    near = KEPT_WITHIN + max(found.value, 0.0)
+    place, nets = shapely.Point(found.x, found.y), found.feature.split(" – ")
+    windings = {one.name: shapely.Polygon(one.to_board(one.coil.outline)) for one in array.placements}
+    return " and ".join(net for net in nets if net in windings and windings[net].distance(place) > near)
 
 
 _Gap = tuple[float, FloatArray]

@@ -32,7 +32,7 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.errors import GeometryError, require_positive
+from coilarray.errors import GeometryError, require_positive, require_whole
 from coilarray.geometry.arcs import Arc, rounded_line
 from coilarray.geometry.coil import LEADS, VIA, Coil, Leads, PlatedHole
 from coilarray.geometry.conductor import SingleCoil
@@ -248,8 +248,7 @@ class Winding(Construction, SingleCoil):
     def _require_turns(self, least: float, direction: str) -> None:
         """Raise GeometryError if turns come within `least` (m)."""
         outer = self._apothem
-        if self.sides < 3:
-            raise GeometryError(f"sides must be at least 3; got {self.sides}.")
+        require_whole("layers", self.layers, 1)
         if not math.isfinite(getattr(self, direction)):
             raise GeometryError(f"{direction} must be finite; got {getattr(self, direction)}.")
         if self.winding not in ("ccw", "cw"):
@@ -332,6 +331,7 @@ class Spiral(Winding):
     first_corner: float = None  # type: ignore[assignment]  # set in __post_init__
 
     def __post_init__(self) -> None:
+        require_whole("sides", self.sides, 3)
         for name in ("diameter", "turns", "width", "gap"):
             require_positive(name, getattr(self, name), "")
         require_coil_size(self.diameter)
@@ -428,6 +428,7 @@ class RoundedSpiral(Winding):
     direction: float = 0.0
 
     def __post_init__(self) -> None:
+        require_whole("sides", self.sides, 3)
         for name in ("extent", "breadth", "turns", "width", "gap"):
             require_positive(name, getattr(self, name), "")
         require_coil_size(max(self.extent, self.breadth))
@@ -535,12 +536,10 @@ def _wound(spiral: Winding) -> Coil:
 
 def _wind(spiral: Winding) -> Coil:
     winding_layers, via, leads = spiral.layers, spiral.via, spiral.leads
-    if winding_layers < 1:
-        raise GeometryError(f"a coil must have at least one winding layer; got {winding_layers}.")
     if spiral.return_lead and (winding_layers % 2 == 0 or leads is None):
         raise GeometryError(
-            f"a return lead needs leads and an odd number of winding layers; got {winding_layers} "
-            f"{'without' if leads is None else 'with'} leads."
+            "return_lead of a coil's shape needs leads and an odd number of winding layers (its table leads, and "
+            f"winding_layers); got {winding_layers} {'without' if leads is None else 'with'} leads."
         )
     windings = [spiral.centre_line(layer) for layer in range(winding_layers)]
     sense = 1.0 if spiral.winding == "ccw" else -1.0

@@ -51,12 +51,12 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
                 checked = Choices(**in_si({**chosen, key: value}))
                 _ = checked.arrangement, checked.layers_of_fab  # which check coils and board house
             except (ValueError, CoilarrayError) as error:
-                typer.echo(f"  {error}")
+                shared.say(f"  {error}")
             else:
                 chosen[key] = value
                 return
 
-    typer.echo("A new design. Press Return for the value in brackets.")
+    shared.say("A new design. Press Return for the value in brackets.")
     ask("Coils: 1, 6 (a row), 4x4 (columns by rows), 3-hex or 7-hex", str(Choices.coils), "coils")
     ask(f"Shape: {', '.join(shapes)}", Choices.shape, "shape")
     sides = "Width x height" if chosen["shape"] in LONG_SHAPES else "Width"
@@ -488,14 +488,8 @@ def check(
         whose_board = f" {board.name or opened.name}" if len(by_name) > 1 else ""
         its = whose if fab or not board.name else "its own design"
         lines.append(f"board{whose_board}: {array_words(board.array)}{beside}")
-        shown_table = rules_table([replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in worst])
         lines.append(
-            replace(
-                shown_table,
-                title=f"margins to the limits of {its}: the worst first, what is kept of the bare board last",
-                columns=(Column("no."), *shown_table.columns),
-                rows=tuple((str(k + 1), *row) for k, row in enumerate(shown_table.rows)),
-            )
+            _margin_table(worst, f"margins to the limits of {its} in mm: the worst first, the bare board last")
         )
         lines += [f"… and {len(found) - len(shown)} more (--all)"] if len(shown) < len(found) else []
         if isinstance(board.array.form, Wrap):
@@ -519,13 +513,24 @@ def check(
         between = Table("board_clearances", "Clearance between boards", _CLEARANCE, tuple(apart))
         lines, data = [*lines, between], {**data, between.name: between.records()}
     lines += [without] if (without := converter_line(opened)) else []
+    broken = sum(not margin.kept for margin in margins)
+    kept = f"✔ can be made: all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)"
+    lines.insert(0, f"✖ {broken} of {len(margins)} rules are broken" if broken else kept)
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)
-    broken = sum(not margin.kept for margin in margins)
-    if not as_json:
-        kept = f"all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)"
-        typer.echo(f"{broken} of {len(margins)} rules are broken" if broken else kept)
+
+
+def _margin_table(margins: Sequence[Margin], title: str) -> Table:
+    """Numbered margins with their places in one column."""
+    from coilarray.report.tables import rules_table
+
+    named = [replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in margins]
+    rows = []
+    for number, (*numbers, _, x, y, kept) in enumerate(rules_table(named).cells(), start=1):
+        rows.append((str(number), *numbers, f"{x},\u00a0{y}" if x else "", "" if kept == "yes" else "✖"))
+    headers = ("no.", "rule", "layer", "feature", "value", "limit", "margin", "at x, y", "")
+    return replace(text_table(headers, rows, title), mark="✖").without_empty_columns()
 
 
 _CLEARANCE = (Column("board"), Column("other"), Column("clearance", unit="m"))

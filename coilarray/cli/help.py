@@ -53,8 +53,7 @@ def keys(
         )
         for key in found
     ]
-    table = text_table(("key", "unit", "allowed", "default", "meaning"), rows)
-    typer.echo(table.text(shared.terminal_width()))
+    shared.say(text_table(("key", "unit", "allowed", "default", "meaning"), rows))
 
 
 CLONE = Path(__file__).resolve().parents[2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import errno
 import functools
+import inspect
 import io
 import os
 import re
@@ -23,7 +24,7 @@ import typer.core
 
 from coilarray.cli import compute, design, help, link, paper, position, studies, view
 from coilarray.cli.board import live, measure, recordings
-from coilarray.cli.shared import drop_output
+from coilarray.cli.shared import drop_output, say
 from coilarray.compute.files import keep_results
 from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
@@ -139,6 +140,62 @@ class _Grouped(typer.core.TyperGroup):
                     formatter.write_dl(shown)
 
 
+_MOST_LINES = 40  # of a command's help
+_RARE = {
+    "--accuracy", "--allow-violations", "--cache", "--cluster", "--distortion", "--emulate", "--experiment", "--folder",
+    "--force", "--help", "--host", "--ideal", "--ignore-self-test", "--json", "--linger", "--link", "--nets", "--rate",
+    "--reach", "--reference", "--seed", "--series", "--settings", "--spacing-mm", "--stackup", "--wiring", "--workers",
+    "--z-mm",
+}  # fmt: skip
+"""Options that only --help-all explains."""
+
+
+class _Folded(typer.core.TyperCommand):
+    """Command whose help fits on a screen, and is whole with --help-all."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        ctx.meta["all"] = "--help-all" in args
+        return super().parse_args(ctx, ["--help"] if ctx.meta["all"] else args)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        if ctx.meta.get("all"):
+            super().format_help(ctx, formatter)
+            return
+        prose = [text for text in inspect.cleandoc(self.help or "").split("\n\n") if not text.startswith("Example: ")]
+        text = ""
+        for count, brief in [*((n, False) for n in range(len(prose), 0, -1)), (1, True)]:
+            whole = type(formatter)(width=formatter.width)
+            self._write(ctx, whole, prose[:count], brief=brief)
+            text = whole.getvalue()
+            if text.count("\n") < _MOST_LINES:
+                break
+        formatter.write(text)
+
+    def _write(self, ctx: Any, formatter: Any, prose: Sequence[str], *, brief: bool) -> None:
+        """Write the help with these paragraphs, `brief` with the first clause about an option."""
+        self.format_usage(ctx, formatter)
+        examples = re.findall(r"^Example: (.*(?:\n.+)*)", inspect.cleandoc(self.help or ""), re.MULTILINE)
+        with formatter.indentation():
+            for text in [*prose, *(f"Example: {one}" for one in examples[:2])]:
+                formatter.write_paragraph()
+                formatter.write_text(text)
+        rare, shown = [], dict[str, list[tuple[str, str]]]()
+        for one in self.get_params(ctx):
+            record = one.get_help_record(ctx)
+            if record is not None and one.param_type_name == "option" and _RARE & set(one.opts):
+                rare.append(one.opts[-1])
+            elif record is not None:
+                help_text = re.split(r"[;.] ", record[1])[0] if brief else record[1]
+                shown.setdefault(f"{one.param_type_name}s".capitalize(), []).append((record[0], help_text))
+        for title, records in shown.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+        rest = [f"{len(examples) - 2} more example{'s' * (len(examples) > 3)}"] if len(examples) > 2 else []
+        rest += sorted(set(rare) - {"--help"})
+        formatter.write_paragraph()
+        formatter.write_text(f"--help-all explains everything{', also ' * bool(rest)}{', '.join(rest)}.")
+
+
 def _root(version: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
     if version:
         from importlib import metadata
@@ -167,7 +224,7 @@ def program(name: str) -> Callable[..., Any]:
     }
     for one in wanted:
         family, _, rest = one.rpartition(" ")
-        families.get(family, app).command(rest)(COMMANDS[one])
+        families.get(family, app).command(rest, cls=_Folded)(COMMANDS[one])
     for family, sub in families.items():
         if sub.registered_commands:
             app.add_typer(sub, name=family)
@@ -189,7 +246,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.append("--help")
     command = " ".join(arguments[:2]) if arguments[0] in _FAMILIES else arguments[0]
     needed = _MORE_MEMORY.get(command, _LEAST_MEMORY)
-    if command in COMMANDS.keys() - _SMALL and "--help" not in arguments and own_limit() < needed:
+    if command in COMMANDS.keys() - _SMALL and not {"--help", "--help-all"} & {*arguments} and own_limit() < needed:
         return _refuse(
             f"coilarray {command} needs {needed / 1e9:g} GB of address space; "
             f"{own_limit() / 1e9:.2f} GB are left (ulimit -v)."
@@ -261,7 +318,7 @@ def _telling_unusual_values() -> Iterator[None]:
             usual(message, category, *where, **more)
         elif str(message) not in told:
             told.add(str(message))
-            typer.echo(f"coilarray: warning: {message}", err=True)
+            say(f"coilarray: warning: {message}", err=True)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UnusualValueWarning)
@@ -303,7 +360,7 @@ def _prepare(stream: io.TextIOWrapper) -> None:
 _READABLE = {
     "−": "-", "–": "-", "—": "-", "µ": "u", "μ": "u", "Ω": "Ohm", "…": "...", "·": "*", "×": "x", "±": "+/-", "≤": "<=",
     "≥": ">=", "≈": "~", "→": "->", "°": " deg", "√": "sqrt ", "∞": "inf", "“": '"', "”": '"', "‘": "'", "’": "'",
-    "•": "*", "⁻": "^-", "²": "^2", "³": "^3",
+    "•": "*", "✔": "ok", "✖": "NO", "⚠": "!", "⁻": "^-", "²": "^2", "³": "^3",
 }  # fmt: skip
 
 
@@ -328,5 +385,5 @@ def _flush() -> None:
 
 
 def _refuse(message: str) -> int:
-    typer.echo(f"coilarray: error: {message}", err=True)
+    say(f"coilarray: error: {message}", err=True)
     return _BAD_INPUT

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -340,20 +341,19 @@ def print_result(
         print_json(data)
         return
     for table in tables:
-        typer.echo(table.text(terminal_width()))
+        say(table)
         if len(tables) > 1:
-            typer.echo()
+            say("")
     for line in (*lines, *(f"wrote {path}" for path in files if path is not None)):
-        say(line) if isinstance(line, str) else typer.echo(line.text(terminal_width()))
+        say(line)
 
 
 def print_marked(data: Any, parts: Sequence[str | Table], *, as_json: bool, emulated: bool) -> None:
     """Print a result, as JSON alone or as marked texts."""
     if as_json:
         print_json(data)
-    else:
-        texts = (part if isinstance(part, str) else part.text(terminal_width()) for part in parts)
-        typer.echo(marked("\n".join(texts), emulated=emulated))
+    for part in () if as_json else parts:
+        say(part, emulated=emulated)
 
 
 def marked(text: str, *, emulated: bool) -> str:
@@ -405,9 +405,21 @@ def terminal_width(*, err: bool = False) -> int | None:
     return shutil.get_terminal_size().columns if stream is not None and stream.isatty() else None
 
 
-def say(text: str, *, err: bool = False) -> None:
-    """Print lines, wrapped at the width of the terminal."""
-    typer.echo(fill(text, terminal_width(err=err)), err=err)
+def say(text: str | Table, *, err: bool = False, emulated: bool = False) -> None:
+    """Print a table or lines, wrapped at the width of the terminal."""
+    width = terminal_width(err=err)
+    inside = None if width is None else width - len(MARK) * emulated
+    if isinstance(text, Table):
+        shown = text.text(inside)
+    else:
+        shown = fill(text if width is None else _LOOSE_MINUS.sub("−", text), inside)
+        if shown[:1] in _COLOURS and not err:
+            shown = typer.style(shown[0], fg=_COLOURS[shown[0]], bold=True) + shown[1:]
+    typer.echo(marked(shown, emulated=emulated), err=err)
+
+
+_COLOURS = {"✔": "green", "✖": "red", "⚠": "yellow"}
+_LOOSE_MINUS = re.compile(r"(?<![^\s(\[±])-(?=\.?\d)")  # before a number in a sentence, not in a command
 
 
 def drop_output() -> None:
@@ -416,17 +428,22 @@ def drop_output() -> None:
 
 
 @contextmanager
-def progress_bar(text: str) -> Iterator[Progress]:
-    """Show a progress bar on a terminal."""
+def progress_bar(text: str, steps: Sequence[str] = ()) -> Iterator[Progress]:
+    """Show a progress bar on a terminal, with the step that runs."""
     from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
 
     console = Console(stderr=True)
-    with Bar(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(text, total=None)
+    # no time that is left: steps take unequal times
+    columns = (TextColumn("{task.description}"), BarColumn(20), TaskProgressColumn(), TimeElapsedColumn())
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        first = f"{text}: {steps[0]}" if steps else text
+        task = bar.add_task(first, total=None)
 
         def update(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
+            step = f"{text}: {steps[done]}" if done < len(steps) else text
+            bar.update(task, completed=done, total=total, description=step)
 
         yield update
 
@@ -467,7 +484,7 @@ def resumable(
         yield counting
     except (KeyboardInterrupt, ClusterError):
         if done:
-            typer.echo(f"coilarray: {kept(done)}; the same command continues from there", err=True)
+            say(f"coilarray: {kept(done)}; the same command continues from there", err=True)
         raise
 
 
@@ -496,8 +513,7 @@ def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
     """Read a response, and whether its board is emulated."""
     response = read_response(path, target=target)
     if response.attrs.get("emulated", 0):
-        text = f"{path} is of an emulated board: no real board was measured."
-        typer.echo(marked(text, emulated=True), err=True)
+        say(f"{path} is of an emulated board: no real board was measured.", err=True, emulated=True)
     return response
 
 

@@ -258,7 +258,7 @@ def optimize(
             "and\nhigh (step = 0.1 and log = true are possible too) or choices."
         )
         write_text(template, derived.text(head))
-        typer.echo(f"wrote {template}; next: coilarray optimize {design} {template}")
+        shared.say(f"wrote {template}; next: coilarray optimize {design} {template}")
         return
     from coilarray.report.studies import write_optimization_report
     from coilarray.studies.optimize import run
@@ -272,7 +272,7 @@ def optimize(
     kept = open_store(cache)
     found = len(run.read_studies(out).get(run.study_name(opened.design, wanted), []))
     if found:
-        typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
+        shared.say(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
     with (
         shared.resumable(lambda done: f"{done} points are kept in {out}", found) as counting,
         shared.chosen_workers(workers, cluster) as used,
@@ -285,7 +285,7 @@ def optimize(
     if not result.front:
         raise typer.Exit(1)
     if not as_json and (best := out / "best.toml") in files:
-        typer.echo(f"next: coilarray report {shlex.quote(str(best))}")
+        shared.say(f"next: coilarray report {shlex.quote(str(best))}")
 
 
 def _goal(
@@ -403,7 +403,7 @@ def tolerance(
     if template is not None:
         shared.require_new(template, force=force)
         write_text(template, typical_text())
-        typer.echo(f"wrote {template}")
+        shared.say(f"wrote {template}")
         return
     opened = shared.open_design(design, allow_violations=allow_violations, boards=True)
     read = load_tolerances(tolerances)

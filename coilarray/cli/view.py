@@ -342,7 +342,7 @@ def studio(
     from coilarray.viz.studio.work import Shelf, work_on
 
     def ready(url: str) -> None:
-        typer.echo(f"studio: {url} (Ctrl-C ends it)")
+        shared.say(f"studio: {url} (Ctrl-C ends it)")
         if browser:
             Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
@@ -355,7 +355,7 @@ def studio(
         services = Services(kept_response, write_report, watch, port=board, summarize=summarize)
         with suppress(KeyboardInterrupt):  # where the loop cannot handle signals
             serve(work, Shelf(where), services, address, listening, linger=linger, ready=ready)
-    typer.echo("coilarray: the studio has ended", err=True)
+    shared.say("coilarray: the studio has ended", err=True)
 
 
 def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:

@@ -31,6 +31,8 @@ class DisplayUnit:
     ['5.15·10⁻⁵', '−0.1']
     >>> MM.of([0.0, 13.28e-3]).tolist(), MM.text(-13.28e-3), PER_MILLION.text(3e-7)
     ([0.0, 13.28], '−13.28 mm', '0.3·10⁻⁶')
+    >>> PER_MILLION.text(8.4e-3, ".2")
+    '8400·10⁻⁶'
     """
 
     symbol: str = ""
@@ -64,7 +66,9 @@ class DisplayUnit:
     def text(self, value: Any, digits: str = "") -> str:
         """Return a value in SI with unit, ``".3"`` digits."""
         between = "·" if self.symbol.startswith("10") else " "
-        return true_minus(f"{float(value) * self.factor + 0.0:{digits}g}{between}{self.symbol}".rstrip())
+        text = f"{float(value) * self.factor + 0.0:{digits}g}"
+        text = f"{float(text):.0f}" if "e+" in text else _with_power(text)
+        return true_minus(f"{text}{between}{self.symbol}".rstrip())
 
 
 def number_text(number: float, digits: int, sign: str = "-") -> str:

@@ -18,7 +18,8 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        if importlib.util.find_spec(module.partition(".")[0]) is None:
+        part = isinstance(error, ModuleNotFoundError) and module.startswith(error.name or "\0")  # of several packages
+        if part or importlib.util.find_spec(module.partition(".")[0]) is None:
             line = not_installed(purpose, package, extra)
         else:  # an extension module hides the error that stopped it, even Ctrl-C, behind an ImportError
             cause = error.__cause__ or error

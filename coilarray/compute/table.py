@@ -35,6 +35,19 @@ _TRUTH = {True: "yes", False: "no"}
 _GAP = 2  # blanks between columns
 _NARROWEST = 10  # characters of a column before its heading or text is wrapped
 _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
+_SYMBOLS = {
+    "frequency": "f", "effective_inductance": "L_eff", "effective_resistance": "R_eff", "resistance_ratio": "R/R_dc",
+    "quality_factor": "Q", "loaded_quality_factor": "Q_tank", "parallel_resistance": "R_p", "part_frequency": "f_part",
+    "ac_resistance_frequency": "f_R", "ac_resistance": "R", "winding_capacitance": "C",
+    "self_resonance": "f_self", "bare_winding_capacitance": "C_bare", "elastomer_delta": "δ_C",
+    "dent_delta_bound": "δ_dent", "base_inductance": "L_0", "base_frequency": "f_0", "base_effective_resistance": "R_0",
+    "base_quality_factor": "Q_0", "base_parallel_resistance": "R_p0", "distance_deviation": "σ_d", "amplitude": "U",
+    "series_capacitance": "C_s", "input_resistance": "R_in", "input_reactance": "X_in", "efficiency": "η",
+    "available_efficiency": "η_av", "voltage_ratio": "U_2/U_1", "kq": "kQ", "best_efficiency": "η_max",
+    "best_load_resistance": "R_best", "best_load_reactance": "X_best", "depth": "depth", "force": "F",
+    "contact_radius": "a", "ring_height": "h_ring", "ring_radius": "r_ring",
+}  # fmt: skip
+"""Headings of a narrow terminal, by the name of the quantity."""
 
 
 def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str = "") -> str:
@@ -82,7 +95,17 @@ class Column:
     @property
     def header(self) -> str:
         """Heading with the unit that people see."""
-        return self._shown.label(self.label or self.name.replace("_", " "))
+        return self._shown.label(self._words)
+
+    @property
+    def symbol(self) -> tuple[str, str]:
+        """Short heading with the unit, and its words if it is a symbol."""
+        symbol = _SYMBOLS.get(self.name, "")
+        return (self._shown.label(symbol), f"{symbol} {self._words}") if symbol else (self.header, "")
+
+    @property
+    def _words(self) -> str:
+        return self.label or self.name.replace("_", " ")
 
     @property
     def _shown(self) -> DisplayUnit:
@@ -152,19 +175,26 @@ class Table:
     def text(self, width: int | None = None, *, title: bool = True) -> str:
         """Return the table for a terminal of `width` characters.
 
-        Numbers are never cut. In a narrow terminal headings and texts are wrapped. Columns that
-        still do not fit follow below, with the first columns repeated.
+        Numbers are never cut, and stand with their decimal points below each other. In a narrow
+        terminal headings are symbols, explained below, and texts are wrapped. Columns that still do
+        not fit follow below, with the first columns repeated.
         """
-        rows = self.cells()
-        columns = [[header, *(row[k] for row in rows)] for k, header in enumerate(self.headers)]
-        numeric = [any(texts[1:]) and all(map(_is_number, filter(None, texts[1:]))) for texts in columns]
+        rows, headers, notes = self.cells(), self.headers, list(self.notes)
+        columns = [[row[k] for row in rows] for k in range(len(headers))]
+        numeric = [any(texts) and all(map(_is_number, filter(None, texts))) for texts in columns]
+        columns = [_aligned(texts) if number else texts for texts, number in zip(columns, numeric, strict=True)]
+        full = sum(max(map(len, (header, *texts))) + _GAP for header, texts in zip(headers, columns, strict=True))
+        if width is not None and full - _GAP > width:
+            headers, words = map(list, zip(*(column.symbol for column in self.columns), strict=True))
+            notes[:0] = ["; ".join(filter(None, words))] if any(words) else []
+        columns = [[header, *texts] for header, texts in zip(headers, columns, strict=True)]
         lines = [fill(self.title, width)] if title and self.title else []
         for number, (block, widths) in enumerate(_blocks(columns, width or 10**6)):
             lines += [""] * bool(number)
             for n, texts in enumerate(zip(*(columns[k] for k in block), strict=True)):
                 wrapped = [
-                    textwrap.wrap(text, max(w, 1), break_long_words=False, break_on_hyphens=False) or [""]
-                    for text, w in zip(texts, widths, strict=True)
+                    [text] if numeric[k] and n else _wrapped(text, max(w, 1)) or [""]
+                    for text, w, k in zip(texts, widths, block, strict=True)
                 ]
                 if n == 0:  # the last lines of headings stand beside each other
                     wrapped = [[""] * (max(map(len, wrapped)) - len(parts)) + parts for parts in wrapped]
@@ -173,7 +203,7 @@ class Table:
                     placed = zip(parts, widths, block, strict=True)
                     line = (" " * _GAP).join(part.rjust(w) if numeric[k] else part.ljust(w) for part, w, k in placed)
                     lines.append(f"{_RED}{line.rstrip()}{_PLAIN}" if marked else line.rstrip())
-        return "\n".join([*lines, *(fill(note, width) for note in self.notes)])
+        return "\n".join([*lines, *(fill(note, width) for note in notes)])
 
     def without_empty_columns(self) -> Table:
         """Return the table without columns that are empty everywhere."""
@@ -355,11 +385,30 @@ def html_text(text: str) -> str:
 
 
 def fill(text: str, width: int | None) -> str:
-    """Wrap lines at a width, further lines indented."""
+    """Wrap lines at a width, further lines indented, between words and never before a unit."""
     if width is None:
         return text
-    wrap = {"subsequent_indent": "  ", "break_long_words": False, "break_on_hyphens": False}
-    return "\n".join(textwrap.fill(line, max(width, 20), **wrap) for line in text.split("\n"))  # type: ignore[arg-type]
+    return "\n".join("\n".join(_wrapped(line, max(width, 20), "  ")) for line in text.split("\n"))
+
+
+# a number and its unit stay together
+_UNIT = re.compile(r"(?<=\d) (?=(?:%|[kMmµnp]?(?:[mHΩFVAWNTK]|Hz|Pa)²?|ppm|°C|ohm)(?![\w·]))")
+
+
+def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
+    """Lines of at most `width` characters, longer words whole."""
+    held = _UNIT.sub("\u00a0", text)
+    own = re.match(" *", text)[0]  # type: ignore[index]
+    lines = textwrap.wrap(
+        held, width, initial_indent=own, subsequent_indent=own + indent, break_long_words=False, break_on_hyphens=False
+    )
+    return [line.replace("\u00a0", " ") for line in lines]
+
+
+def _aligned(texts: Sequence[str]) -> list[str]:
+    """Numbers with blanks at their end that bring their decimal points below each other."""
+    tails = [len(re.sub(r"^[^.·]*", "", text)) for text in texts]
+    return [text + " " * (max(tails) - tail) if text else "" for text, tail in zip(texts, tails, strict=True)]
 
 
 def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:

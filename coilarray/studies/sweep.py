@@ -30,7 +30,7 @@ from coilarray.design.toml_file import TomlFiles
 from coilarray.design.vary import plain, vary, vary_document
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import DesignError, GoalError
+from coilarray.errors import DesignError, GoalError, shown
 from coilarray.geometry import Array
 from coilarray.studies.quantities import Request, canonical, evaluate, request
 
@@ -317,6 +317,9 @@ def sweep(
     >>> keeps_rules(wide).values.tolist()
     [True, True]
     """
+    for key, values in entries.items():
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise GoalError(f"{key} must have a list of values; got {shown(values)}.")
     axes = [Axis(key, tuple(values)) for key, values in entries.items()]
     plan = plan_sweep(design, axes, quantities, accuracy=accuracy)
     return run_sweep(plan, workers, store_to_keep(keep), progress=progress)
@@ -341,6 +344,8 @@ def plan_sweep(
         raise GoalError("a sweep must have at least one entry to vary.")
     if len(set(keys)) != len(keys):
         raise GoalError(f"a sweep must vary each entry once; got {', '.join(keys)}.")
+    if isinstance(quantities, str):
+        raise GoalError(f"quantities must be a list of names, as [{quantities!r}]; got a text.")
     requests = {one.key: one for one in map(request, quantities)}
     if not requests:
         raise GoalError("a sweep must have at least one quantity or goal.")

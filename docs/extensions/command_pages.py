@@ -21,7 +21,7 @@ def _help_of(name: str) -> str:
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         program(name)(
-            [*name.split(), "--help"],
+            [*name.split(), "--help-all"],
             prog_name="coilarray",
             standalone_mode=False,
             terminal_width=_WIDE,

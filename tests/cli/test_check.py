@@ -71,7 +71,7 @@ def test_a_kept_design(capsys):
         assert [float(cell.replace("−", "-")) for cell in row[3:6]] == pytest.approx(numbers, abs=0.5e-4)  # four digits
     # in the order that the title says
     kinds = [2 if one.feature == "board" else one.unit != "m" for one in first.values() if one.kept]
-    assert "the worst first, what is kept of the bare board last" in " ".join(out.split())
+    assert "the worst first, the bare board last" in " ".join(out.split())
     assert kinds == sorted(kinds)
     assert f"… and {len(found) - len(smallest)} more (--all)" in out
     every = good(capsys, "starter", "--all")

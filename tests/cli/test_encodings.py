@@ -77,7 +77,7 @@ def test_error_lines(monkeypatch, arguments, encoding):
 def test_minus_signs_are_those_of_ascii_except_on_a_terminal(monkeypatch):
     """Places of coils left of the origin have them."""
     _, piped, _ = run(monkeypatch, "utf-8", "check", "starter")
-    assert any(float(word) < 0 for word in re.findall(r" (-\d\S+)", piped.decode()))
+    assert any(float(word) < 0 for word in re.findall(r" (-\d[\d.]+)", piped.decode()))
     _, shown, _ = run(monkeypatch, "utf-8", "check", "starter", stream=Terminal)
     assert re.search(r" −\d", shown.decode())
     assert "−" not in piped.decode()

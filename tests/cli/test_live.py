@@ -308,7 +308,7 @@ def test_screen_lines():
     assert second.endswith("doubtful: amplitude below 1.2 V")
     assert (third.split()[:2], third.count("█"), place) == (["coil3", "bad"], 0, "too few")
     assert third.endswith("bad: under-range")
-    assert last.startswith("3.40 scans/s, 2 lost, noise of δ 1.0e-05 of each coil, 4.0e-06 common to all")
+    assert last.startswith("3.40 scans/s, 2 lost, noise of δ 10·10⁻⁶ of each coil, 4·10⁻⁶ common to all")
     assert live_command.plain_line(reading) == "1.500 s  coil1 +1000.0  coil22 −500.0  coil3 bad  too few"
     full = live_command.screen_lines(reading, 1e-4)
     assert full[1].count("█") == 40  # longer than the bar is the whole bar

@@ -96,9 +96,9 @@ def test_holes_and_leads_that_cannot_be():
 
 
 def test_windings_that_cannot_be():
-    for layers in (0, -1):
-        refused(GeometryError, "at least one winding layer", replace(SPIRAL, layers=layers).coil)
-    message = "an odd number of winding layers; got 2 with leads"
+    for layers in (0, -1, 2.5, "2"):
+        refused(GeometryError, "layers must be a whole number of at least 1; got", replace, SPIRAL, layers=layers)
+    message = "return_lead of a coil's shape needs leads and an odd number of winding layers .* got 2 with leads"
     refused(GeometryError, message, replace(SPIRAL, return_lead=True).coil)
     refused(GeometryError, "got 1 without leads", replace(SPIRAL, layers=1, leads=None, return_lead=True).coil)
     message = r"no room for a pad of 0\.45 mm inside the winding"

@@ -277,8 +277,10 @@ def test_sizes_and_turns_that_cannot_be():
     good = {"diameter": 10e-3, "turns": 3, "width": 1e-4, "gap": 1e-4}
     for name, value in product(good, BAD):
         refused(GeometryError, f"{name} must be positive and finite", Spiral, 6, **{**good, name: value})
+        refused(GeometryError, f"{name} must be a number; got '3'", Spiral, 6, **{**good, name: "3"})
+    for sides in (2, 0, -6, "6"):
+        refused(GeometryError, "sides must be a whole number of at least 3", Spiral, sides, **good)
     for sides in (2, 0, -6):
-        refused(GeometryError, "sides must be at least 3", Spiral, sides, **good)
         refused(GeometryError, "sides must be at least 3", across_flats, 1e-2, sides)
     for corner in (math.nan, math.inf):
         refused(GeometryError, "first_corner must be finite", Spiral, 6, **good, first_corner=corner)

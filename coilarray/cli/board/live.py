@@ -23,7 +23,8 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.cli.board.options import BoardOptions, board_command, is_emulator, opened_board
-from coilarray.compute.display_units import number_text, true_minus
+from coilarray.compute.display_units import PER_MILLION, number_text, true_minus
+from coilarray.compute.table import fill
 from coilarray.compute.threads import Progress
 from coilarray.errors import HardwareError, OutputError
 
@@ -152,9 +153,9 @@ def live(
         with shared.progress_bar(f"response of {file.design.name}") as progress:  # over before the first scan is shown
             source = opened.enter_context(live_source(asked, file.design, locate=locate, progress=progress))
         if not as_json and recording is None:
-            typer.echo(source.line)
+            shared.say(source.line.removeprefix(shared.MARK), emulated=source.emulated)
         if not as_json and asked.reference:
-            typer.echo(shared.marked(less_text(asked.reference), emulated=source.emulated))
+            shared.say(less_text(asked.reference), emulated=source.emulated)
         keys = opened.enter_context(pressed_keys())  # before the screen, which takes the place of standard output
         record = partial(live_record, emulated=source.emulated, reference=asked.reference)
         if as_json:
@@ -199,9 +200,9 @@ def _screen(emulated: bool, reference: Sequence[str]) -> Iterator[Callable[[Live
             now = time.monotonic()
             if now - drawn >= _REDRAW:
                 drawn = now
-                mark = shared.MARK if emulated else ""
-                lines = screen_lines(reading, scale, reference)
-                picture.update(Text("\n".join(f"{mark}{line}" for line in lines), no_wrap=True), refresh=True)
+                width = (shared.terminal_width() or 80) - len(shared.MARK) * emulated
+                text = fill("\n".join(screen_lines(reading, scale, reference)), width)
+                picture.update(Text(shared.marked(text, emulated=emulated), no_wrap=True), refresh=True)
 
         yield show
 
@@ -272,9 +273,9 @@ def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = 
         lines.append(f"{state.name:<{width}} {_delta_text(state):>9} {bar:<{_BAR}}{why}")
     lines.append(_place_text(reading))
     rate = "–" if reading.rate is None else f"{reading.rate:.2f}"
-    noise = "" if reading.noise is None else f", noise of δ {reading.noise:.1e} of each coil"
+    noise = "" if reading.noise is None else f", noise of δ {PER_MILLION.text(reading.noise, '.2')} of each coil"
     if reading.common_noise is not None:
-        noise += f", {reading.common_noise:.1e} common to all"
+        noise += f", {PER_MILLION.text(reading.common_noise, '.2')} common to all"
     less = f", {less_text(reference)}" if reference else ""
     beside = "".join(f", {text}" for text in _beside(reading))
     lines.append(f"{rate} scans/s, {reading.lost} lost{noise}{less}{beside}; z zero, q quit")
@@ -535,7 +536,7 @@ def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None
     failures: list[str] = []
 
     def ready(url: str) -> None:
-        typer.echo(f"live display: {url}  (Ctrl-C, or closing the page, ends it)")
+        shared.say(f"live display: {url}  (Ctrl-C, or closing the page, ends it)")
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
     services = Services(

@@ -258,7 +258,7 @@ def measure(
     rate = summary["rate_per_s"]
     if not as_json and options.rate is not None and rate is not None and rate < _MET * options.rate:
         text = f"the board reached {rate:.4g} scans/s; --rate asked for {options.rate:g}"
-        typer.echo(shared.marked(text, emulated=summary["emulated"]))
+        shared.say(text, emulated=summary["emulated"])
 
 
 @contextmanager
@@ -270,12 +270,12 @@ def recorded_session(
 
     recorder.start(begin_session(board, settings, design), plan, board.thermometer)
     if not quiet:
-        typer.echo(shared.marked(board.line, emulated=board.emulated))
+        shared.say(board.line, emulated=board.emulated)
     try:
         yield
     except BaseException:
         kept = f"coilarray: {recorder.count()} scans are kept in {recorder.path}; --resume continues from there"
-        typer.echo(shared.marked(kept, emulated=board.emulated), err=True)
+        shared.say(kept, err=True, emulated=board.emulated)
         raise
 
 
@@ -386,7 +386,7 @@ def campaign(
     asked = not is_emulator(options.port) and stage is None
 
     def told(done: int, total: int) -> None:
-        typer.echo(f"{done} of {total} positions are measured.", err=True)
+        shared.say(f"{done} of {total} positions are measured.", err=True)
 
     with (
         open_recorder(out, resume=resume) as recorder,

@@ -348,6 +348,8 @@ def calibrate(
     measured = measurement(data, plan.data, file.design)
     cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
     fitted = [case for case in cases if not case.reason]
+    if not fitted:
+        raise GoalError(f"no combination has a fit: {cases[0].reason}")
     numbers, problems = (measured.values, measured.std, measured.weight), []
     for case in fitted:
         rows = [
@@ -407,7 +409,12 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case:
             starts.append(float(own))
         else:
             starts.append((unknown.low + unknown.high) / 2)
-    return Case(name, choices, unknowns, document, np.array(starts))
+    case = Case(name, choices, unknowns, document, np.array(starts))
+    try:  # a misspelt key is found before any work
+        build_design(case.changed(case.start)[0], file.design.name)
+    except DesignError as error:
+        return replace(case, reason=str(error))
+    return case
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:

@@ -38,6 +38,8 @@ _FROM_TO = {
     "capacitance": (1e-12, 1e-3, 1e12, "pF"),
 }
 """Range of each choice in SI, with its option's unit."""
+MOST_LAYERS = 32
+"""Largest number of copper layers that board houses make."""
 _TRACE_STEP = 1e-6  # m, to which a trace is drawn
 _MOST_COUNTS = 8  # numbers of turns that are tried, of all that are possible
 _COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
@@ -182,6 +184,8 @@ class Choices:
                 raise DesignError(
                     f"{what} must be {least * scale:g} to {most * scale:g} {unit}; got {number * scale:g} {unit}."
                 )
+        if self.layers is not None and not 1 <= self.layers <= MOST_LAYERS:
+            raise DesignError(f"layers must be 1 to {MOST_LAYERS}; got {self.layers}.")
         if self.arrangement.lattice == "single" and (self.pitch is not None or self.overlap != "none"):
             raise DesignError("one coil has no neighbours: pitch and overlap are for several.")
 
