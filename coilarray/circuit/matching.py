@@ -12,7 +12,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -186,8 +185,8 @@ def tolerance_corners(circuit: PortCircuit, tolerance: float) -> Iterator[PortCi
     if count > _MOST_CORNERS:
         raise NetworkError(f"tolerances are combined for at most {_MOST_CORNERS} capacitors; got {count}.")
     for signs in itertools.product((-1, 1), repeat=count):
-        factors = [1 + tolerance * sign for sign in signs]
-        yield _scaled(circuit, partial(_next_multiple, iter(factors)))
+        factors = iter([1 + tolerance * sign for sign in signs])
+        yield _scaled(circuit, lambda C, factors=factors: next(factors) * C)
 
 
 def capacitors(circuit: PortCircuit) -> list[tuple[str, str, float]]:
@@ -198,10 +197,6 @@ def capacitors(circuit: PortCircuit) -> list[tuple[str, str, float]]:
         for kind, C in zip(("series", "parallel"), port.capacitances, strict=True)
         if C is not None
     ]
-
-
-def _next_multiple(factors: Iterator[float], value: float) -> float:
-    return next(factors) * value
 
 
 def _scaled(circuit: PortCircuit, change: Callable[[float], float]) -> PortCircuit:

@@ -71,20 +71,12 @@ def _left_in_groups() -> float:
     left = math.inf
     for line in _text(_PROC / "self" / "cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
-        if not controllers:
-            root, names, cache = _CGROUPS, ("memory.max", "memory.current"), "inactive_file"
-        elif "memory" in controllers.split(","):
-            root = _CGROUPS / "memory"
-            names, cache = ("memory.limit_in_bytes", "memory.usage_in_bytes"), "total_inactive_file"
-        else:
-            continue
-        inner = root / path.lstrip("/")
-        for group in (inner, *inner.parents):
-            limit, used = (_text(group / name).strip() for name in names)
+        inner = _CGROUPS / path.lstrip("/")
+        for group in () if controllers else (inner, *inner.parents):  # with controllers it is of version 1
+            limit, used = (_text(group / f"memory.{name}").strip() for name in ("max", "current"))
             if limit.isdecimal() and used.isdecimal():  # "max" without a limit, empty without a group
-                left = min(left, float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0)))
-            if group == root:
-                break
+                cache = _fields(group / "memory.stat").get("inactive_file", 0)
+                left = min(left, float(max(int(limit) - int(used) + cache, 0)))
     return left
 
 

@@ -207,12 +207,6 @@ class EmulatedChain:
         self.words = bytes(len(devices))
         """Words that the packages latched last, in sending order."""
 
-    def power_up(self) -> None:
-        """Restore the supply."""
-        self._before_change()
-        self._register, self.words = 0, bytes(len(self.devices))
-        self._after_change()
-
     def closed(self) -> tuple[WiredSwitch, ...]:
         """Return the conducting switches, including switches stuck closed."""
         return closed_switches(self.devices, self.words, stuck=self._stuck)

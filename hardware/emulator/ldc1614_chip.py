@@ -562,8 +562,6 @@ class EmulatedBus:
         self.chip = chip
         self.clock = clock
         self.speed = speed
-        self.log: list[tuple[str, int, int]] | None = None
-        """Log of every transaction: "read" or "write", register, value. None for no log."""
         self._refused = 0
         self._flips: list[int] = []
         self._held = False
@@ -571,9 +569,7 @@ class EmulatedBus:
     def read(self, register: int) -> int:
         """Return a register."""
         self._pass(READ_BITS, register)
-        value = self._damaged(self.chip.read(register))
-        self._note("read", register, value)
-        return value
+        return self._damaged(self.chip.read(register))
 
     def write(self, register: int, value: int) -> None:
         """Write a register."""
@@ -582,7 +578,6 @@ class EmulatedBus:
         if arriving != value:
             self.chip.excused = True
         self.chip.write(register, arriving)
-        self._note("write", register, value)
 
     def clear(self) -> None:
         """Send nine clocks and a stop to release the bus."""
@@ -619,7 +614,3 @@ class EmulatedBus:
 
     def _damaged(self, value: int) -> int:
         return value ^ (1 << self._flips.pop(0)) if self._flips else value
-
-    def _note(self, kind: str, register: int, value: int) -> None:
-        if self.log is not None:
-            self.log.append((kind, register, value))

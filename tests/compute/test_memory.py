@@ -57,18 +57,6 @@ def test_control_groups_of_version_2(system):
     assert available_memory() == 0
 
 
-def test_control_groups_of_version_1(system):
-    system(proc__meminfo=MEMINFO, proc__self__cgroup="5:cpu,cpuacct:/x\n4:memory:/job\n0::/\n")
-    job = "cgroup__memory__job__memory_dot_"
-    system(**{f"{job}limit_in_bytes": 2_000_000_000, f"{job}usage_in_bytes": 1_500_000_000})
-    system(**{f"{job}stat": "total_inactive_file 100000000\n"})
-    assert available_memory() == 600_000_000
-    # the path of the host, which a container does not see: its own limit is that of the root
-    system(proc__self__cgroup="4:memory:/docker/0123\n")
-    system(cgroup__memory__memory_dot_limit_in_bytes=900, cgroup__memory__memory_dot_usage_in_bytes=100)
-    assert available_memory() == 800
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="the size of a process is from /proc")
 def test_the_limit_of_the_process():
     code = (
