@@ -3,6 +3,7 @@
 import json
 import pkgutil
 import re
+import shlex
 import sys
 from pathlib import Path
 
@@ -26,6 +27,7 @@ import xarray as xr  # noqa: E402
 from matplotlib import pyplot  # noqa: E402
 from sphinx.errors import ExtensionError  # noqa: E402
 
+import coilarray as ca  # noqa: E402
 from coilarray.cli.main import COMMANDS  # noqa: E402
 
 
@@ -202,6 +204,26 @@ def test_every_page_of_start_and_theory_has_a_picture_that_is_made_as_it_is_buil
         text = page.read_text(encoding="utf-8")
         assert figures._PROGRAM.search(text) or f"](../{report_pages.FOLDER}/" in text, page.name
         assert not figures._BROKEN.search(text), page.name
+
+
+SPACE = ("a_reader_and_tag", "b_charger", "c_finger_strip", "y_helmet")
+
+
+@pytest.mark.parametrize("name", SPACE)
+def test_a_tutorial_of_coils_in_space_shows_its_film(name):
+    (code,) = figures.films_of((DOCS / "tutorials" / f"plot_{name}.py").read_text(encoding="utf-8"))
+    if code.startswith("coilarray "):
+        command, design, *options = shlex.split(code)[1:]
+        assert (command, options[0], options[-2]) == ("link", "--move", "--film")
+        assert options[1] in ca.load_design(design).board_names
+    else:
+        compile(code, name, "exec")
+        assert "save_movie" in code
+
+
+def test_a_film_is_taken_from_the_folder_that_its_program_writes_it_to(tmp_path):
+    figures.film_of("from pathlib import Path\nPath('a.gif').write_bytes(b'GIF')  # ends", tmp_path / "kept.gif")
+    assert [path.name for path in tmp_path.iterdir()] == ["kept.gif"]
 
 
 GALLERY = sorted((DOCS / "gallery").rglob("plot_*.py"))

@@ -50,7 +50,8 @@ _MOST_TOGETHER = 24  # coils whose currents heat each other's copper, and of whi
 _STEP = 0.0125  # of log f, between samples of the plates' effect and of resistance beyond the resonances
 _ROUNDS = 8
 
-_KEPT: Recent[Any] = Recent(8)  # windings and circuits of the last designs
+_KEPT: Recent[Any] = Recent(8)  # circuits of the last designs, and windings of many coils
+_BOARDS: Recent[Any] = Recent(128)  # windings of few coils, as a design may have many boards
 
 
 def board_circuit(
@@ -71,7 +72,8 @@ def _windings(design: Design, accuracy: Accuracy, progress: Progress | None) -> 
     """Return the windings of an array under its flat sheets, always the same object."""
     above = design.circuit.elastomer_permittivity if design.sheets else 1.0
     key = (digest_of(design.array, design.sheets, above), accuracy)
-    windings: Windings = _KEPT.get(key, lambda: _new_windings(design.array, design.sheets, above, accuracy, progress))
+    kept = _BOARDS if len(design.array.names) <= _MOST_TOGETHER else _KEPT
+    windings: Windings = kept.get(key, lambda: _new_windings(design.array, design.sheets, above, accuracy, progress))
     return windings
 
 

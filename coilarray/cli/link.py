@@ -126,6 +126,8 @@ def link(
     lines = [] if "best_efficiency" in found else [
         "no frequency: only M and k; --frequency-MHz, or ports in the design, add voltage and efficiency"
     ]  # fmt: skip
+    if "resonances" in found and (silent := int((found["resonances"] == 0).sum())):
+        lines.append(f"no port oscillates at {silent} of {count} poses, which have no resonance")
     if count > _MOST_ROWS:
         lines.append(f"{count} poses: smallest and largest values are shown")
     shared.print_result(
@@ -150,7 +152,11 @@ def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Data
     table = records(flat)
     rows = [table[number] for number in numbers]
     pairs = [name for name in map(str, flat.data_vars) if name.startswith("k[")][:_MOST_PAIRS]
-    labels = tuple(", ".join(f"{name} = {value_text(row[str(name)])}" for name in flat.coords) for row in rows)
+    words = {str(name): (one.attrs["long_name"], one.attrs.get("units", "")) for name, one in flat.coords.items()}
+    labels = tuple(
+        ", ".join(f"{axis} = {value_text(row[name])} {unit}".strip() for name, (axis, unit) in words.items())
+        for row in rows
+    )
     notes = tuple(
         (label, *(f"{name} = {_K.texts([row[name]])[0]}" for name in pairs))
         for label, row in zip(labels, rows, strict=True)
@@ -175,6 +181,9 @@ def _table(flat: xr.Dataset) -> Table:
         or (name.startswith(("k[", "voltage", "best")) and name[name.index("[") :] in shown)
     ]  # fmt: skip
     if count > _MOST_ROWS:
+        flat = flat.assign(
+            {name: flat[name].round(4) for name in names if name.startswith("k[") or "efficiency" in name}
+        )
         rows = [extremes(flat, name, str(flat[name].attrs.get("units", ""))) for name in names]
         return text_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
     return replace(link_table(flat[names]), title="")

@@ -191,8 +191,9 @@ def link(
         that move against each other. With a frequency also ``induced_voltage`` ωM in V per ampere
         and ``best_efficiency``, which `coilarray.circuit.ports.best_link` describes, of both coils
         alone. With ports the ``efficiency`` and ``available_efficiency`` from
-        ``source_coil`` to ``load_coil``, the lowest and highest resonance and their ``splitting``, see
-        `coilarray.circuit.ports`. Poses at which no port oscillates have NaN there.
+        ``source_coil`` to ``load_coil``, the number of ``resonances``, the lowest and highest of them
+        and their ``splitting``, see `coilarray.circuit.ports`. The latter three have no value at poses
+        where no port oscillates, and are left out if there is no other.
 
     Raises
     ------
@@ -305,7 +306,8 @@ def columns(result: xr.Dataset) -> xr.Dataset:
         numbers = (flat[name].values * factor).round(9) if name in flat.coords else np.arange(1, flat.sizes[name] + 1)
         label = f"{name}_{unit}" if unit else name
         flat = flat.rename({name: label} if unit else {})
-        flat = flat.assign_coords({label: (label, numbers, {"units": unit} if unit else {})})
+        words = {"long_name": name.replace("turn_", "turn about ")} | ({"units": unit} if unit else {})
+        flat = flat.assign_coords({label: (label, numbers, words)})
     return flat
 
 
@@ -431,8 +433,10 @@ def _between_ports(
             ("available_efficiency", ends, transfer.available_efficiency, "1", "power in the load over available"),
         ]  # fmt: skip
     found = [port_resonances(circuit, L, resistance)[0] for L in inductance]
+    number = np.array([len(modes) for modes in found])
+    rows.append(("resonances", (), number, "1", "number of resonances of the ports"))
     extremes = np.array([(modes[0], modes[-1]) if len(modes) else (np.nan, np.nan) for modes in found])
-    if np.isfinite(extremes).any():
+    if number.any():
         low, high = extremes.T
         rows += [
             ("lowest_resonance", (), low, "Hz", "lowest resonance of the ports"),

@@ -1,11 +1,15 @@
-"""Pictures that code makes: of gallery programs, and of programs that stand in a page as ``{picture}``."""
+"""Pictures that code makes: of gallery programs, of programs in a page as ``{picture}``, and films of tutorials."""
 
 from __future__ import annotations
 
 import ast
 import hashlib
 import re
+import shlex
+import tempfile
+import textwrap
 from collections.abc import Mapping
+from contextlib import chdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +21,13 @@ from matplotlib.figure import Figure, SubFigure
 from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
+from coilarray.cli.main import main
 from coilarray.compute.store import code_version
 from coilarray.viz.plots.style import save
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
+    from sphinx.config import Config
     from sphinx.environment import BuildEnvironment
 
 _DPI = 110
@@ -29,6 +35,7 @@ _FOLDER = "made/pictures"
 _BROKEN = re.compile(r"^```\{picture\}.*`.*$", re.MULTILINE)  # Markdown then takes the line for text
 _PROGRAM = re.compile(r"^```\{picture\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _OF_GALLERY = re.compile(r"gallery/\S+\.py")
+_FILM = re.compile(r"^# \.\. film::\n((?:#(?: .*)?\n)+)", re.MULTILINE)
 
 
 def _figures(last: object) -> list[Figure]:
@@ -79,10 +86,10 @@ def _program(content: str) -> str:
     return (Path(__file__).parents[1] / content.strip()).read_text(encoding="utf-8").split('"""', 2)[2].lstrip()
 
 
-def _path(app: Sphinx | BuildEnvironment, code: str) -> Path:
+def _path(app: Sphinx | BuildEnvironment, code: str, suffix: str = ".png") -> Path:
     """Return where the picture of a program is kept: another place when the program changes, or what it computes."""
     name = hashlib.sha256(f"{code_version()}\n{code.strip()}".encode()).hexdigest()[:12]
-    return Path(app.srcdir) / _FOLDER / f"{name}.png"
+    return Path(app.srcdir) / _FOLDER / f"{name}{suffix}"
 
 
 def _make(app: Sphinx) -> None:
@@ -100,6 +107,49 @@ def _make(app: Sphinx) -> None:
                     raise ExtensionError(f"{page.name}: the program of a picture fails: {error}\n{code}") from error
                 finally:
                     pyplot.close("all")
+
+
+def films_of(text: str) -> list[str]:
+    """Return the programs and commands of the films in a tutorial's text."""
+    return [textwrap.dedent(re.sub("^#", "", code, flags=re.MULTILINE)).strip() for code in _FILM.findall(text)]
+
+
+def film_of(code: str, path: Path) -> None:
+    """Run a program, or a command of coilarray, that writes one film, and take it to a path."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder, chdir(folder):
+        if code.startswith("coilarray "):
+            if main(shlex.split(code)[1:]):
+                raise ExtensionError(f"a film fails: {code}")
+        else:
+            exec(compile(code, "<film>", "exec"), {})
+        (film,) = Path(folder).glob("*.gif")
+        film.replace(path)
+
+
+def _make_films(app: Sphinx) -> None:
+    """Make the films of tutorials, unless the gallery is left out."""
+    for page in sorted((Path(app.srcdir) / "tutorials").glob("*.py")) if _with_films(app.config) else []:
+        for code in films_of(page.read_text(encoding="utf-8")):
+            if not (path := _path(app, code, ".gif")).exists():
+                film_of(code, path)
+
+
+def _with_films(config: Config) -> bool:
+    return str(config.plot_gallery) not in ("0", "False")
+
+
+class _Film(Directive):
+    """A command, or a program, and the film that it writes."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        code = "\n".join(self.content)
+        shown = nodes.literal_block(code, code, language="shell" if code.startswith("coilarray ") else "python")
+        env = self.state.document.settings.env
+        if not _with_films(env.config):
+            return [shown]
+        return [shown, nodes.image(uri=f"/{_FOLDER}/{_path(env, code, '.gif').name}", alt="The film.")]
 
 
 class _Picture(Directive):
@@ -145,6 +195,8 @@ def _link(app: Sphinx, page: str, template: str, context: dict[str, Any], doctre
 def setup(app: Sphinx) -> dict[str, bool]:
     """Add the directive, and make the pictures before Sphinx looks for them."""
     app.add_directive("picture", _Picture)
+    app.add_directive("film", _Film)
     app.connect("builder-inited", _make)
+    app.connect("builder-inited", _make_films)
     app.connect("html-page-context", _link)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

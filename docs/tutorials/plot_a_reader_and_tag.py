@@ -78,4 +78,8 @@ ax.legend()
 # The losses are those of the copper, to some percent. Those of the laminate, and of the resistors that make the band of
 # a reader broader, are left out: real shares are smaller.
 #
-# ``coilarray link nfc_reader --move card --z-mm 60:5:-2.5 --film card.gif`` makes the film of the card coming nearer.
+# The card comes nearer:
+#
+# .. film::
+#
+#    coilarray link nfc_reader --move card --z-mm 60:5:-2.5 --film card.gif

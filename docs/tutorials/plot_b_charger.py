@@ -62,4 +62,8 @@ print(f"{served[centre].item():.0%} of {row.sel(pair='middle')[centre].item():.0
 # skin and proximity effect within each board, but no losses in the copper of another board. The efficiencies are
 # therefore upper limits.
 #
-# ``coilarray link charger --move receiver --x-mm -40:40:4 --film receiver.gif`` makes the film of the receiver.
+# The receiver moves over the transmitters:
+#
+# .. film::
+#
+#    coilarray link charger --move receiver --x-mm -40:40:4 --film receiver.gif

@@ -46,13 +46,17 @@ ax.legend()
 # %%
 # Coils after next follow the dipoles to 7 %. Neighbours, whose copper is 0.5 mm apart, go half of the way.
 #
-# The film of the bend:
+# The strip bends, from a radius of 200 mm to that of the finger:
 #
-# .. code-block:: python
+# .. film::
 #
 #    from pathlib import Path
+#
+#    import coilarray as ca
+#    import numpy as np
 #    from coilarray.viz import Scene, save_movie, scene_of_design
 #
-#    bends = [ca.vary(file, {"board.bend_radius_mm": 8 / share}) for share in np.linspace(0.04, 1.0, 25)]
+#    file = ca.load_design_file("finger_strip")
+#    bends = [ca.vary(file, {"board.bend_radius_mm": 8 / share}) for share in np.linspace(0.04, 1.0, 25).tolist()]
 #    frames = [scene_of_design(one) for one in bends]
 #    save_movie(Scene(), frames, Path("bend.gif"))

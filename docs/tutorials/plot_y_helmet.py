@@ -59,3 +59,35 @@ _ = ax.legend()
 # The helmet was found so, from one loop at the top, five about it and ten about these, a part of an icosahedron's
 # lattice that has hardly any squares. Its file has the places and sizes that were found; ``coilarray impedance
 # helmet`` prints the circuit.
+#
+# The evenly spread loops grow, until they overlap, and then move to the helmet's places:
+#
+# .. film::
+#
+#    from pathlib import Path
+#
+#    import coilarray as ca
+#    import numpy as np
+#    import pyvista
+#    from coilarray.geometry import SurfaceLattice, spread
+#    from coilarray.geometry.surface_array import sizes_by_distance
+#    from coilarray.studies.create.surface import lattice_coupling
+#    from coilarray.viz import Scene, save_movie
+#    from coilarray.viz.scenes.board import moving_scenes
+#    from coilarray.viz.scenes.scene import Part
+#
+#    design = ca.load_design("helmet")
+#    helmet = design.array.lattice
+#    dome, loop, board = helmet.lattice.surface, helmet.coil, design.array.stackup
+#    points = spread(dome, 16, mirror="x")
+#    lattices = [
+#        SurfaceLattice(dome, points, ("L1",), sizes_by_distance(dome, points, ratio), step=1e-3, wrapped=True)
+#        for ratio in np.linspace(0.8, 1.4, 9)
+#    ]
+#    frames = []
+#    for lattice in [*lattices, helmet.lattice]:
+#        boards = [ca.Board(array, pose, "") for array, pose in lattice.boards(loop, board)]
+#        note = f"k of neighbours: {lattice_coupling(lattice, loop, board)[0]:.3f} and less in magnitude"
+#        frames += moving_scenes([boards], [[note]])
+#    head = Part("head", pyvista.make_tri_mesh(dome.vertices * 1e3, dome.faces), colour="#d8d2c8", smooth=True)
+#    save_movie(Scene((head,)), frames, Path("helmet.gif"), rate=2.0)

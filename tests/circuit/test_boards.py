@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import coilarray as ca
+from coilarray.circuit import board_circuit as making
 from coilarray.circuit.coupling import operating_field, scan_design
 from coilarray.design.model import Board, Circuit, Design
 from coilarray.electromagnetics.inductance import inductance_matrix
@@ -62,6 +63,18 @@ def test_what_is_left_out_between_boards_is_named():
     scan = scan_design(PAIR)
     assert "capacitance between boards" in scan.attrs["left_out"]
     assert scan.capacitance.sel(coil="receiver/coil1", other="coil1") == 0
+
+
+def test_boards_are_not_computed_again_when_one_of_many_moves(monkeypatch):
+    once, made = making._new_windings, []
+    monkeypatch.setattr(making, "_new_windings", lambda *given: made.append(given) or once(*given))
+    single = [Spiral(4, (5 + size / 100) * 1e-3, 1, 0.2e-3, 0.2e-3).as_array() for size in range(9)]
+    for height, fewest in ((1e-3, 9), (2e-3, 0)):
+        made.clear()
+        boards = [Board(coil, Pose(x=(k + 1) * 12e-3, z=height)) for k, coil in enumerate(single)]
+        design = Design(COIL, boards=tuple(boards))
+        assert len(making.board_circuit(design, accuracy="screen").inductance) == 10
+        assert fewest <= len(made) <= fewest + 1
 
 
 def test_the_field_is_that_of_all_boards(coupled):

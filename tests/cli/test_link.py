@@ -85,5 +85,5 @@ def test_mistakes_are_one_line(capsys, options, says):
 def test_a_page_has_a_slider_over_the_poses(capsys):
     good(capsys, *UP, "--film", "motion.html")
     page = Path("motion.html").read_text(encoding="utf-8")
-    assert "z_mm = 12" in page
+    assert "z = 12 mm" in page
     assert "--film" in refused(capsys, *UP, "--film", "motion.avi")

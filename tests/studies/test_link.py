@@ -93,6 +93,16 @@ def test_two_equal_resonators_split_by_their_coupling(resonators):
     np.testing.assert_allclose(found.induced_voltage, 2 * np.pi * 6.78e6 * np.abs(found.mutual_inductance), rtol=1e-12)
 
 
+def test_ports_that_do_not_oscillate_have_no_resonances(resonators):
+    source, load = resonators.circuit.ports
+    for ohm, numbers in ((60.0, [1, 2]), (1e3, [0, 0])):
+        ports = replace(source, source_resistance=ohm), replace(load, load_resistance=ohm)
+        design = replace(resonators, circuit=replace(resonators.circuit, ports=ports))
+        found = link(design, {"other": pose_grid(z=[1e-3, 5e-3])})
+        assert found.resonances.values.tolist() == numbers
+        assert ("splitting" in found) == any(numbers)
+
+
 def test_largest_efficiency_is_that_of_kq(resonators):
     """k²Q₁Q₂/(1 + √(1 + k²Q₁Q₂))² of two coils of equal Q."""
     from coilarray.electromagnetics.resistance import resistance_matrix

@@ -19,6 +19,14 @@ def test_moving_boards_are_where_their_poses_take_them():
     assert [scene.notes for scene in moving_scenes(MOVED, NOTES)] == list(NOTES)
 
 
+def test_all_loops_of_a_surface_that_moves_are_in_every_picture():
+    loops = [[Board(COIL, Pose(x=x, z=z * 1e-3), "head") for x in (0.0, 30e-3)] for z in HEIGHTS]
+    for scene in moving_scenes(loops, NOTES):
+        copper = next(part for part in scene.parts if "copper" in part.name)
+        assert copper.mesh.bounds[1] - copper.mesh.bounds[0] > 35  # mm, of both
+        assert len({part.name for part in scene.parts}) == len(scene.parts)
+
+
 def test_a_slider_shows_one_position_and_what_stays():
     scene = scene_of_motion([Board(COIL, name="")], MOVED, Slider("pose", ("5", "9"), NOTES))
     for step, moved in enumerate(moving_scenes(MOVED, NOTES)):

@@ -208,7 +208,8 @@ def link_figure(result: xr.Dataset) -> Figure:
     efficiencies = _names(result, "efficiency[") or [
         name for name in _names(result, "best_efficiency[") if name.partition("[")[2] in shown
     ]
-    return sweep_figure(result[[*pairs, *efficiencies]])
+    words = {name: str(result[name].attrs["long_name"]) for name in map(str, result.dims)}
+    return sweep_figure(result[[*pairs, *efficiencies]].rename(words))
 
 
 def _panels(sweep: xr.Dataset, entries: Sequence[str], *, dotted: bool, lines: bool) -> list[Callable[..., object]]:

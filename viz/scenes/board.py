@@ -105,35 +105,38 @@ def scene_of_boards(
     if not others and own.pose == Pose():
         return scene_of_board(own.array, layers=layers, name_heights=name_heights)
     _require_layers(layers, dict.fromkeys(layer for board in boards for layer in board.array.stackup.names))
-    loops = sum(not board.name for board in boards) > 1
-    alike: dict[str, list[Part]] = {}
-    texts: list[Text] = []
-    first = 0
+    bare, first = list[Scene](), 0
     for board in boards:
-        bare = _bare_board(board.array, layers, None, name_heights if board is own else 0.0)
-        for part in bare.parts:
+        bare.append(_bare_board(board.array, layers, None, name_heights if board is own else 0.0))
+        for part in bare[-1].parts:
             if "coil" in part.mesh.cell_data:
                 part.mesh.cell_data["coil"] += first
-        scene = in_space(bare, board)
+        first += len(board.array.names)
+    drawn = _placed(boards, bare)
+    return drawn + _rulers(*Scene(drawn.parts).bounds[:5])
+
+
+def _placed(boards: Sequence[Board], bare: Sequence[Scene]) -> Scene:
+    """Scene of boards in space from those of each by itself, with parts of one name together."""
+    loops = sum(not board.name for board in boards) > 1
+    alike: dict[str, list[Part]] = {}
+    scenes = [in_space(scene, board) for scene, board in zip(bare, boards, strict=True)]
+    for board, scene in zip(boards, scenes, strict=True):
         for part in scene.parts:
             if board.name or not loops or part.group != _LAMINATE:
                 alike.setdefault(part.name, []).append(part)
-        texts += scene.texts
-        first += len(board.array.names)
     parts = [
         replace(same[0], mesh=same[0].mesh.append_polydata(*(part.mesh for part in same[1:]))) if same[1:] else same[0]
         for same in alike.values()
     ]
-    drawn = Scene(tuple(parts), tuple(texts))
-    return drawn + _rulers(*Scene(drawn.parts).bounds[:5])
+    return Scene(tuple(parts), tuple(text for scene in scenes for text in scene.texts))
 
 
 def moving_scenes(moved: Sequence[Sequence[Board]], notes: Sequence[Sequence[str]]) -> Iterator[Scene]:
     """Scenes of the same boards at one place after another, with notes, without names and rulers."""
     bare = [_bare_board(board.array, None, None, 0.0) for board in moved[0]]
     for boards, lines in zip(moved, notes, strict=True):
-        placed = [in_space(scene, board) for scene, board in zip(bare, boards, strict=True)]
-        yield Scene(tuple(part for scene in placed for part in scene.parts), notes=tuple(lines))
+        yield Scene(_placed(boards, bare).parts, notes=tuple(lines))
 
 
 def room(boards: Sequence[Board]) -> Scene:
