@@ -42,6 +42,8 @@ LAYERS = (
 )  # fmt: skip
 KINDS = (*COILS, WINE, INDIGO, OLIVE)
 """Colours for areas: the coils', then three dark ones."""
+COPPER = "#E8985A", "#6B3A1E"
+"""Tones of the copper of the uppermost and of the lowest layer."""
 LAMINATE = "#3F8F4F"
 BARREL = "#8C6D1F"
 SHEETS = ("#8FA3BF", "#7A3E8E", "#4A4A4A")  # light, dark, darker, distinct by lightness alone

@@ -15,7 +15,7 @@ from coilarray.errors import CoilarrayError, ElastomerError, GeometryError, Loca
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.dataset import on_board, origin_attributes
-from coilarray.viz.datasets.results import AMOUNT, COUPLING, DELTA
+from coilarray.viz.datasets.results import AMOUNT, COUPLING, DELTA, field_grid
 from coilarray.viz.scenes.design import ITEMS, View, scene_of_design
 from coilarray.viz.scenes.results import (
     CURRENT,
@@ -27,6 +27,7 @@ from coilarray.viz.scenes.results import (
     points_of_box,
     scene_of_location,
 )
+from coilarray.viz.scenes.scene import rounded_up
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +96,8 @@ def test_arcs_are_the_coupling_of_the_design(design, coupling):
     k = coupling.coupling.values
     shown = set(np.round(np.unique(scene.parts[0].mesh.point_data[COUPLING]), 9))
     assert shown == set(np.round(k[np.triu_indices(3, 1)], 9))
-    assert (scene.scales[0].low, scene.scales[0].high) == pytest.approx((min(shown), 0.0))  # all of one sign
+    rounded_down = -rounded_up(-min(shown))
+    assert (scene.scales[0].low, scene.scales[0].high) == pytest.approx((rounded_down, 0.0))  # all of one sign
     # every number stands over the middle of its coils
     for text in scene.texts:
         value = float(text.text.replace("−", "-"))
@@ -118,7 +120,8 @@ def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
             seen |= set(coil.tolist())
     assert seen == {0, 1, 2}
     (scale,) = scene.scales
-    assert max(-scale.low, scale.high) == pytest.approx(np.abs(solved.currents.real[1:]).max(), rel=1e-9)
+    largest = np.abs(solved.currents.real[1:]).max()
+    assert max(-scale.low, scale.high) == pytest.approx(rounded_up(largest), rel=1e-9)
     # (R + Z + jωL) i = −jωM i_1: without strays the currents of that network solve the passive loops
     ideal = resonate(design_circuit(design, ideal=True), design.plan[0])
     L, R, omega = coupling.inductance.values, coupling.resistance.values, 2j * np.pi * ideal.frequency
@@ -132,10 +135,11 @@ def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
 
 
 def test_planes_show_the_field_of_the_library(design, coupling):
-    view = View(show=("field",), coil="coil2", spacing=1e-3)
+    view = View(show=("field", "map"), coil="coil2", spacing=1e-3)
     scene = scene_of_design(design, view)
     parts = parts_of(scene)
-    assert set(parts) == {"plane 0", "arrows 0", "plane 1", "arrows 1"}
+    assert set(parts) == {"plane 0", "contours 0", "plane 1", "contours 1", "arrows 1"}
+    assert 100 <= parts["arrows 1"].mesh.split_bodies().n_blocks / 4 <= 200  # an arrow has four surfaces
     level, upright = (np.asarray(parts[f"plane {k}"].mesh.points) for k in range(2))
     np.testing.assert_allclose(level[:, 2], design.field_height * 1e3)
     np.testing.assert_allclose(upright[:, 1], design.array.centres[1, 1] * 1e3, atol=2.0)  # middle of the outline
@@ -143,7 +147,11 @@ def test_planes_show_the_field_of_the_library(design, coupling):
     field = operating_field(design, coupling, "coil2", x, y, z, current=1e-3)
     largest = float(np.sqrt((field.B**2).sum("component")).max())
     assert parts["plane 0"].mesh.point_data[AMOUNT].max() == pytest.approx(largest)
-    assert parts["plane 0"].mesh.point_data[AMOUNT].min() >= scene.scales[0].low * (1 - 1e-6)
+    # the whole plane is there, and its contours are at 1, 2 and 5 times powers of ten
+    np.testing.assert_allclose(parts["plane 0"].mesh.bounds[:2], np.array([x[0], x[-1]]) * 1e3, rtol=1e-6)
+    levels = np.unique(np.round(np.log10(parts["contours 1"].mesh.point_data[AMOUNT]) % 1, 3))
+    assert set(levels) <= {0.0, 0.301, 0.699, 1.0}
+    assert len(levels) >= 3
     assert scene.scales[0].unit == "T"
     assert any("coil2 carries 1 mA" in note for note in scene.notes)
 
@@ -154,15 +162,24 @@ def test_lines_and_surfaces_share_one_scale_and_a_box_off_the_copper(design):
     assert set(parts_of(scene)) == {"field lines", "field surfaces"}
     (scale,) = scene.scales
     surfaces = parts_of(scene)["field surfaces"].mesh.point_data[AMOUNT]
+    assert parts_of(scene)["field lines"].mesh.point_data[AMOUNT].min() > 0
     ratios = np.log10(np.unique(np.round(surfaces / scale.high, 6)))
     np.testing.assert_allclose(ratios, [-1.35, -0.85, -0.35], atol=1e-4)
     box = field_box(design, "coil2", 1e-3)
     x, y, z = points_of_box(design, box)
-    assert len(x) * len(y) * (len(z) + 2) >= count_of([box]) >= len(x) * len(y) * (len(z) - 2)
+    assert len(x) * len(y) * (len(z) + 5) >= count_of([box]) >= len(x) * len(y) * (len(z) - 5)
     thickness = design.array.stackup.thickness
     assert not ((z < 0.49e-3) & (z > -thickness - 0.49e-3)).any()
     assert (np.diff(z) > 0).all()
-    seeds = line_seeds(design, "coil2")
+    steps = np.diff(x)
+    assert steps.min() == pytest.approx(1e-3)
+    assert steps[0] == pytest.approx(steps[-1])
+    assert (steps[len(steps) // 2 :][1:] <= 1.21 * steps[len(steps) // 2 :][:-1]).all()
+    grid = field_grid(x, y, z, np.broadcast_to([0.0, 0.0, 1e-6], (len(x), len(y), len(z), 3)))
+    seeds = line_seeds(design, "coil2", grid)
+    # in an even field equal flux is equal area of the rings between them
+    radii = np.linalg.norm(seeds[1:6, :2] - seeds[0, :2], axis=1)
+    np.testing.assert_allclose(radii**2, radii[-1] ** 2 * (np.arange(5) + 0.5) / 4.5, rtol=0.03)
     assert ((seeds[:, :2] > [x[0], y[0]]) & (seeds[:, :2] < [x[-1], y[-1]])).all()
     assert Span(0.0, 1e-3, 1e-3).count == 2
     assert Span(2e-3, 2e-3, 1e-3).points.tolist() == [2e-3]

@@ -15,7 +15,7 @@ from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 from coilarray.viz import board_scene, save_picture, show
 from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.board import CoilColours, board_in_pieces, recoloured, scene_of_board
-from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size
+from coilarray.viz.scenes.draw import NIGHT, bar_of, camera_of, draw, draw_parts, legend_size, legible
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Side, Text, about_zero, seen_from
 
 
@@ -43,17 +43,22 @@ def test_the_whole_scene_is_in_view(board, plotter, side):
     draw(scene, plotter, side=side)
     plotter.render()
     renderer = plotter.renderer
+    assert plotter.camera.parallel_projection == (side in ("top", "front", "right"))
     shown = []
     for corner in corners(scene.bounds):
         renderer.SetWorldPoint(*corner, 1.0)
         renderer.WorldToDisplay()
         across, up, _ = renderer.GetDisplayPoint()
-        assert 0 < across < 320
-        assert 0 < up < 180
         shown.append((across / 320, up / 180))
     # VTK's own camera puts points where `seen_from` says
     camera = camera_of(scene, (320, 180), side)
     np.testing.assert_allclose(seen_from(camera, corners(scene.bounds), (320, 180)), shown, atol=1e-5)
+    everything = np.concatenate([part.mesh.points for part in scene.parts] + [[text.position for text in scene.texts]])
+    seen = seen_from(camera, everything, (320, 180))
+    assert seen.min() > 0
+    assert seen.max() < 1
+    # and fills it in one direction, to the rim and to the room of the legend
+    assert np.ptp(seen, axis=0).max() > 0.6
 
 
 def test_bars_legend_and_notes_have_their_room():
@@ -63,7 +68,7 @@ def test_bars_legend_and_notes_have_their_room():
     group = "a long name of a group"
     scene = Scene((Part("box", mesh, group, scale=Scale("v", "v", "V", 0, 7)),))
     seen = seen_from(camera_of(scene, (1600, 900), "top"), corners(scene.bounds), (1600, 900))
-    assert seen[:, 0].max() < 1 - BAR_WIDTH
+    assert seen[:, 1].min() > 90 / 900  # of the bar with its numbers and its title
     assert seen[:, 0].min() > legend_size(scene, (1600, 900))[0] > 0.1
     bare = Scene((Part("box", mesh),))
     seen = seen_from(camera_of(bare, (1600, 900), "top"), corners(bare.bounds), (1600, 900))
@@ -113,13 +118,38 @@ def test_colours_of_scales():
     assert linear.steps(2) == tuple("#" + bytes(colour).hex() for colour in (low, high))
     np.testing.assert_allclose(decades.values(3), [1e-6, 1e-5, 1e-4])
     for values, ends in (
-        ([0.1, -0.3, np.nan], (-0.3, 0.3)),
-        ([0.2, -0.001], (0.0, 0.2)),
+        ([0.1, -0.29, np.nan], (-0.3, 0.3)),
+        ([0.00146, -0.00001], (0.0, 0.0015)),
         ([-0.2, np.nan], (-0.2, 0.0)),
     ):
         ranged = about_zero("v", "v", "", values)  # values of one sign have all the colours
         assert (ranged.low, ranged.high) == ends
     assert about_zero("v", "v", "", [np.nan]).high == about_zero("v", "v", "", [0.0]).high == 1.0
+
+
+@pytest.mark.parametrize("largest", [1.0, 1.46e-3, 2.2, 3.1e-6, 0.45, 59.0, 7.7, 9.9e4])
+def test_colour_bars_have_round_numbers_at_equal_steps(largest):
+    for values in ([largest], [largest, -largest / 2]):
+        scale = about_zero("v", "v", "V", values)
+        ticks = scale.ticks
+        np.testing.assert_allclose(np.diff(ticks), (scale.high - scale.low) / (len(ticks) - 1))
+        step = float(f"{np.diff(ticks)[0]:.4e}".split("e")[0])
+        assert min(abs(step - nice) for nice in (1, 2, 2.5, 4, 5)) < 1e-3
+        assert 3 <= len(ticks) <= 7
+        assert largest <= scale.high <= 1.5 * largest
+        assert min(abs(ticks)) < 1e-9 * largest
+    decades = Scale("v", "v", "T", 1e-8, 1e-6, logarithmic=True)
+    title, _, numbers = bar_of(decades, 4)
+    assert (title, numbers) == ("v (nT), log", ["10", "100", "1e+03"]) or numbers == ["0.01", "0.1", "1"]
+    assert bar_of(about_zero("v", "v", "", [-2.0, 1.0]), 3)[2][0] == "−2"
+
+
+def test_texts_stand_on_no_others():
+    scene = Scene((Part("box", pyvista.Box((0, 100, 0, 50, 0, 1))),))
+    camera = camera_of(scene, (1600, 900), "top")
+    near = [Text("coil1", (50, 25, 0), 24, bold=True), Text("10", (50.5, 25, 0)), Text("20", (90, 25, 0))]
+    kept = legible([near[1], *near[:1], near[2]], camera, (1600, 900))
+    assert {text.text for text in kept} == {"coil1", "20"}
 
 
 def test_layers_can_be_chosen_and_coils_can_have_colours_of_their_own(board):
@@ -144,7 +174,7 @@ def test_every_part_and_bar_is_drawn(board, plotter):
     )
     draw(scene, plotter)
     assert {part.name for part in scene.parts} <= set(plotter.actors)
-    assert list(plotter.scalar_bars.keys()) == ["volts (V)"]
+    assert [name for name in plotter.actors if name.startswith("bar ")] == ["bar volts (V)"]
     assert legend_of(plotter) == list(scene.groups)
     assert scene.groups["sides"] == scene.scales[0].steps(3)  # its sign has the colours of its bar, not one of its own
     # drawn again it replaces what has the same name
@@ -168,9 +198,13 @@ def test_a_picture_has_its_size_and_shows_copper(board, plotter, tmp_path):
     picture = imread(path)[..., :3]
     assert picture.shape == (225, 400, 3)
     red, green, blue = np.moveaxis(picture, -1, 0)
-    assert (green > red + 0.05).mean() > 0.05  # the laminate
+    assert (green > red + 0.05).mean() > 0.03  # the laminate
     assert (red > blue + 0.2).sum() > 50  # copper of the upper layers
     assert (picture.min(axis=-1) > 0.99).mean() > 0.1  # white paper around it
+    assert (np.ptp(picture, axis=-1) > 0.05).mean() > 0.25  # of it board and sheets
+    save_picture(board_scene(board), tmp_path / "board.png", size=(400, 225), dark=True)
+    corner = imread(path)[0, 0, :3]
+    np.testing.assert_allclose(corner, pyvista.Color(NIGHT).float_rgb, atol=0.01)
     assert [entry.name for entry in tmp_path.iterdir()] == ["board.png"]
 
 

@@ -11,6 +11,7 @@ from coilarray.design.model import Board, Design
 from coilarray.errors import GeometryError
 from coilarray.geometry import Bend, Pose, Sheet, Spiral, Zone, solids
 from coilarray.geometry.array import Array
+from coilarray.viz.datasets.results import field_grid
 from coilarray.viz.scenes.design import View, scene_of_design
 from coilarray.viz.scenes.results import CURRENT, field_box, field_planes, line_seeds
 
@@ -88,7 +89,10 @@ def test_the_field_is_shown_around_the_coil_of_any_board():
     middle = [(span.low + span.high) / 2 for span in box]
     # the box reaches down by the thickness of a board more than up
     np.testing.assert_allclose(middle, PAIR.centres[2] - [0, 0, ROW.stackup.thickness / 2], atol=1e-12)
-    seeds = TILTED.undo(line_seeds(PAIR, "lid/coil1"))
+    normal = PAIR.placed[-1].in_space([0.0, 0.0, 1.0]) - PAIR.placed[-1].in_space([0.0, 0.0, 0.0])
+    x, y, z = (span.points for span in box)
+    grid = field_grid(x, y, z, np.broadcast_to(1e-6 * normal, (len(x), len(y), len(z), 3)))
+    seeds = TILTED.undo(line_seeds(PAIR, "lid/coil1", grid))
     np.testing.assert_allclose(seeds[:, 2], PAIR.field_height, atol=1e-12)
     level, upright = field_planes(PAIR, "coil1", 1e-3)
     corners = np.concatenate([board.pieces.reshape(-1, 3) for board in PAIR.placed])

@@ -21,7 +21,7 @@ from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import meshes
 from coilarray.viz.datasets.results import at_depth
-from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, METAL, SHEETS, cycled
+from coilarray.viz.palette import BARREL, COPPER, INK, LAMINATE, METAL, SHEETS, cycled
 from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Slider, Text
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 Box = tuple[float, float, float, float]
 
+_LIFT = 0.6  # of the lowest sheet, over the lift that clears the board in an oblique view
 _GLASS = 0.12  # opacity of a sheet
 _RISER = "#BBBBBB"
 _SMOOTH = 97  # points of a bent edge of a board
@@ -60,9 +61,8 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     sheets : sequence of Sheet
         Elastomer sheets on it, the lowest first.
     """
-    # Raised until the nearest edge of the lowest sheet stands above the farthest edge of the board.
     x_min, y_min, x_max, y_max = array.bounds
-    lift = (y_max - y_min) * math.tan(math.radians(ANGLES["oblique"][0]))
+    lift = _LIFT * (y_max - y_min) * math.tan(math.radians(ANGLES["oblique"][0]))
     above = scene_of_sheets(array, sheets, lift, lift / 3)
     scene = above + scene_of_board(array)
     if not above.parts:
@@ -188,18 +188,20 @@ def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, nam
     """Board without rulers, in its own coordinates."""
     solids = board_solids(array)
     parts = []
-    for layer, colour in cycled(LAYERS, array.stackup.names).items():
+    for layer, colour in _tones(array.stackup.names).items():
         mesh = cut_upright(meshes.copper_mesh(solids, array.names, layer), box)
         if mesh.n_cells and (layers is None or layer in layers):
             name = f"{_COPPER}{layer}"
-            parts.append(Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None))
+            parts.append(Part(name, mesh, name, colour, ambient=0.3, diffuse=0.65, shine=0.5, closed=box is None))
     barrels = meshes.barrel_mesh(solids, array.names)
     if barrels.n_cells and box is None:
         parts.append(Part("barrels", barrels, "barrels", BARREL, closed=True))
     board = cut_upright(meshes.board_mesh(solids), box)
     if board.n_cells:
         # Copper may share a face with the board, so the board is drawn just behind it.
-        parts.append(Part("board", board, _LAMINATE, LAMINATE, opacity=0.3, ambient=0.3, sunk=True))
+        parts.append(
+            Part("board", board, _LAMINATE, LAMINATE, opacity=0.35, ambient=0.35, diffuse=0.75, shadow=True, sunk=True)
+        )
     if box is not None:
         return Scene(tuple(parts))
     if board.n_cells:
@@ -210,6 +212,15 @@ def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, nam
     places = _as_bent(array, np.column_stack((array.centres, heights))).tolist()
     names = [Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True)]
     return Scene(tuple(parts), tuple(names))
+
+
+def _tones(layers: Sequence[str]) -> dict[str, str]:
+    """Tone of copper of each layer, the deeper the darker."""
+    from matplotlib.colors import to_hex, to_rgb
+
+    top, bottom = (np.array(to_rgb(tone)) for tone in COPPER)
+    depth = np.linspace(0.0, 1.0, len(layers)) if len(layers) > 1 else [0.0]
+    return {layer: to_hex((1 - share) * top + share * bottom) for layer, share in zip(layers, depth, strict=True)}
 
 
 def _rulers(x_min: float, x_max: float, y_min: float, y_max: float, low: float) -> Scene:
@@ -322,7 +333,7 @@ def _ruler(
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
     texts = [Text(true_minus(f"{t:g}"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
     # Beyond the end of the edge it is clear of the numbers unless the board is small.
-    title = Text(f"{axis} (mm)", place(high + 4 * length, 2.2 * length), hidden_from=(edge_on,), always=True)
+    title = Text(f"{axis} (mm)", place(high + 2.6 * length, 1.2 * length), hidden_from=(edge_on,), always=True)
     return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]
 
 

@@ -47,6 +47,7 @@ Item = Literal[
     "target",
     "eddies",
     "field",
+    "map",
     "lines",
     "surfaces",
     "currents",
@@ -63,8 +64,9 @@ _LEVELS = (-0.35, -0.85, -1.35)  # surfaces of equal |B|, as powers of ten of it
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
 _METAL: frozenset[Item] = frozenset({"plates", "target", "eddies"})
-_OF_B: frozenset[Item] = frozenset({"field", *_IN_BOX})
-_WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling", *_METAL})
+_PLANES: tuple[Item, Item] = ("map", "field")  # level and upright
+_OF_B: frozenset[Item] = frozenset({*_PLANES, *_IN_BOX})
+_WITHIN: frozenset[Item] = frozenset({*_OF_B, "response", "location", "coupling", *_METAL})
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +278,8 @@ class _Making:
     def _grids(self) -> tuple[list[results.Spans], list[results.Spans]]:
         """Planes and box on which B is shown."""
         item, spacing = (self.design, self.coil), self.view.spacing
-        planes = list(results.field_planes(*item, spacing or _PLANE_SPACING)) if "field" in self.shown else []
+        both = zip(_PLANES, results.field_planes(*item, spacing or _PLANE_SPACING), strict=True)
+        planes = [plane for name, plane in both if name in self.shown]
         return planes, [results.field_box(*item, spacing or _BOX_SPACING)] if self.shown & _IN_BOX else []
 
     def _require_field(self) -> None:
@@ -311,7 +314,7 @@ class _Making:
         scene = results.scene_of_slices(planes, scale)
         for box in boxes:
             if "lines" in self.shown:
-                scene += results.scene_of_lines(box, results.line_seeds(self._with_target, self.coil), scale)
+                scene += results.scene_of_lines(box, results.line_seeds(self._with_target, self.coil, box), scale)
             if "surfaces" in self.shown:
                 scene += results.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
         others = f", the others {self.others}" if len(self.design.coil_names) > 1 else ""
@@ -359,11 +362,13 @@ class Touch:
         array, setup, scale = self.design.array, indentation_of(self.design), self.scale
         dent = dent_of_design(self.design, self.depth)
         factor, _ = shown_units(scale)
+        largest = float(np.nanmax(np.abs(self.delta), initial=scale.high * 1e-3)) * factor
+        digits = max(2 - math.floor(math.log10(largest)), 0)  # three digits of the largest
         below = _BELOW * float(np.ptp(array.placements[0].coil.outline[:, 1]))
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
             where = true_minus(f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {self.depth * 1e3:g} mm deep")
             numbers = tuple(
-                Text(true_minus(f"{round(value * factor):+d}"), (across * 1e3, (along - below) * 1e3, 0.0), 16.0)
+                Text(true_minus(f"{value * factor:+.{digits}f}"), (across * 1e3, (along - below) * 1e3, 0.0), 16.0)
                 for value, (across, along) in zip(delta.tolist(), array.centres.tolist(), strict=True)
                 if math.isfinite(value)
             )

@@ -6,7 +6,7 @@ pictures and pages, and need no screen.
 
 from __future__ import annotations
 
-import itertools
+import math
 import textwrap
 from collections import defaultdict
 from collections.abc import Sequence
@@ -18,35 +18,42 @@ import shapely
 
 from coilarray.compute.display_units import PLAIN, true_minus
 from coilarray.viz.datasets.meshes import surface_of
-from coilarray.viz.palette import INK
+from coilarray.viz.palette import FAINT, INK
 from coilarray.viz.scenes.scene import Camera, Part, Scale, Scene, Side, Text, aim, seen_from
 
 if TYPE_CHECKING:
     import pyvista
 
-BAR_WIDTH = 0.085
-"""Width of one colour bar with its numbers, over the width of the picture."""
-
 _HEIGHT, _WIDTH = 900, 1400  # pixels of the reference picture, with letters and lines in their nominal sizes
 # The legend in pixels of the reference picture: letters, mean width, line, sign with room, rim.
 _LEGEND, _LETTER, _LINE, _SIGN, _RIM = 17, 10.2, 29, 24, 40
-_TICKS = 5  # numbers on a colour bar
-_TITLE = 13  # letters in a line of its title
+_BAR, _BAR_HEIGHT = 250, 100  # width of a colour bar, and height with its texts, in pixels of the reference picture
+_SHADES = 96  # colours of a bar
 _PLAIN = 1e-2  # least unitless value that is shown without a power of ten
-_FONT_FILE = 4  # VTK_FONT_FILE of vtkTextProperty
 # Notes in pixels of the reference picture: letters, a line, their lower edge with room above them.
 _NOTE, _NOTE_LINE, _NOTE_RIM = 15, 17.5, 40
+_WIDE = 0.3  # half the mean width of a letter over its height
 _COLOURS = "colour"  # array of red, green and blue
 _SHARP = 30.0  # angle in degrees between triangles above which their edge stays sharp
 _BEHIND = 2.0  # units of polygon offset
+_ANGLE = 22.0  # degrees from the lower to the upper edge of an oblique picture
+_POLISH = 18.0  # exponent of the reflected light of a metal
+_PEELS = 6  # surfaces behind each other that are seen through in order
+_BLUR, _SHADE = 0.06, 0.32  # width of a shadow over the boards' diagonal, and its opacity
+_FAINTEST = 0.2  # opacity of a fading part at the lower end of its scale, over the opacity at the upper end
+_DARK = 1.5  # sum of red, green and blue of a background below which letters are light
+NIGHT = "#14181d"
+"""Background of pictures for dark pages."""
 
 
 Panel = tuple[float, float]
 """Width and height of a panel at the top left, over the sides of the picture."""
 
 
-def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", panel: Panel | None = None) -> None:
-    """Draw a whole scene on white.
+def draw(
+    scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", panel: Panel | None = None, dark: bool = False
+) -> None:
+    """Draw a whole scene on white, or on dark paper.
 
     Parameters
     ----------
@@ -55,22 +62,86 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
     plotter : pyvista.Plotter
         Plotter that gets the actors. Lengths are in mm. A part or text replaces another with the
         same name.
-    side : {"oblique", "top", "front", "right"}
-        Side from which it is seen.
+    side : {"oblique", "top", "front", "right", "cut"}
+        Side from which it is seen, "cut" is into the open quarter of a dent. Oblique views are in
+        perspective.
     panel : tuple of float, optional
         Size of a panel that stands in place of the legend.
+    dark : bool
+        Draw for a dark page, with light letters.
     """
     view: Any = plotter  # PyVista's decorators lose the signatures of its methods, differently in each version
     scene = scene.still()
-    view.set_background("white")
-    pixel = pixel_of(view.window_size)
-    shown = replace(scene, texts=tuple(text for text in scene.texts if side not in text.hidden_from))
-    draw_parts(shown, plotter, pixel)
+    view.set_background(NIGHT if dark else "white")
+    size = (view.window_size[0], view.window_size[1])
+    pixel = pixel_of(size)
+    scene = replace(scene, notes=_wrapped(scene, size))
+    camera = camera_of(scene, size, side, panel)
+    texts = [text for text in scene.texts if side not in text.hidden_from]
+    draw_parts(replace(scene, texts=legible(texts, camera, size)), plotter, pixel)
     if panel is None and scene.groups:
         _legend(view, scene)
     for place, scale in enumerate(scene.scales):
         _bar(view, scale, place)
-    set_camera(plotter, camera_of(scene, (view.window_size[0], view.window_size[1]), side, panel))
+    if camera.angle:
+        _shadow(view, scene)
+        view.enable_depth_peeling(_PEELS)
+        _lights(view, scene, camera)
+    set_camera(plotter, camera)
+
+
+def legible(texts: Sequence[Text], camera: Camera, size: tuple[int, int]) -> tuple[Text, ...]:
+    """Texts that stand on no other in a picture: names before numbers."""
+    pixel, kept, boxes = pixel_of(size), set(), []
+    order = sorted(range(len(texts)), key=lambda k: (not texts[k].always, not texts[k].bold))
+    places = seen_from(camera, [text.position for text in texts], size) * size if texts else np.empty((0, 2))
+    for k in order:
+        (x, y), height = places[k].tolist(), texts[k].height * pixel
+        half = _WIDE * len(texts[k].text) * height
+        box = shapely.box(x - half, y - height / 2, x + half, y + height / 2)
+        if not any(box.intersects(other) for other in boxes):
+            kept.add(k)
+            boxes.append(box)
+    return tuple(text for k, text in enumerate(texts) if k in kept)
+
+
+def _lights(view: Any, scene: Scene, camera: Camera) -> None:
+    """Light from the upper left, near enough for a sheen on copper, and weaker light from the camera."""
+    from coilarray.viz.extra_3d import pyvista
+
+    view.remove_all_lights()
+    focus, length = np.array(camera.focus), camera.scale
+    along = np.cross(camera.up, np.subtract(camera.position, focus))
+    along /= np.linalg.norm(along)
+    key = focus + length * (np.array(camera.up) * 0.9 - 0.8 * along + [0.0, 0.0, 1.7])
+    for light, place in ((0.75, key), (0.45, np.array(camera.position))):
+        lamp = pyvista.Light(position=place, focal_point=focus, intensity=light, light_type="scene light")
+        lamp.positional, lamp.cone_angle = light == 0.75, 90.0
+        view.add_light(lamp)
+
+
+def _shadow(view: Any, scene: Scene) -> None:
+    """Soft shadow of the boards on the paper below them."""
+    from coilarray.viz.extra_3d import pyvista
+
+    boards = [part.mesh.bounds for part in scene.parts if part.shadow]
+    if not boards:
+        return
+    (x_min, x_max), (y_min, y_max), (low, _) = (
+        (min(b[2 * k] for b in boards), max(b[2 * k + 1] for b in boards)) for k in range(3)
+    )
+    blur = _BLUR * math.hypot(x_max - x_min, y_max - y_min)
+    x, y = (np.linspace(a - 2 * blur, b + 2 * blur, 90) for a, b in ((x_min, x_max), (y_min, y_max)))
+    sheet = pyvista.RectilinearGrid(x + blur / 2, y - blur / 2, [low - blur / 3])
+    across, along = (
+        (np.tanh(2 * (at - a) / blur) - np.tanh(2 * (at - b) / blur)) / 2
+        for at, a, b in ((x, x_min, x_max), (y, y_min, y_max))
+    )
+    dark = np.zeros((x.size * y.size, 4), dtype=np.uint8)
+    dark[:, 3] = np.rint(255 * _SHADE * np.outer(along, across)).ravel()
+    sheet.point_data["shade"] = dark
+    quiet = {"lighting": False, "render": False, "reset_camera": False}
+    view.add_mesh(surface_of(sheet), scalars="shade", rgba=True, name="shadow", **quiet)
 
 
 def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = None) -> None:
@@ -78,11 +149,12 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
     view: Any = plotter
     if pixel is None:
         pixel = view.window_size[1] / _HEIGHT
-    known = set(view.actors)
+    known, ink = set(view.actors), _ink(view)
     for part in scene.parts:
         if part.name in known:
             view.remove_actor(part.name, reset_camera=False, render=False)
-        view.renderer.AddActor(actor_of(part, pixel))  # PyVista's own method searches all others for its name
+        inked = replace(part, colour=ink) if part.colour == INK else part
+        view.renderer.AddActor(actor_of(inked, pixel))  # PyVista's own method searches all others for its name
     alike: dict[str, list[Text]] = defaultdict(list)
     for text in scene.texts:
         alike[text_name(text)].append(text)
@@ -92,13 +164,13 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
         points = np.array([text.position for text in texts], dtype=np.float64)
         view.add_point_labels(
             points, [text.text for text in texts], name=name, font_size=round(texts[0].height * pixel),
-            font_file=font_file(texts[0].bold), text_color=INK, shape=None, show_points=False,
+            font_file=font_file(texts[0].bold), text_color=ink, shape=None, show_points=False,
             justification_horizontal="center", justification_vertical="center", always_visible=True,
             reset_camera=False, render=False,
         )  # fmt: skip
     if scene.notes:
         look = {"font_size": round(_NOTE * pixel / 2), "font_file": font_file()}  # PyVista's points have two pixels
-        view.add_text("\n".join(scene.notes), position=(0.02, 0.025), viewport=True, color=INK, name="notes", **look)
+        view.add_text("\n".join(scene.notes), position=(0.02, 0.025), viewport=True, color=ink, name="notes", **look)
 
 
 def actor_of(part: Part, pixel: float = 1.0) -> Any:
@@ -120,8 +192,8 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
         mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(_BEHIND, _BEHIND)
     properties = pyvista.Property(
         color=part.colour, opacity=part.opacity, line_width=part.line_width * pixel, lighting=part.lit,
-        ambient=part.ambient, diffuse=part.diffuse, interpolation="Phong" if part.smooth else "Flat",
-        culling="back" if part.closed else None,
+        ambient=part.ambient, diffuse=part.diffuse, specular=part.shine, specular_power=_POLISH,
+        interpolation="Phong" if part.smooth else "Flat", culling="back" if part.closed else None,
     )  # fmt: skip
     actor = pyvista.Actor(mapper=mapper, prop=properties, name=part.name)
     actor.SetPickable(False)
@@ -137,7 +209,11 @@ def _surface(part: Part) -> pyvista.PolyData:
         on_cells = part.scale.array in mesh.cell_data
         values = (mesh.cell_data if on_cells else mesh.point_data)[part.scale.array]
         target = surface.cell_data if on_cells else surface.point_data
-        target[_COLOURS] = np.ascontiguousarray(part.scale.colours_of(values))
+        colours = part.scale.colours_of(values)
+        if part.fade:
+            strength = np.searchsorted(part.scale.values(256), np.asarray(values)) / 256
+            colours = np.column_stack((colours, np.rint(255 * (_FAINTEST + (1 - _FAINTEST) * strength))))
+        target[_COLOURS] = np.ascontiguousarray(colours, dtype=np.uint8)
     if part.smooth:
         surface = surface.compute_normals(
             cell_normals=False, split_vertices=True, feature_angle=_SHARP, auto_orient_normals=False
@@ -151,19 +227,34 @@ def text_name(text: Text) -> str:
 
 
 def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
-    """Camera that shows all of a scene."""
-    free = {
-        "right": BAR_WIDTH * len(scene.scales),
-        "bottom": (_NOTE_RIM + _NOTE_LINE * len(scene.notes)) * pixel_of(size) / size[1] if scene.notes else 0.0,
-    }
-    camera = aim(scene.bounds, size, side, **free)
+    """Camera that shows all of a scene, in perspective if oblique."""
+    angle = 0.0 if side in ("top", "front", "right") else _ANGLE
+    meshes = [part.mesh for part in scene.parts if part.mesh.n_points]
+    points = np.concatenate([np.asarray(mesh.points, dtype=np.float64) for mesh in meshes])
+    if scene.texts:
+        points = np.vstack((points, [text.position for text in scene.texts]))
+    bottom = _bottom(scene, size)
+    if side == "oblique" and any(part.upright for part in scene.parts):
+        side = "low"
+    camera = aim(points, size, side, bottom=bottom, angle=angle)
     if not scene.groups:
         return camera
     width, height = legend_size(scene, size) if panel is None else panel
-    corners = np.array(list(itertools.product(*np.reshape(scene.bounds, (3, 2)))))
-    hull = shapely.MultiPoint(seen_from(camera, corners, size)).convex_hull
-    covered = hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0))
-    return aim(scene.bounds, size, side, left=width, **free) if covered else camera
+    seen = np.unique(np.round(seen_from(camera, points, size), 2), axis=0)
+    covered = shapely.MultiPoint(seen).convex_hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0))
+    return aim(points, size, side, left=width, bottom=bottom, angle=angle) if covered else camera
+
+
+def _bottom(scene: Scene, size: tuple[int, int]) -> float:
+    """Share of the picture's height that notes and bars take."""
+    notes = _NOTE_RIM + _NOTE_LINE * len(scene.notes) if scene.notes else 0.0
+    return max(notes, _BAR_HEIGHT if scene.scales else 0.0) * pixel_of(size) / size[1]
+
+
+def _wrapped(scene: Scene, size: tuple[int, int]) -> tuple[str, ...]:
+    """Lines of the notes that end before the bars."""
+    free = size[0] / pixel_of(size) - _NOTE_RIM - (_BAR + _RIM) * len(scene.scales)
+    return tuple(line for note in scene.notes for line in textwrap.wrap(note, max(round(free / (_NOTE * 0.55)), 30)))
 
 
 def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
@@ -177,9 +268,10 @@ def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
 def set_camera(plotter: pyvista.Plotter, camera: Camera) -> None:
     """Let a plotter look through a camera."""
     view: Any = plotter
-    view.enable_parallel_projection()
     view.camera_position = [camera.position, camera.focus, camera.up]
-    view.camera.parallel_scale = camera.scale
+    view.camera.parallel_scale, view.camera.parallel_projection = camera.scale, not camera.angle
+    if camera.angle:
+        view.camera.view_angle = camera.angle
     view.reset_camera_clipping_range()
 
 
@@ -205,29 +297,39 @@ def _legend(view: Any, scene: Scene) -> None:
         halves = {"■": colours[0]} if len(colours) == 1 else {"◧": colours[0], "◨": colours[-1]}
         for half, colour in halves.items():
             view.add_text(half, position=(_RIM * pixel, y), color=colour, name=f"legend sign {group} {half}", **look)
-        view.add_text(group, position=((_RIM + _SIGN) * pixel, y), color=INK, name=f"legend {group}", **look)
+        view.add_text(group, position=((_RIM + _SIGN) * pixel, y), color=_ink(view), name=f"legend {group}", **look)
 
 
 def _bar(view: Any, scale: Scale, place: int) -> None:
+    """Put a colour bar with its title and numbers at the lower right."""
+    from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D
+
     from coilarray.viz.extra_3d import pyvista
 
-    factor, title = shown_units(scale)
-    mapper: Any = pyvista.DataSetMapper(dataset=pyvista.PolyData())
-    ends = (scale.low * factor, scale.high * factor)
-    mapper.lookup_table = pyvista.LookupTable(
-        cmap=scale.colours, scalar_range=ends, log_scale=scale.logarithmic, n_values=256
-    )
+    title, colours, ticks = bar_of(scale, _SHADES)
     pixel = pixel_of(view.window_size)
-    bar = view.add_scalar_bar(
-        title=textwrap.fill(title, _TITLE),  # keeps it clear of the title of the next bar
-        mapper=mapper, vertical=True, n_labels=_TICKS, fmt="%.3g", width=0.35 * BAR_WIDTH, height=0.55,
-        position_x=1.0 - BAR_WIDTH * (place + 1), position_y=0.2, title_font_size=round(17 * pixel),
-        label_font_size=round(16 * pixel), color=INK, unconstrained_font_size=True, render=False,
-    )  # fmt: skip
-    bar.SetVerticalTitleSeparation(round(12 * pixel))
-    for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
-        text.SetFontFamily(_FONT_FILE)
-        text.SetFontFile(font_file())
+    width, left = _BAR * pixel, view.window_size[0] - (_BAR + _RIM) * (place + 1) * pixel
+    steps = (width / _SHADES, 14 * pixel, 1.0)
+    bar = pyvista.ImageData(dimensions=(_SHADES + 1, 2, 1), spacing=steps, origin=(left, 44 * pixel, 0.0))
+    mapper, actor = vtkPolyDataMapper2D(), vtkActor2D()
+    surface = surface_of(bar)
+    surface.cell_data[_COLOURS] = np.array([pyvista.Color(colour).int_rgb for colour in colours], dtype=np.uint8)
+    surface.cell_data.active_scalars_name = _COLOURS
+    mapper.SetInputData(surface)
+    actor.SetMapper(mapper)
+    view.renderer.AddViewProp(actor)
+    places = np.linspace(left, left + width, len(ticks)).tolist()
+    words = [(title, left + width / 2, 64.0), *((tick, at, 22.0) for tick, at in zip(ticks, places, strict=True))]
+    for text, at, height in words:
+        look = {"font_size": round(_NOTE * pixel / 2), "font_file": font_file(), "color": _ink(view)}
+        name = f"bar {title}" if text == title else f"tick {place} {at:.0f}"
+        word = view.add_text(text, position=(at, height * pixel), name=name, **look)
+        word.prop.justification_horizontal = "center"
+
+
+def _ink(view: Any) -> str:
+    """Colour of letters on the background."""
+    return INK if sum(view.background_color.float_rgb) > _DARK else FAINT
 
 
 def shown_units(scale: Scale) -> tuple[float, str]:
@@ -242,13 +344,13 @@ def shown_units(scale: Scale) -> tuple[float, str]:
 
     plain = not scale.unit and scale.high >= _PLAIN
     unit = PLAIN if plain else axis_unit([scale.low, scale.high], scale.unit)
-    return unit.factor, unit.label(scale.title)
+    return unit.factor, unit.label(scale.title) + (", log" if scale.logarithmic else "")
 
 
 def bar_of(scale: Scale, stops: int) -> tuple[str, tuple[str, ...], list[str]]:
     """Title, colours ``#rrggbb`` at equal steps, and numbers of a colour bar."""
     factor, title = shown_units(scale)
-    ticks = [true_minus(f"{value * factor:.3g}") for value in scale.values(_TICKS).tolist()]
+    ticks = [true_minus(f"{value * factor + 0.0:.3g}") for value in scale.ticks.tolist()]
     return title, scale.steps(stops), ticks
 
 

@@ -30,15 +30,20 @@ from coilarray.viz.palette import INK
 from coilarray.viz.scenes.draw import actor_of, bar_of, draw, draw_parts, font_file, gradient, pixel_of, text_name
 from coilarray.viz.scenes.scene import SIDES, Scale, Scene, Side, aim
 
+Image = npt.NDArray[np.uint8]
+
 SIZE = (1600, 900)
 """Default width and height of a picture in pixels."""
 
 # Pixels. VTK's anti-aliasing needs textures of more than twice this size, and 16384 is the limit of
 # graphics cards and of Mesa. A larger picture is blank.
 _LONGEST = 6000
+_FINER = 2  # pixels rendered along each pixel of a picture
 
 
-def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE) -> None:
+def save_picture(
+    scene: Scene, path: Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE, dark: bool = False
+) -> None:
     """Render a scene off-screen into an image file.
 
     Raises MissingDependencyError if this machine cannot render. The text names the system packages.
@@ -55,10 +60,15 @@ def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tupl
         Side from which it is seen.
     size : tuple of int
         Width and height of the picture in pixels.
+    dark : bool
+        Draw for a dark page, with light letters.
     """
+    from PIL import Image as Pillow
+
     with off_screen(size) as plotter:
-        draw(scene, plotter, side=side)
-        write_atomically(path, lambda temporary: plotter.screenshot(temporary, return_img=False))
+        draw(scene, plotter, side=side, dark=dark)
+        picture = Pillow.fromarray(picture_of(plotter, size))
+        write_atomically(path, picture.save)
 
 
 def check_rendering(size: tuple[int, int] = SIZE) -> None:
@@ -76,15 +86,23 @@ def off_screen(size: tuple[int, int]) -> Iterator[Any]:
     check_rendering(size)
     from coilarray.viz.extra_3d import pyvista
 
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size))
+    fine = _FINER if max(size) * _FINER <= _LONGEST else 1  # a larger picture shows its turns anyway
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[fine * pixels for pixels in size])
     try:
-        plotter.enable_anti_aliasing("ssaa")  # several samples per pixel, as turns are about as wide as a pixel
+        plotter.enable_anti_aliasing("ssaa")
         yield plotter
     finally:
         plotter.close()
 
 
-Image = npt.NDArray[np.uint8]
+def picture_of(plotter: Any, size: tuple[int, int]) -> Image:
+    """Picture of an off-screen plotter, without patterns of turns narrower than a pixel."""
+    from PIL import Image as Pillow
+
+    picture = np.asarray(plotter.screenshot(return_img=True))
+    # Lanczos' filter leaves nothing that is finer than two pixels, which would show as moiré.
+    return np.asarray(Pillow.fromarray(picture).resize(size, Pillow.Resampling.LANCZOS))
+
 
 FILM_SIZE = (960, 540)
 """Default width and height of a film in pixels."""
@@ -125,7 +143,7 @@ def save_movie(
     """
     check_movie(path, size, rate)
     with off_screen(size) as plotter:
-        pictures = _pictures(plotter, still, moving, side)
+        pictures = _pictures(plotter, still, moving, side, size)
         write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
         write_atomically(path, lambda temporary: write(temporary, pictures, rate))
 
@@ -144,7 +162,9 @@ def check_movie(path: Path, size: tuple[int, int] = FILM_SIZE, rate: float = 12.
     check_rendering(size)
 
 
-def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -> Iterator[Image]:
+def _pictures(
+    plotter: Any, still: Scene, moving: Iterable[Scene], side: Side, size: tuple[int, int]
+) -> Iterator[Image]:
     following = iter(moving)
     first = next(following, None)
     if first is None:
@@ -154,7 +174,7 @@ def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -
         if scene is not None:
             draw_parts(scene, plotter, pixel_of(plotter.window_size))
         plotter.render()  # which texts alone would cause
-        yield np.asarray(plotter.screenshot(return_img=True))
+        yield picture_of(plotter, size)
 
 
 def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:

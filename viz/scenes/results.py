@@ -16,10 +16,10 @@ from coilarray.design.model import Board, Design
 from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import results as meshes
 from coilarray.viz.datasets.meshes import polylines, surface_of
-from coilarray.viz.datasets.results import AMOUNT, field_arrows, field_lines, field_surfaces
+from coilarray.viz.datasets.results import AMOUNT, FIELD, field_arrows, field_lines, field_surfaces
 from coilarray.viz.palette import GREY, INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero, rounded_up
 
 if TYPE_CHECKING:
     import pyvista
@@ -35,6 +35,7 @@ CONFIDENCE = 0.95
 """Probability that the drawn ellipse of a position contains the true one."""
 
 _LEAST, _LABELLED = 0.03, 0.25  # least |k| of an arc, and of an arc with a number, over the largest |k|
+_ALL = 6  # largest number of coils with arcs of weak coupling
 _WIDEST = 0.02  # radius of the widest arc over the distance of the nearest coils
 _RELIEF = 0.06  # height of a response over the map's longer side
 _OVER, _ABOVE = 1e-3, 0.1e-3  # m of the response above the board, and of the outlines above the response
@@ -50,7 +51,8 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     if not pairs.size or pairs.max() == 0:
         return Scene(notes=("There is only one coil, and so no coupling.",) if not pairs.size else ())
     strongest = float(pairs.max())
-    arcs = meshes.coupling_arcs(centres, k, least=_LEAST * strongest)
+    least = (_LEAST if len(k) <= _ALL else _LABELLED) * strongest
+    arcs = meshes.coupling_arcs(centres, k, least=least)
     nearest = float(np.linalg.norm(centres[:, None] - centres, axis=-1)[apart].min()) * 1e3
     tubes = meshes.arc_tubes(arcs, _WIDEST * nearest)
     scale = about_zero(meshes.COUPLING, "coupling k", "", k[apart])
@@ -61,7 +63,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
             x, y, z = points[len(points) // 2].tolist()
             texts.append(Text(true_minus(f"{value:+.3f}"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
     left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
-    notes = (f"Arcs: coupling k; between ±{_LEAST * strongest:.1g} it is left out.",) if left_out else ()
+    notes = (f"Arcs: coupling k; between ±{least:.1g} it is left out.",) if left_out else ()
     part = Part("coupling", tubes, "coupling", scale=scale, ambient=0.35, diffuse=0.7)
     return Scene((part,), tuple(texts), notes)
 
@@ -162,14 +164,19 @@ def _semi_axis(mode: Mode) -> float:
 
 Axes = tuple[FloatArray, FloatArray, FloatArray]
 
-_WIDE, _TALL = 2.2, 1.6  # half sides of the box along and across the board, in radii of the coil
+_WIDE, _TALL = 2.5, 1.8  # half sides of the box along and across the board, in radii of the coil
+_FINE, _GROWTH = 1.3, 1.2  # half side in which its points are equally far apart, and growth of the steps beyond it
 _IN_SKIN = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # depths in skin depths
 _OFF = 1e-8  # m from a face of a plate to a point on either side; B along the face may jump
 _DECADES = 2.0  # range of |B| that the colours resolve, in powers of ten
-_ARROWS = 34  # number of arrows along the longest side of a plane
-_SEE_THROUGH, _VEIL = 0.8, 0.3  # opacities of a plane and of a surface
-_TUBE = 0.0012  # radius of a line over the diagonal of its box
-_RINGS = ((0.15, 6), (0.4, 8), (0.65, 8), (0.9, 8))  # rings of seeds: radius in inner radii, and number of seeds
+_ENDS = (1.0, 2.0, 5.0, 10.0)  # upper ends of logarithmic scales, times powers of ten
+_ARROWS = 150  # about the number of arrows on a plane
+_SEE_THROUGH, _VEIL = 0.85, 0.3  # opacities of a plane where B is strongest, and of a surface
+_TUBE = 0.0011  # radius of a line over the diagonal of its box
+_HEAD = 9.0, 3.2  # length and radius of an arrowhead over the radius of its line
+_SIDES, _LINES = 6, 5  # half-planes through the middle of the coil with seeds, and number of seeds in each
+_CLOSED = 0.05  # distance of the ends of a closed line over its size
+_STEPS = 60  # steps from the middle to the edge of the coil between which the flux is summed
 
 
 @dataclass(frozen=True)
@@ -179,16 +186,31 @@ class Span:
     low: float
     high: float
     spacing: float
+    fine: float = math.inf  # distance in m from the middle beyond which the steps grow
 
     @property
     def count(self) -> int:
         """Number of points."""
-        return math.ceil((self.high - self.low) / self.spacing * (1 - 1e-12)) + 1
+        if math.isinf(self.fine):
+            return math.ceil((self.high - self.low) / self.spacing * (1 - 1e-12)) + 1
+        return 2 * len(_steps((self.high - self.low) / 2, self.spacing, self.fine)) - 1
 
     @property
     def points(self) -> FloatArray:
         """Points of the axis in m."""
-        return np.linspace(self.low, self.high, self.count)
+        if math.isinf(self.fine):
+            return np.linspace(self.low, self.high, self.count)
+        away = _steps((self.high - self.low) / 2, self.spacing, self.fine)
+        return (self.low + self.high) / 2 + np.concatenate((-away[:0:-1], away))
+
+
+def _steps(length: float, spacing: float, fine: float) -> FloatArray:
+    """Distances from 0 to a length in m whose steps grow beyond `fine`."""
+    equal = math.ceil(fine / spacing)
+    count = math.ceil(math.log1p(max(length - fine, 0.0) / spacing * (_GROWTH - 1)) / math.log(_GROWTH)) + 1
+    growing = equal * spacing + spacing * np.cumsum(_GROWTH ** np.arange(1, count + 1))
+    every = np.concatenate((spacing * np.arange(equal + 1), growing))
+    return np.asarray(every[: int(np.searchsorted(every, length * (1 - 1e-9))) + 1])
 
 
 Spans = tuple[Span, Span, Span]
@@ -215,9 +237,10 @@ def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Span
 def field_box(design: Design, coil: str, spacing: float) -> Spans:
     """Box about a coil."""
     (x, y, z), _, radius = _middle_and_radii(design, coil)
-    wide, tall = _WIDE * radius, _TALL * radius
+    wide, tall, fine = _WIDE * radius, _TALL * radius, _FINE * radius
     bottom = z - design.array.stackup.thickness - tall
-    return Span(x - wide, x + wide, spacing), Span(y - wide, y + wide, spacing), Span(bottom, z + tall, spacing)
+    along, across = (Span(middle - wide, middle + wide, spacing, fine) for middle in (x, y))
+    return along, across, Span(bottom, z + tall, spacing, fine)
 
 
 def is_flat(design: Design) -> bool:
@@ -230,9 +253,8 @@ def points_of_box(design: Design, box: Spans) -> Axes:
     x, y, z = box
     if not is_flat(design):
         return x.points, y.points, z.points
-    above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
-    below = np.arange(-design.array.stackup.thickness - z.spacing / 2, z.low - z.spacing / 2, -z.spacing)[::-1]
-    return x.points, y.points, np.concatenate((below, above))
+    above = z.spacing / 2 + _steps(z.high - z.spacing / 2, z.spacing, z.fine / 2)
+    return x.points, y.points, np.concatenate((-design.array.stackup.thickness - above[::-1], above))
 
 
 def beside_faces(design: Design, heights: FloatArray, frequency: float) -> FloatArray:
@@ -248,19 +270,34 @@ def beside_faces(design: Design, heights: FloatArray, frequency: float) -> Float
     return np.asarray(every[(every >= heights[0]) & (every <= heights[-1])])
 
 
-def line_seeds(design: Design, coil: str) -> FloatArray:
-    """Seeds of field lines, (n, 3) in m."""
+def line_seeds(design: Design, coil: str, grid: pyvista.RectilinearGrid) -> FloatArray:
+    """Seeds of field lines with equal flux between them, (n, 3) in m.
+
+    They are in half-planes through the middle of the coil, the first two of them along the board.
+    The flux of a ring about the middle, ∫ B_n 2π r dr, is divided equally among the seeds of each
+    half-plane. `grid` has B.
+    """
+    from coilarray.viz.extra_3d import pyvista
+
     board = board_of(design, coil)
-    centre, inner, _ = _in_plane(board, coil)
+    centre, _, outer = _in_plane(board, coil)
     free = min((plate.heights[0] for plate in design.plates if plate.heights[0] > 0), default=math.inf)
     height = design.field_height if design.field_height < free else free / 2
-    rings = []
-    for share, count in _RINGS:
-        angle = 2 * np.pi * (np.arange(count) + 0.25) / count
-        ring = centre + share * inner * np.column_stack((np.cos(angle), np.sin(angle)))
-        rings.append(np.column_stack((ring, np.full(count, height))))
-    seeds = np.vstack(rings)
-    return board.in_space(seeds)
+    radii = outer * np.linspace(0.0, 1.0, _STEPS + 1)
+    seeds = [board.in_space([*centre, height])]
+    normal = board.in_space([*centre, height + 1.0]) - seeds[0]
+    for angle in np.pi * np.arange(_SIDES) * 2 / _SIDES:
+        flat = centre + np.outer(radii, (math.cos(angle), math.sin(angle)))
+        places = board.in_space(np.column_stack((flat, np.full(len(flat), height))))
+        at = pyvista.PolyData(places * 1e3).sample(grid)
+        along = np.where(at.point_data["vtkValidPointMask"], at.point_data[FIELD] @ normal, 0.0)
+        flux = np.concatenate(([0.0], np.cumsum(np.diff(radii**2) * (along[1:] + along[:-1]) / 2)))
+        top = int(np.abs(flux).argmax())
+        shares = (np.arange(_LINES) + 0.5) / _LINES * abs(flux[top])
+        radius = np.interp(shares, np.maximum.accumulate(np.abs(flux[: top + 1])), radii[: top + 1])
+        one = centre + np.outer(radius, (math.cos(angle), math.sin(angle)))
+        seeds.extend(board.in_space(np.column_stack((one, np.full(len(one), height)))))
+    return np.asarray(seeds)
 
 
 def board_of(design: Design, coil: str) -> Board:
@@ -296,34 +333,65 @@ def scale_of_field(grids: Sequence[pyvista.DataSet], part: float = 1.0) -> Scale
     """Logarithmic scale of |B|, up to the value that a part of each grid's points does not exceed."""
     amounts = [np.asarray(grid.point_data[AMOUNT]) for grid in grids if grid.n_points]
     largest = max((float(np.quantile(amount, part)) for amount in amounts), default=0.0)
-    high = largest if largest > 0 else 1.0
+    high = rounded_up(largest, _ENDS) if largest > 0 else 1.0
     return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
 
 
 def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
-    """Scene of planes of `flux_density` coloured by |B| above the scale's end."""
+    """Scene of planes of `flux_density`, coloured by |B| and clearer where it is weak.
+
+    Lines are at 1, 2 and 5 times powers of ten. Arrows are on upright planes, or on a single one.
+    """
     parts = []
+    powers = np.arange(math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high)))
+    levels = np.outer(10.0**powers, _ENDS[:3]).ravel()
     for k, plane in enumerate(slices):
-        low, high = np.reshape(plane.bounds, (3, 2)).T
-        spacing = float((high - low).max()) / _ARROWS * 1e-3
-        surface = surface_of(plane).clip_scalar(scalars=AMOUNT, value=scale.low, invert=False)
+        sides = np.ptp(np.reshape(plane.bounds, (3, 2)), axis=1)
+        level = plane.dimensions[2] == 1
+        group = f"B on the {'level' if level else 'upright'} plane"
+        surface = surface_of(plane)
         if not surface.n_cells:  # the whole plane is in metal
             continue
-        parts.append(Part(f"plane {k}", surface, "B on planes", scale=scale, opacity=_SEE_THROUGH, lit=False))
-        arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
-        parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
-    left_out = f"B below {100 / 10**_DECADES:g} % of its largest is left out."
-    notes = (f"{left_out} Arrows: length as the root of the magnitude.",) if parts else ()
-    return Scene(tuple(parts), notes=notes)
+        look = {"scale": scale, "opacity": _SEE_THROUGH, "fade": True, "lit": False, "upright": not level}
+        parts.append(Part(f"plane {k}", surface, group, **look))
+        lines = surface.contour(levels[(levels > scale.low) & (levels < scale.high)].tolist(), scalars=AMOUNT)
+        if lines.n_cells:
+            parts.append(Part(f"contours {k}", lines, group, INK, opacity=0.7, lit=False, line_width=1.5))
+        if not level or len(slices) == 1:
+            spacing = math.sqrt(float(np.prod(sides[sides > 0])) / _ARROWS) * 1e-3
+            arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
+            if arrows.n_cells:
+                parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
+    notes = ("Contours at 1, 2 and 5 times powers of ten. Arrows: length as the root of the magnitude.",)
+    return Scene(tuple(parts), notes=notes if parts else ())
 
 
 def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: Scale) -> Scene:
-    """Scene of thin field lines of B through `seeds`, (n, 3) in m."""
+    """Scene of thin field lines of B with arrowheads through `seeds`, (n, 3) in m."""
+    from coilarray.viz.extra_3d import pyvista
+
     lines = field_lines(grid, seeds)
     if not lines.n_cells:
         return Scene()
-    tubes = lines.tube(radius=_TUBE * float(grid.length), n_sides=8)
-    return Scene((Part("field lines", tubes, "lines of B", scale=scale, ambient=0.5, diffuse=0.6),))
+    radius, heads = _TUBE * float(grid.length), []
+    closed = 0
+    for k in range(lines.n_cells):
+        points = np.asarray(lines.get_cell(k).points)
+        closed += bool(np.linalg.norm(points[-1] - points[0]) < _CLOSED * np.ptp(points, axis=0).max())
+        middle = min(max(int(np.argmax(np.abs(points[:, 2] - points[0, 2]))), 1), len(points) - 2)
+        along = points[middle + 1] - points[middle - 1]
+        head = pyvista.Cone(
+            center=points[middle], direction=along, height=_HEAD[0] * radius, radius=_HEAD[1] * radius, resolution=16
+        )
+        head.clear_data()
+        head.point_data[AMOUNT] = np.full(head.n_points, lines.point_data[AMOUNT][lines.get_cell(k).point_ids[middle]])
+        heads.append(head)
+    tubes = lines.tube(radius=radius, n_sides=8)
+    both = tubes.append_polydata(*heads)
+    look = {"scale": scale, "ambient": 0.45, "diffuse": 0.6, "upright": True}
+    ends = f"{closed} close, the others leave the picture" if closed < lines.n_cells else "all close"
+    note = f"Lines of B, in each half-plane with equal flux between them: {ends}."
+    return Scene((Part("field lines", both, "lines of B", **look),), notes=(note,))
 
 
 def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:

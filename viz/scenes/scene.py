@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -15,14 +17,15 @@ if TYPE_CHECKING:
     import pyvista
 
 
-Side = Literal["oblique", "top", "front", "right", "cut"]
-"""Side of the view: oblique from the front, above, front, right, or into the cut of a dent."""
+Side = Literal["oblique", "low", "top", "front", "right", "cut"]
+"""Side of the view: oblique, low, above, front, right, or into the cut of a dent."""
 
 SIDES: tuple[Side, ...] = ("oblique", "top", "front", "right")
 """Sides that pages offer."""
 
 ANGLES: dict[Side, tuple[float, float]] = {
-    "oblique": (48.0, -97.0),
+    "oblique": (52.0, -102.0),
+    "low": (24.0, -106.0),
     "top": (90.0, -90.0),
     "front": (0.0, -90.0),
     "right": (0.0, 0.0),
@@ -36,26 +39,29 @@ FILLED = 0.88
 
 @dataclass(frozen=True)
 class Camera:
-    """Camera without perspective."""
+    """Camera with or without perspective."""
 
     position: tuple[float, float, float]  # mm
     focus: tuple[float, float, float]  # mm, point in the centre of its picture
     up: tuple[float, float, float]
-    scale: float  # half the visible height in mm
+    scale: float  # half the visible height at the focus in mm
+    angle: float = 0.0  # degrees between the lower and the upper edge of the picture, 0 without perspective
 
 
 def aim(
-    bounds: tuple[float, float, float, float, float, float],
+    bounds: npt.ArrayLike,
     size: tuple[int, int],
     view: Side | Camera,
     left: float = 0.0,
     right: float = 0.0,
     bottom: float = 0.0,
+    angle: float = 0.0,
 ) -> Camera:
-    """Aim a camera at the centre of a box.
+    """Aim a camera of an `angle` so that points fill its picture.
 
-    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm. The shares `left`, `right` and
-    `bottom` of the picture's width and height stay free for a legend, colour bars and notes.
+    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm, or points (n, 3) in mm. The shares
+    `left`, `right` and `bottom` of the picture's width and height stay free for a legend, colour
+    bars and notes.
     """
     if isinstance(view, Camera):
         out = np.array(view.position) - view.focus
@@ -66,26 +72,44 @@ def aim(
         along = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])  # from left to right
         out = np.cross(along, [0.0, 0.0, 1.0]) * np.cos(elevation) + [0.0, 0.0, np.sin(elevation)]
     up = np.cross(out, along)
-    corners = np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
-    seen = corners @ np.column_stack((along, up))
-    middle, extent = (seen.min(axis=0) + seen.max(axis=0)) / 2, np.ptp(seen, axis=0)
-    width, height = size
-    free = 1.0 - left - right
-    scale = max(float(extent[1]) / (1.0 - bottom), float(extent[0]) * height / (width * free)) / 2 / FILLED
-    shift = (right - left) * scale * width / height  # of the centre towards the free side
-    focus = (middle[0] + shift) * along + (middle[1] - bottom * scale) * up
-    distance = 2.0 * float(np.linalg.norm(np.ptp(corners, axis=0)))
-    return Camera(_triple(focus + distance * out), _triple(focus), _triple(up), scale)
+    points = np.asarray(bounds, dtype=np.float64)
+    if points.ndim == 1:
+        points = np.array(list(itertools.product(*points.reshape(3, 2))))
+    axes = np.column_stack((along, up, out))
+    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
+    # middle and half the width of the free part of the picture, over half its height
+    aspect = size[0] / size[1]
+    middle, half = np.array([(left - right) * aspect, bottom]), np.array([(1.0 - left - right) * aspect, 1.0 - bottom])
+    half *= FILLED
+    if not angle:
+        scale = float((np.ptp(points @ axes[:, :2], axis=0) / 2 / half).max())
+        across = (low[:2] + high[:2]) / 2 - middle * scale
+        depth, distance = float((low[2] + high[2]) / 2), 2.0 * float(np.linalg.norm(np.ptp(points, axis=0)))
+    else:
+        # The edges of the free part are slopes, and the camera is where the points touch them.
+        slope = np.tan(np.radians(angle) / 2)
+        lower, upper = slope * (middle - half), slope * (middle + half)
+        seen, deep = points @ axes[:, :2], points @ axes[:, 2:]
+        least, most = (seen + lower * deep).min(axis=0), (seen + upper * deep).max(axis=0)
+        away = float(((most - least) / (upper - lower)).max())
+        across = (most - upper * away + least - lower * away) / 2
+        depth = float((low[2] + high[2]) / 2)
+        distance = away - depth
+        scale = distance * float(slope)
+    focus = axes @ [*across, depth]
+    return Camera(_triple(focus + distance * out), _triple(focus), _triple(up), scale, angle)
 
 
 def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> npt.NDArray[np.float64]:
     """Places (n, 2) of points (n, 3) in mm, from 0 to 1 in a picture."""
     focus, up = np.array(camera.focus), np.array(camera.up)
     out = np.array(camera.position) - focus
-    along = np.cross(up, out / np.linalg.norm(out))
+    distance = float(np.linalg.norm(out))
+    along = np.cross(up, out / distance)
     away = np.asarray(points, dtype=np.float64) - focus
     half = np.array([camera.scale * size[0] / size[1], camera.scale])
-    return np.asarray(away @ np.column_stack((along, up)) / half / 2 + 0.5)
+    nearer = 1.0 - (away @ out / distance**2)[:, None] if camera.angle else 1.0
+    return np.asarray(away @ np.column_stack((along, up)) / half / nearer / 2 + 0.5)
 
 
 def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
@@ -96,6 +120,9 @@ def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
 # K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009. It is made for lit
 # surfaces on white, on which the white centre of the plots' map would be lost.
 _DIVERGING = "coolwarm"
+_ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # ends of scales that round ticks divide
+_STEPS = (1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # between round ticks
+_EQUAL = 1e-6  # relative rounding of an end or step
 _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
 
@@ -128,6 +155,18 @@ class Scale:
         numbers = np.ma.masked_invalid(np.asarray(values, dtype=np.float64))
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
+    @property
+    def ticks(self) -> npt.NDArray[np.float64]:
+        """Values at equal steps of colour from end to end, round numbers if the ends are."""
+        if self.logarithmic:
+            return self.values(round(np.log10(self.high / self.low)) + 1)
+        for count in (4, 5, 3, 6, 2):
+            step = float(f"{(self.high - self.low) / count:.6e}")
+            mantissa = step / 10.0 ** np.floor(np.log10(step))
+            if np.isclose(_STEPS, mantissa).any() and abs(self.low / step - round(self.low / step)) < _EQUAL:
+                return self.values(count + 1)
+        return self.values(5)
+
     def values(self, count: int) -> npt.NDArray[np.float64]:
         """Values (count,) at equal steps of colour, rising, in the unit."""
         share = np.linspace(0.0, 1.0, count)
@@ -142,9 +181,21 @@ class Scale:
         )
 
 
+def rounded_up(value: float, among: Sequence[float] = _ROUND) -> float:
+    """Least of the numbers `among` times a power of ten that is not below a positive value.
+
+    >>> rounded_up(0.00146), rounded_up(5.71, (1, 2, 5, 10)), rounded_up(0.3)
+    (0.0015, 10.0, 0.3)
+    """
+    power = math.floor(math.log10(value))
+    first = next(one for one in among if one * (1 + _EQUAL) >= value / 10.0**power)
+    return float(f"{first}e{power}")
+
+
 def about_zero(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
-    """Scale of values about zero in the colours of `signed_colours`."""
-    colours, low, high = signed_colours(values, _DIVERGING)
+    """Scale of values about zero in the colours of `signed_colours`, to round numbers."""
+    colours, *ends = signed_colours(values, _DIVERGING)
+    low, high = (math.copysign(rounded_up(abs(end)), end) if end else 0.0 for end in ends)
     return Scale(array, title, unit, low, high, colours)
 
 
@@ -162,8 +213,12 @@ class Part:
     lit: bool = True  # False for a colour that does not depend on the light
     ambient: float = 0.0  # coefficients of the light
     diffuse: float = 1.0
+    fade: bool = False  # more translucent towards the lower end of the scale
+    shine: float = 0.0  # coefficient of the reflected light of a metal
     smooth: bool = False  # shade flat triangles as a curved surface with sharp edges
     closed: bool = False  # the surface encloses a solid, and its inside is not drawn
+    upright: bool = False  # best seen from low
+    shadow: bool = False  # cast a soft shadow on the paper below
     sunk: bool = False  # draw it just behind other surfaces in the same place
     step: int | None = None  # position of the slider at which it is shown, None for all
 
