@@ -1,4 +1,4 @@
-"""Measure accuracy and speed, print two tables, keep the figures, and renew those of docs/validation.md on request.
+"""Measure accuracy and speed, print two tables, keep the figures, and renew those of docs/benchmarks.md on request.
 
 Figures go to benchmarks/results.json; the exit code is 1 where a goal is missed.
 Speeds are of this machine in this run; compare ratios, not seconds.
@@ -24,6 +24,7 @@ import elastomer
 import first_compile
 import large_response
 import localize
+import measured
 import metal
 import peers
 import protocol
@@ -35,7 +36,7 @@ import sweep
 from coilarray.errors import CoilarrayError
 
 HERE = Path(__file__).parent
-PAGE = HERE.parent / "docs" / "validation.md"
+PAGE = HERE.parent / "docs" / "benchmarks.md"
 
 
 def _accuracy_table(results: list[accuracy.Accuracy]) -> str:
@@ -59,7 +60,7 @@ def _renew(text: str, name: str, table: str) -> str:
     pattern = re.compile(rf"(<!-- {name}: [^>]*-->\n).*?(<!-- end {name} -->)", re.DOTALL)
     renewed, count = pattern.subn(lambda match: match.group(1) + table + "\n" + match.group(2), text)
     if count != 1:
-        raise SystemExit(f"docs/validation.md must have one place for the {name} table; it has {count}")
+        raise SystemExit(f"docs/benchmarks.md must have one place for the {name} table; it has {count}")
     return renewed
 
 
@@ -67,6 +68,7 @@ ACCURACIES: dict[str, Callable[[], Iterable[accuracy.Accuracy]]] = {
     "accuracy": accuracy.measure,
     "elastomer-accuracy": elastomer.accuracies,
     "metal-accuracy": metal.accuracies,
+    "measured": measured.accuracies,
 }
 SPEEDS: dict[str, Callable[[], Iterable[speed.Speed | None]]] = {
     "speed": speed.measure,
@@ -116,7 +118,7 @@ def main() -> None:
     """Measure, print, keep."""
     names = [*ACCURACIES, *SPEEDS]
     parser = argparse.ArgumentParser(description=__doc__, epilog="python benchmarks/run.py --only kernels large-arrays")
-    parser.add_argument("--tables", action="store_true", help="renew the two tables of docs/validation.md")
+    parser.add_argument("--tables", action="store_true", help="renew the two tables of docs/benchmarks.md")
     parser.add_argument(
         "--only", nargs="+", choices=names, default=names, metavar="NAME", help=f"of: {', '.join(names)}"
     )
@@ -136,6 +138,7 @@ def main() -> None:
         "processor_cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "accuracy": [asdict(result) for result in accuracies],
         "speed": [asdict(result) for result in speeds],
+        "measured": [asdict(coil) for coil in measured.coils()] if "measured" in only else kept["measured"],
     }
     kept_file.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     if arguments.tables:

@@ -28,6 +28,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
+    "cheat_sheet",
     "command_pages",
     "figures",
     "file_pages",
@@ -39,7 +40,7 @@ extensions = [
     "result_pages",
     "validation_pages",
 ]
-exclude_patterns = ["_build", "extensions", "gallery", "tutorials"]
+exclude_patterns = ["_build", "extensions", "gallery", "tutorials", "made/validation/summary.md"]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3

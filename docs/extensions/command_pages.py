@@ -45,7 +45,7 @@ def _sections(text: str) -> dict[str, list[str]]:
     return found
 
 
-_PIPE = "\\|"  # within a cell of a table
+PIPE = "\\|"  # within a cell of a table
 _RANGE = re.compile(r"; (?:([\d.]+)&lt;=)?x(>|&lt;)=([\d.]+)\]")
 
 
@@ -70,7 +70,7 @@ def _table(lines: list[str], first: str) -> list[str]:
     table = [f"| {first} | meaning |", "| --- | --- |"]
     for name, *meaning in rows:
         cells = f"`` {_option(name)} ``", _range(_prose(" ".join(meaning)))
-        table.append(f"| {' | '.join(cell.replace('|', _PIPE) for cell in cells)} |")
+        table.append(f"| {' | '.join(cell.replace('|', PIPE) for cell in cells)} |")
     return [":::{div} stacked", *table, ":::", ""]
 
 
@@ -87,17 +87,26 @@ def _prose(text: str) -> str:
     return "".join(pieces)
 
 
+def _paragraphs(parts: dict[str, list[str]]) -> list[str]:
+    """Paragraphs of a description, each in one line."""
+    return [text.replace("\n", " ").strip() for text in "\n".join(parts[""]).strip().split("\n\n")]
+
+
+def examples(name: str) -> list[str]:
+    """Return the command lines that the help of a command shows."""
+    texts = _paragraphs(_sections(_help_of(name)))
+    return [text.removeprefix("Example: ") for text in texts if text.startswith("Example: ")]
+
+
 def page(name: str) -> str:
     """Return the page of a command in Markdown."""
     parts = _sections(_help_of(name))
-    paragraphs = [text.replace("\n", " ").strip() for text in "\n".join(parts[""]).strip().split("\n\n")]
     lines = [f"# coilarray {name}", "", "```text", parts["Usage"][0], "```", ""]
-    examples = [text.removeprefix("Example: ") for text in paragraphs if text.startswith("Example: ")]
-    for text in paragraphs:
+    for text in _paragraphs(parts):
         if text and not text.startswith("Example: "):
             lines += [_prose(text), ""]
-    if examples:
-        lines += ["```sh", *examples, "```", ""]
+    if typed := examples(name):
+        lines += ["```sh", *typed, "```", ""]
     for heading, first in (("Arguments", "argument"), ("Options", "option")):
         if heading in parts:
             lines += [f"## {heading}", "", *_table(parts[heading], first)]

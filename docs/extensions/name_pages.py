@@ -149,8 +149,7 @@ def _materials() -> list[str]:
 def _page(full: str) -> str:
     value = _value(full)
     kind = "autoclass" if inspect.isclass(value) else "autofunction"
-    heading = full.replace(".", ".\u200b")  # where a long one may be broken
-    lines = [heading, "=" * len(heading), "", *([f".. {kind}:: {full}"] if callable(value) else _materials())]
+    lines = [full, "=" * len(full), "", *([f".. {kind}:: {full}"] if callable(value) else _materials())]
     if inspect.isclass(value) and not issubclass(value, BaseException | tuple):
         lines.append("   :members:")
         ours = [base for base in value.__mro__[1:] if base.__module__.startswith("coilarray.")]
@@ -203,6 +202,8 @@ def public_name(text: str) -> str | None:
     """Return the name on its page of what a text names, a member of a class for example; None for another text."""
     called, things = _aliases()
     head, tail = text.removesuffix("()"), ""
+    if not re.fullmatch(r"[\w.]+", head):  # a call with its arguments
+        return None
     while head:
         full = called.get(head)
         if full is None and head.startswith("coilarray."):

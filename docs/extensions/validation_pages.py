@@ -1,4 +1,4 @@
-"""Pictures of the figures that `benchmarks/run.py` keeps, and a page that says how every reference was made."""
+"""Pictures and a summary of what `benchmarks/run.py` keeps, and a page that says how every reference was made."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from command_pages import write_page
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
@@ -17,6 +18,18 @@ if TYPE_CHECKING:
 
 _ROOT = Path(__file__).parents[2]
 _FOLDER = "made/validation"
+# what, against what, and the quantity of the table whose largest deviation is shown
+_SUMMARY = (
+    (
+        "inductance of spirals of 1 to 4 layers",
+        "FastHenry",
+        "the same against FastHenry, 5 filaments a trace or 1",
+    ),
+    ("mutual inductance of circles in any pose", "elliptic integrals (Maxwell, Grover)", "M of circles, from polygons"),
+    ("resistance of bundles of traces", "two-dimensional currents in the copper", "AC resistance of a bundle, wider"),
+    ("inductance of a loop before copper discs", "axisymmetric finite elements", "ΔL of a loop by copper discs, 2 MHz"),
+    ("effect of a dent in a magnetic sheet", "three-dimensional finite elements", "ΔL, ΔM of a dent against a 3-D FEM"),
+)
 _KEPT, _MISSED = "#2f6fb5", "#c2410c"
 # "413 × magpylib 6.2.0, …", "cfsem 267 M pairs/s; …" and "FastHenry 1.5 s on one core; …"
 _TIMES_OTHER = re.compile(r"(?P<ratio>[\d.]+) × (?P<other>magpylib)")
@@ -61,6 +74,72 @@ def _speed_figure(results: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def _measured_figure(results: Mapping[str, Any]) -> Figure:
+    """Deviation of every measured coil, with the error of the meter as a bar."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    ax = figure.subplots()
+    coils = results["measured"]
+    for board, marker, colour in (("2L", "o", "#0072b2"), ("4L", "s", "#d55e00"), ("6L", "^", "#009e73")):
+        some = [coil for coil in coils if coil["board"] == board]
+        x = [coil["measured"] for coil in some]
+        y = [100 * (coil["computed"] / coil["measured"] - 1) for coil in some]
+        ax.errorbar(
+            x,
+            y,
+            yerr=[100 * coil["tolerance"] for coil in some],
+            fmt=marker,
+            color=colour,
+            ecolor=(*to_rgb(colour), 0.25),
+            markersize=5,
+            label=f"boards of {board[0]} layers, {len(some)} coils",
+        )
+    ax.axhline(0, color="black", linewidth=0.8)
+    ax.set(xscale="log", xlabel="measured inductance (µH)", ylabel="computed less measured (%)", ylim=(-4, 4))
+    ax.set_xticks([3, 5, 10, 20, 50], ["3", "5", "10", "20", "50"])
+    ax.minorticks_off()
+    ax.grid(axis="y", color="0.9")
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+def _largest(results: Mapping[str, Any], quantity: str) -> float:
+    (row,) = (row for row in results["accuracy"] if row["quantity"] == quantity)
+    return float(row["worst"])
+
+
+def _power(value: float) -> str:
+    """Return a deviation as a percentage, or as a power of ten where it is small."""
+    if value >= 1e-3:
+        return f"{100 * value:.1g} %"
+    digit, power = f"{value:.0e}".split("e")
+    return f"{digit}·10{str(int(power)).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
+
+
+def summary(results: Mapping[str, Any]) -> str:
+    """Return the eight lines of the page in Markdown: accuracy first, then speed."""
+    deviations = [abs(coil["computed"] / coil["measured"] - 1) for coil in results["measured"]]
+    faster = dict(speed_ratios(results))
+    field, fast_henry = (
+        faster[what] for what in ("B, exact segments, against magpylib", "L matrix of six coils, against FastHenry")
+    )
+    rows = [
+        (
+            f"inductance of {len(deviations)} coils on printed boards",
+            "readings of an LCR meter of 0.7 to 2.5 %",
+            f"mean {100 * sum(deviations) / len(deviations):.1f} %, largest {100 * max(deviations):.1f} %",
+        ),
+        *((what, against, _power(_largest(results, quantity))) for what, against, quantity in _SUMMARY),
+        ("field of six coils", "magpylib, the same to 10⁻¹⁰", f"{field:.0f} times as fast"),
+        (
+            "inductance matrix of six coils",
+            "FastHenry, the same to 10⁻⁵",
+            f"{fast_henry:.0f} times as fast",
+        ),
+    ]
+    lines = ["| what | against | largest deviation, or speed |", "| --- | --- | --- |"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows), ""])
+
+
 def references() -> str:
     """Return the page of the tables of `tests/reference`: the head of each, and its columns."""
     lines = ["# How the references were made", ""]
@@ -84,8 +163,9 @@ def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / _FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     results = json.loads((_ROOT / "benchmarks" / "results.json").read_text(encoding="utf-8"))
-    for name, figure in (("accuracy", _accuracy_figure(results)), ("speed", _speed_figure(results))):
-        figure.savefig(folder / f"{name}.png", dpi=110)
+    for name, figure in (("accuracy", _accuracy_figure), ("speed", _speed_figure), ("measured", _measured_figure)):
+        figure(results).savefig(folder / f"{name}.png", dpi=110)
+    write_page(folder / "summary.md", summary(results))
     write_page(folder / "references.md", references())
 
 
