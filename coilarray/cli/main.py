@@ -142,10 +142,10 @@ class _Grouped(typer.core.TyperGroup):
 
 _MOST_LINES = 40  # of a command's help
 _RARE = {
-    "--accuracy", "--allow-violations", "--cache", "--cluster", "--distortion", "--emulate", "--experiment", "--folder",
-    "--force", "--help", "--host", "--ideal", "--ignore-self-test", "--json", "--linger", "--link", "--nets", "--rate",
-    "--reach", "--reference", "--seed", "--series", "--settings", "--spacing-mm", "--stackup", "--wiring", "--workers",
-    "--z-mm",
+    "--accuracy", "--allow-violations", "--cache", "--capacitance-pF", "--cluster", "--distortion", "--emulate",
+    "--experiment", "--folder", "--force", "--help", "--host", "--ideal", "--ignore-self-test", "--json", "--linger",
+    "--link", "--nets", "--rate", "--reach", "--reference", "--seed", "--series", "--settings", "--spacing-mm",
+    "--stackup", "--switches", "--wiring", "--workers", "--z-mm",
 }  # fmt: skip
 """Options that only --help-all explains."""
 

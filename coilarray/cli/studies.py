@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 _MOST_BEST = 5  # points of a front that are printed
+_MOST_ROWS = 16  # points of a sweep that are printed one by one
 
 
 def sweep(
@@ -67,6 +68,7 @@ def sweep(
     """
     shared.check_workers(workers, cluster)
     from coilarray.design.model import load_design_file
+    from coilarray.report import studies as report
     from coilarray.studies.optimize.goal import best_points
     from coilarray.studies.sweep import RULES, UNREAD, is_read, keeps_rules, parse_axis, plan_sweep, run_sweep
 
@@ -109,7 +111,11 @@ def sweep(
         best = best_points(plan, result, wanted)
         data["best"] = [{"entries": dict(point.changes), "quantities": dict(point.quantities)} for point in best]
         lines += _best_lines(best, wanted) if len(reasons) < points else ["no point has a value of the goal"]
-    if not as_json:
+    if not as_json and points <= _MOST_ROWS:
+        with shared.progress_bar("reasons of refused points"):
+            table, notes = report.point_table(plan, result)
+        tables, lines = [table], [*notes, *lines, *shared.missing_capacitance(opened, asked)]
+    elif not as_json:
         read, makeable = is_read(result), keeps_rules(result)
         if bool((makeable & read).any()):
             makeable = makeable & read
@@ -129,8 +135,9 @@ def sweep(
             where = "still in the table" if bool((~read & makeable).any()) else "left out of the table"
             lines.append(f"{unread} of {points} points cannot be read by an LDC1614 ({UNREAD} in the file): {where}")
         lines += shared.missing_capacitance(opened, asked)
-        if reasons:
-            lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
+        kinds = report.kinds_of(reasons)
+        lines += [f"{count} of {points} points give no design, such as: {reason}" for reason, count in kinds]
+    if not as_json:
         lines.append(
             f"wrote {out}: {points} point{'s' if points > 1 else ''} over {', '.join(map(str, result.reason.dims))}"
         )
@@ -144,7 +151,7 @@ def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:
         return [f"{wishes}: no point keeps all bounds: {', '.join(bound.wish for bound in goal.constraints)}"]
     names = [objective.quantity for objective in goal.objectives]
     return [
-        f"{wishes}: {', '.join(f'{name} = {point.quantities[name]:.6g}' for name in names)} at "
+        f"{wishes}: {', '.join(f'{name} = {value_text(point.quantities[name])}' for name in names)} at "
         + ", ".join(f"{entry} = {value_text(value)}" for entry, value in point.changes.items())
         for point in best[:_MOST_BEST]
     ]
@@ -320,7 +327,7 @@ def _lines(result: Optimization) -> list[str | Table]:
     chosen = report.chosen_designs(result)
     quantities = report.quantity_table(result, chosen, result.goal.quantities).without("says")
     lines: list[str | Table] = [tried, "", quantities, "", report.variable_table(result, chosen), ""]
-    lines += report.at_ends(result, chosen)
+    lines += [*report.at_ends(result, chosen), *report.target_missed(result, chosen[0])]
     designs = {one.label: one.design for one in chosen}
     broken = [label for label, of in designs.items() if not all(m.kept for m in check_rules(of.array, of.rules))]
     if broken:

@@ -33,14 +33,16 @@ Value = str | float | bool
 _POSITION = ("x", "y")  # columns that are kept even if they have equal numbers
 _TRUTH = {True: "yes", False: "no"}
 _GAP = 2  # blanks between columns
+_MOST_LINES = 3  # of a cell, before texts stand below their rows
 _NARROWEST = 10  # characters of a column before its heading or text is wrapped
 _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
 _SYMBOLS = {
     "frequency": "f", "effective_inductance": "L_eff", "effective_resistance": "R_eff", "resistance_ratio": "R/R_dc",
     "quality_factor": "Q", "loaded_quality_factor": "Q_tank", "parallel_resistance": "R_p", "part_frequency": "f_part",
     "ac_resistance_frequency": "f_R", "ac_resistance": "R", "winding_capacitance": "C",
-    "self_resonance": "f_self", "bare_winding_capacitance": "C_bare", "elastomer_delta": "δ_C",
-    "dent_delta_bound": "δ_dent", "base_inductance": "L_0", "base_frequency": "f_0", "base_effective_resistance": "R_0",
+    "self_resonance": "f_self", "resistance_model": "model of R", "bare_winding_capacitance": "C_bare",
+    "elastomer_delta": "δ_C", "dent_delta_bound": "δ_dent",
+    "base_inductance": "L_0", "base_frequency": "f_0", "base_effective_resistance": "R_0",
     "base_quality_factor": "Q_0", "base_parallel_resistance": "R_p0", "distance_deviation": "σ_d", "amplitude": "U",
     "series_capacitance": "C_s", "input_resistance": "R_in", "input_reactance": "X_in", "efficiency": "η",
     "available_efficiency": "η_av", "voltage_ratio": "U_2/U_1", "kq": "kQ", "best_efficiency": "η_max",
@@ -176,8 +178,9 @@ class Table:
         """Return the table for a terminal of `width` characters.
 
         Numbers are never cut, and stand with their decimal points below each other. In a narrow
-        terminal headings are symbols, explained below, and texts are wrapped. Columns that still do
-        not fit follow below, with the first columns repeated.
+        terminal headings are symbols, explained below, and texts are wrapped. Long texts of the last
+        column stand below their rows. Columns that still do not fit follow below, with the first
+        columns repeated.
         """
         rows, headers, notes = self.cells(), self.headers, list(self.notes)
         columns = [[row[k] for row in rows] for k in range(len(headers))]
@@ -188,6 +191,12 @@ class Table:
             headers, words = map(list, zip(*(column.symbol for column in self.columns), strict=True))
             notes[:0] = ["; ".join(filter(None, words))] if any(words) else []
         columns = [[header, *texts] for header, texts in zip(headers, columns, strict=True)]
+        below: list[str] = []
+        if width is not None and full - _GAP > width and len(columns) > 1 and not numeric[-1]:
+            others = sum(max(map(len, texts)) + _GAP for texts in columns[:-1])
+            room = max(width - others, _NARROWEST)
+            if max(len(_wrapped(text, room)) for text in columns[-1]) > _MOST_LINES:
+                *columns, below = columns
         lines = [fill(self.title, width)] if title and self.title else []
         for number, (block, widths) in enumerate(_blocks(columns, width or 10**6)):
             lines += [""] * bool(number)
@@ -203,6 +212,8 @@ class Table:
                     placed = zip(parts, widths, block, strict=True)
                     line = (" " * _GAP).join(part.rjust(w) if numeric[k] else part.ljust(w) for part, w, k in placed)
                     lines.append(f"{_RED}{line.rstrip()}{_PLAIN}" if marked else line.rstrip())
+                if below and n > 0 and below[n] and block[-1] == len(columns) - 1:
+                    lines += _wrapped(f"    {below[n]}", width or 80)
         return "\n".join([*lines, *(fill(note, width) for note in notes)])
 
     def without_empty_columns(self) -> Table:
@@ -400,7 +411,12 @@ def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
     held = _UNIT.sub("\u00a0", text)
     own = re.match(" *", text)[0]  # type: ignore[index]
     lines = textwrap.wrap(
-        held, width, initial_indent=own, subsequent_indent=own + indent, break_long_words=False, break_on_hyphens=False
+        held.lstrip(" "),
+        width,
+        initial_indent=own,
+        subsequent_indent=own + indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
     return [line.replace("\u00a0", " ") for line in lines]
 

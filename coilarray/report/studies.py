@@ -18,13 +18,18 @@ from coilarray.circuit.coupling import provenance
 from coilarray.compute.display_units import PERCENT, DisplayUnit, true_minus, value_text
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.table import Column, Details, Group, Picture, Section, Table, Value, Warn, cell, dataset_table
+from coilarray.design.boards import check_boards
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
+from coilarray.geometry.rules import Margin, broken_rules
 from coilarray.report.page import draw, html_page, now, provenance_section
+from coilarray.report.summary import unread_words
+from coilarray.studies.optimize.derive import neighbours
 from coilarray.studies.optimize.goal import Axis, Objective, Trial
 from coilarray.studies.optimize.run import Optimization, design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
+from coilarray.studies.sweep import RULES, UNREAD, Sweep
 from coilarray.viz import boards_figure, plot_convergence, plot_front
 
 if TYPE_CHECKING:
@@ -188,6 +193,49 @@ def at_ends(result: Optimization, chosen: Sequence[Chosen]) -> list[str]:
     return lines
 
 
+def target_missed(result: Optimization, best: Chosen) -> list[str]:
+    """Say which rule keeps a goal with a target from it, and what may free it."""
+    objective = result.goal.objectives[0]
+    start = result.start.scores[0] if result.start.scores else math.inf
+    if objective.target is None or best.trial.scores[0] <= _REACHED * max(abs(objective.target), min(start, 1.0)):
+        return []
+    reached = best.trial.quantities[objective.quantity]
+    lines = [f"{objective.quantity} stops at {_shown(reached)}, beside its target {objective.target:g}."]
+    nearer = [one for one in result.trials if one.scores and not one.feasible and one.scores < best.trial.scores]
+    if nearer:
+        trial = min(nearer, key=lambda one: one.scores)
+        at = ", ".join(f"{entry} = {_shown(value)}" for entry, value in trial.changes.items())
+        design = vary(result.file, trial.changes)
+        rules = broken_rules(margins := check_boards(design))
+        why = rules[0] if rules else f"It breaks {', '.join(k for k, off in trial.violations.items() if off > 0)}."
+        lines.append(f"It would be {_shown(trial.quantities[objective.quantity])} at {at}, which is refused: {why}")
+        worst = next((one for one in margins if not one.kept), None)
+        if worst is not None and worst.feature.count(" – ") == 1:
+            lines.append(_freed_by(design, worst))
+    elif result.design.array.neighbours and neighbours(result.design).share_copper:
+        lines.append(f"Neighbours lie on the same copper, so they cannot overlap. {_LAYERS_OF_THEIR_OWN}")
+    return lines
+
+
+_REACHED = 0.01  # of the start's distance from a target, and of the target
+_LAYERS_OF_THEIR_OWN = (
+    "array.layers with layers of their own for neighbours frees them, such as "
+    '[["L1", "L2"], ["L3", "L4"]] (coilarray init --overlap decoupled).'
+)
+
+
+def _freed_by(design: Design, worst: Margin) -> str:
+    """Say what parts the copper of two coils that is too close."""
+    on = {one.name: one.layers for one in design.array.placements}
+    one, other = worst.feature.split(" – ")
+    if set(on.get(one, ())) & set(on.get(other, ())):
+        return f"{one} and {other} share copper. {_LAYERS_OF_THEIR_OWN}"
+    return (
+        "A hole of one of them is in the other's copper. board.through_holes = false frees it, whose vias span only "
+        "the layers of their coil, and so do leads on another side."
+    )
+
+
 def quantity_table(result: Optimization, chosen: Sequence[Chosen], keys: Sequence[str] = ()) -> Table:
     """Return `keys`, or goal and cheap quantities, before and after."""
     columns = (
@@ -253,12 +301,55 @@ def trial_table(result: Optimization) -> Table:
 
 def reason_table(result: Optimization) -> Table:
     """Return the reasons for invalid points, the most frequent first."""
-    reasons = [trial.reason for trial in result.trials if trial.reason]
-    kinds = Counter(_NUMBERS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
-    example = {_NUMBERS.sub("#", reason): reason for reason in reversed(reasons)}
+    kinds = kinds_of([trial.reason for trial in result.trials if trial.reason])
     columns = (Column("reason", "for example"), Column("points", unit="1"))
-    rows = tuple((example[kind], count) for kind, count in kinds.most_common(_MOST_REASONS))
-    return Table("reasons", "Points that give no design", columns, rows)
+    return Table("reasons", "Points that give no design", columns, tuple(kinds))
+
+
+def kinds_of(reasons: Sequence[str]) -> list[tuple[str, int]]:
+    """Return the most frequent reasons, whose numbers may differ, and their counts."""
+    kinds = Counter(map(_without_numbers, reasons))
+    example = {_without_numbers(reason): reason for reason in reversed(reasons)}
+    return [(example[kind], count) for kind, count in kinds.most_common(_MOST_REASONS)]
+
+
+def _without_numbers(reason: str) -> str:
+    return _NUMBERS.sub("#", reason)
+
+
+def point_table(plan: Sweep, result: xr.Dataset) -> tuple[Table, list[str]]:
+    """Return the points of a sweep, and why some are refused, alike reasons once."""
+    reasons = [str(reason) for reason in result.reason.values.ravel()]
+    broken, unread = (
+        result[key].values.ravel() if key in result else np.zeros(len(reasons)) for key in (RULES, UNREAD)
+    )
+    kinds: dict[str, str] = {}
+    remarks = []
+    for k, point in enumerate(plan.points):
+        said = (
+            "no design" if reasons[k] else "breaks rules" if broken[k] > 0 else "not readable" if unread[k] > 0 else ""
+        )
+        if said == "breaks rules":
+            reasons[k] = broken_rules(check_boards(vary(plan.file, point)))[0]
+        elif said == "not readable":
+            reasons[k] = unread_words(vary(plan.file, point))
+        if said:
+            kinds.setdefault(_without_numbers(reasons[k]), reasons[k])
+            said += f" ({1 + list(kinds).index(_without_numbers(reasons[k]))})"
+        remarks.append(said)
+    shown = [one for one in plan.requests if one.key not in (RULES, UNREAD)]
+    columns = (
+        *(Column(axis.key, axis.key) for axis in plan.axes),
+        *(Column(one.key, one.key, one.quantity.unit, DisplayUnit(significant=True, digits=5)) for one in shown),
+        Column("remark"),
+    )
+    values = zip(*(result[one.key].values.ravel().tolist() for one in shown), strict=True)
+    rows = tuple(
+        (*map(value_text, point.values()), *map(cell, row), remark)
+        for point, row, remark in zip(plan.points, values, remarks, strict=True)
+    )
+    notes = [f"({k}) {reason}" for k, reason in enumerate(kinds.values(), start=1)]
+    return Table("points", "", columns, rows).without_empty_columns(), notes
 
 
 def _convergence_pictures(result: Optimization) -> list[Picture]:
@@ -364,9 +455,9 @@ def spread_table(result: xr.Dataset) -> Table:
     largest = [_largest(result.isel(output=k)) for k in range(result.sizes["output"])]
     columns["largest"] = ("output", largest, {"long_name": "largest shares of the linear variance"})
     names = ("output", "nominal", "linear_deviation", *sampled, "low", "high", "largest")
-    shown = {name: _significant(3) for name in ("linear_deviation", "sample_deviation")}
-    shown |= {name: _significant(6) for name in ("nominal", "sample_mean", "low", "high")}
-    shown |= {name: DisplayUnit(digits=3) for name in ("ratio", "ratio_error")}
+    shown = {name: _significant(2) for name in ("linear_deviation", "sample_deviation")}
+    shown |= {name: _significant(4) for name in ("nominal", "sample_mean", "low", "high")}
+    shown |= {name: DisplayUnit(digits=2) for name in ("ratio", "ratio_error")}
     return dataset_table("spread", "Spread", result.assign(columns), names, shown)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -99,12 +99,27 @@ def link_table(columns: xr.Dataset) -> Table:
     """Return the numbers of a link at every pose, from `coilarray.studies.link.columns`."""
     known = DisplayUnit("", 1.0, 4)  # as M is known to 1e-4 of L
     frame = columns.to_dataframe().reset_index()
+    pairs = {name.partition("[")[2] for name in map(str, frame.columns) if "[" in name}
     shown = [
-        Column(name, name, "1", known if name.startswith("k[") or "efficiency" in name else None)
+        Column(name, _in_words(name, pairs), "1", known if name.startswith("k[") or "efficiency" in name else None)
         for name in map(str, frame.columns)
     ]
     rows = tuple(tuple(map(cell, row)) for row in frame.itertuples(index=False))
     return Table("link", "Link over the poses", tuple(shown), rows)
+
+
+_LINK_WORDS = {"M_uH": "M (µH)", "voltage_V_per_A": "U (V/A)", "deg": "°"}
+
+
+def _in_words(name: str, pairs: Collection[str]) -> str:
+    """Name a column of a link, of a single pair without its coils."""
+    kind, _, coils = name.partition("[")
+    words, _, unit = kind.rpartition("_")
+    text = _LINK_WORDS.get(kind) or (
+        f"{words.replace('_', ' ')} ({_LINK_WORDS.get(unit, unit)})" if unit in ("mm", "deg", "MHz") else
+        kind.replace("_", " ")
+    )  # fmt: skip
+    return text if not coils or len(pairs) == 1 else f"{text} {coils.removesuffix(']').replace(',', ' – ')}"
 
 
 def design_table(file: DesignFile) -> Table:
@@ -370,7 +385,7 @@ def budget_lines(budget: NoiseBudget) -> list[str]:
     readout, assumed = budget.readout, [cause.name for cause in budget.causes if cause.size == "assumed"]
     lines = [
         f"RCOUNT {readout.rcount}, {readout.conversion_time * 1e3:.3g} ms at {readout.reference * 1e-6:.4g} MHz; plain "
-        f"counting would resolve {readout.counting_limit:.2g} of f, the resolution above is finer",
+        f"counting would resolve {PER_MILLION.text(readout.counting_limit, '.2')} of f, the resolution above is finer",
         f"σ of δ: {readout.averaged_scans} of a reading and {readout.baseline_scans} scans of L_0, and what changes "
         f"from L_0 to the reading by {readout.temperature_change:g} K and {readout.supply_change * 1e3:g} mV",
     ]

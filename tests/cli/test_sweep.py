@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -61,14 +62,25 @@ def test_what_breaks_rules_is_marked_and_neither_an_extreme_nor_the_best(capsys)
     assert [row["fab_broken"] > 0 for row in data["points"]] == [True, True, False, False]
     assert [point["entries"] for point in data["best"]] == [{"array.pitch_mm": 12}]
     out = good(capsys, *pitches, *SPAN, "--out", "s.csv", "--plot", "s.svg")
+    rows = {line.split()[0]: line.split(maxsplit=4)[4:] for line in out.splitlines() if line.strip()[:1].isdigit()}
+    assert rows == {"6": ["breaks rules (1)"], "7": ["breaks rules (1)"], "12": [], "14": []}
+    assert re.search(r"^\(1\) The copper of coil1 and coil2 overlaps on L1, by up to", out, re.MULTILINE)
+    assert "fab_broken" not in out  # nobody asked for it
+    assert "breaks fabrication rules" in Path("s.svg").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_of_many_points_the_extremes_are_printed(capsys, monkeypatch):
+    monkeypatch.setattr("coilarray.cli.studies._MOST_ROWS", 1)
+    out = good(capsys, "--vary", "array.pitch_mm=6,7,12,14", *SPAN, *ONE)
     (row,) = (" ".join(line.split()) for line in out.splitlines() if line.startswith("span_mm"))
     assert "array.pitch_mm = 12 " in row
     assert row.endswith("array.pitch_mm = 14")
     assert "2 of 4 points break fabrication rules (fab_broken in the file): left out of the table" in out
-    assert "fab_broken  " not in out  # nobody asked for it
-    assert "breaks fabrication rules" in Path("s.svg").read_text(encoding="utf-8")
     out = good(capsys, "--vary", "array.pitch_mm=6,7", *SPAN, *ONE)
     assert "2 of 2 points break fabrication rules (fab_broken in the file): still in the table" in out
+    out = good(capsys, *SMALL, *BAD, *ONE)
+    assert "3 of 6 points give no design, such as: starter: circuit.tank must be" in out
 
 
 BAD = ("--vary", "circuit.tank=coil,nowhere")  # every other point gives no design
@@ -76,7 +88,8 @@ BAD = ("--vary", "circuit.tank=coil,nowhere")  # every other point gives no desi
 
 def test_every_point_with_its_reason(capsys, expected):
     out = good(capsys, *SMALL, *BAD, "--out", "s.csv", *ONE)
-    assert "3 of 6 points have no result; the first: starter: circuit.tank must be" in out
+    assert out.count("no design (1)") == 3
+    assert "(1) starter: circuit.tank must be" in out
     rows = list(csv.DictReader(Path("s.csv").read_text(encoding="utf-8").splitlines()))
     assert list(rows[0]) == ["array.pitch_mm", "circuit.tank", "span_mm", "board_area_mm2", "fab_broken", "reason"]
     data = answer(capsys, *SMALL, *BAD, *ONE)
@@ -97,8 +110,8 @@ def test_a_sweep_without_any_result_has_an_empty_table(capsys):
     assert main(["sweep", "gast_fem", "--vary", "board.margin_mm=1,2", "--goal", "minimize worst_k", *ONE]) == 0
     out = capsys.readouterr().out
     assert "no point has a value of the goal" in out.splitlines()
-    assert out.splitlines()[1].split() == ["worst_k", "1", "–", "–"]
-    assert "2 of 2 points have no result; the first: the design gast_fem has only one coil" in out
+    assert out.splitlines()[0].split() == ["board.margin_mm", "remark"]
+    assert "(1) the design gast_fem has only one coil" in out
 
 
 @pytest.mark.slow

@@ -307,7 +307,7 @@ def _print_scan(raw: RawScan, board: Board, settings: ScanSettings, design: Desi
         (state.name, *reading_cells(state.frequency, state.inductance), state.verdict, ", ".join(state.reasons))
         for state in scan.states
     ]
-    table = text_table(("state", "f in MHz", "L in µH", "verdict", "why"), rows)
+    table = text_table(("state", "f (MHz)", "L_eff (µH)", "verdict", "why"), rows)
     data = {"emulated": board.emulated, "board": board.line, "time_s": scan.time, "states": states}
     shared.print_marked(data, [board.line, table], as_json=as_json, emulated=board.emulated)
 

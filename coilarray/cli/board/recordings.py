@@ -166,7 +166,7 @@ def summary_parts(summary: Mapping[str, Any]) -> list[str | Table]:
         )
         for state in summary["states"]
     ]
-    headers = ("state", "f in MHz", "L in µH", "noise of L", "good", "doubtful", "bad", "why")
+    headers = ("state", "f (MHz)", "L_eff (µH)", "noise of L_eff", "good", "doubtful", "bad", "why")
     return [*lines, text_table(headers, rows)]
 
 
