@@ -80,12 +80,8 @@ def docs(
     """
     path = find_page(CLONE, page)
     typer.echo(path)
-    if only_print:
-        return
-    import webbrowser
-
-    if not webbrowser.open(path.as_uri()):
-        raise OutputError(f"no browser can be opened here; the page is {path}.")
+    if not only_print:
+        shared.open_page(path)
 
 
 def find_page(clone: Path, page: str) -> Path:

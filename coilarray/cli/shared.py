@@ -312,6 +312,14 @@ def write_folder(
     return written
 
 
+def open_page(path: Path) -> None:
+    """Open a page in the browser."""
+    import webbrowser
+
+    if not webbrowser.open(path.resolve().as_uri()):
+        raise OutputError(f"no browser can be opened here; the page is {path}.")
+
+
 def wrote_map(out: Path | None, result: xr.Dataset) -> str:
     """Say how many values of δ are written."""
     return f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"
