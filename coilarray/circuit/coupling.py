@@ -53,9 +53,7 @@ _TOWARDS = np.geomspace(0.02, 0.3, 14)  # relative distances from a self-resonan
 _BYTES_A_RESISTANCE = 24.0  # per entry and frequency: as computed, as interpolated, and as copied on the way
 
 
-def design_circuit(
-    design: Design | DesignFile, *, ideal: bool = False, accuracy: Accuracy = "full", progress: Progress | None = None
-) -> Network:
+def design_circuit(design: Design | DesignFile, *, ideal: bool = False, accuracy: Accuracy = "full") -> Network:
     """Make the network of a design's coils, switches and tank.
 
     Parameters
@@ -67,8 +65,6 @@ def design_circuit(
         and all strays of the switches. The effect of plates remains, including their losses.
     accuracy : {"full", "screen"}
         Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
 
     Returns
     -------
@@ -89,15 +85,13 @@ def design_circuit(
     >>> round(ideal.effective_inductance * 1e6, 2), round(ideal.frequency / 1e6, 3)
     (92.5, 1.511)
     """
-    circuit = board_circuit(design, accuracy=accuracy, progress=progress)
+    circuit = board_circuit(design, accuracy=accuracy)
     return circuit.ideal if ideal else circuit.network
 
 
-def design_inductance(
-    design: Design | DesignFile, *, accuracy: Accuracy = "full", progress: Progress | None = None
-) -> tuple[FloatArray, FloatArray]:
+def design_inductance(design: Design | DesignFile, *, accuracy: Accuracy = "full") -> tuple[FloatArray, FloatArray]:
     """Return the inductance matrix, at the working frequency of plates, and its sheets' part in H."""
-    circuit = board_circuit(design, accuracy=accuracy, progress=progress)
+    circuit = board_circuit(design, accuracy=accuracy)
     return circuit.inductance.copy(), circuit.windings.by_sheets.copy()
 
 

@@ -27,12 +27,11 @@ _MM = 1e3
 _DIGITS = 6  # of a coordinate in mm, 1 nm: the finest that the Gerber format recommends
 _SILK_LINE = 0.15  # width of a letter's strokes over its height, as in KiCad
 _PROFILE_LINE = 0.05  # mm
+_REVISION = "1"  # of every project
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # equal bytes from equal designs
 
 
-def write_gerbers(
-    array: Array, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
-) -> None:
+def write_gerbers(array: Array, path: Path, *, name: str, check: Callable[[Path], None] | None = None) -> None:
     """Write the fabrication data of the project `name` as one zip.
 
     `check` is called with the path of the finished zip before it is moved to its place: if it
@@ -48,7 +47,7 @@ def write_gerbers(
     require_suffix(path, ".zip")
     if not name.strip():
         raise OutputError(f"cannot write {path}: the project must have a name; got {name!r}.")
-    project = _Project(name, revision)
+    project = _Project(name)
     files = [*_gerbers(array, project), *_drill_files(array, project)]
     content = {file.name: file.text for file in files}
     content[f"{project.stem}-job.gbrjob"] = _job(array, project, files)
@@ -70,7 +69,6 @@ def write_gerbers(
 @dataclass(frozen=True)
 class _Project:
     name: str
-    revision: str
 
     @property
     def stem(self) -> str:
@@ -85,7 +83,7 @@ class _Project:
         """File attributes of one layer."""
         attributes = {
             ".GenerationSoftware": ("coilarray", "coilarray", metadata.version("coilarray")),
-            ".ProjectId": (_field(self.name), self.guid, _field(self.revision)),
+            ".ProjectId": (_field(self.name), self.guid, _REVISION),
             ".Part": ("Single",),
             ".SameCoordinates": ("Original",),
             ".FileFunction": tuple(function),
@@ -269,7 +267,7 @@ def _job(array: Array, project: _Project, files: Sequence[_File]) -> str:
     job = {
         "Header": {"GenerationSoftware": software},
         "GeneralSpecs": {
-            "ProjectId": {"Name": project.name, "GUID": project.guid, "Revision": project.revision},
+            "ProjectId": {"Name": project.name, "GUID": project.guid, "Revision": _REVISION},
             "Size": {"X": float(_mm(x_max - x_min)), "Y": float(_mm(y_max - y_min))},
             "LayerNumber": len(stackup.names),
             "BoardThickness": float(_mm(stackup.thickness)),

@@ -25,6 +25,7 @@ _TOUCHING = 1e-8
 # A barrel reaches copper that begins this far from its wall: polygons of round holes lie up to 0.3
 # µm off the circle.
 _BARREL_MARGIN = 1e-6
+_TOLERANCE = 2e-6  # m, by which shapes may differ
 # Corners sharper than this have their mitre cut off by some outlines, so a round end may stand out
 # there.
 _SHARP = np.cos(np.radians(100.0))
@@ -95,11 +96,11 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 
 
 def check_nets(
-    array: Array, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
+    array: Array, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel]
 ) -> tuple[NetFault, ...]:
     """Compare the copper of a file with its coils: bridges, cuts, missing and foreign copper.
 
-    Shapes may differ by `tolerance` in m, because of rounding and polygons of arcs. Copper of a
+    Shapes may differ by `_TOLERANCE`, because of rounding and polygons of arcs. Copper of a
     coil must be present also if it carries no current. Copper that joins turns of one coil is
     foreign.
     """
@@ -107,11 +108,11 @@ def check_nets(
         array.stackup.index(layer)
     pieces = connected_pieces(layers, holes)
     design_holes = drills(array)
-    coils = [_Coil.of(placement, design_holes, tolerance) for placement in array.placements]
+    coils = [_Coil.of(placement, design_holes) for placement in array.placements]
     # the pieces lie apart
     parts = {layer: _parts([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
     copper = {layer: shapely.MultiPolygon(shapes.tolist()) for layer, shapes in parts.items()}
-    foreign_holes = [hole for hole in holes if not any(_same(hole, drill, tolerance) for drill in design_holes)]
+    foreign_holes = [hole for hole in holes if not any(_same(hole, drill) for drill in design_holes)]
     faults: list[NetFault] = []
     for hole in foreign_holes:
         text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
@@ -126,12 +127,12 @@ def check_nets(
             )
         ]
         if len(owners) > 1:
-            faults.append(_bridge(piece, owners, foreign_holes, tolerance))
+            faults.append(_bridge(piece, owners, foreign_holes))
         else:
-            faults += _foreign_copper(piece, owners or coils, tolerance)
+            faults += _foreign_copper(piece, owners or coils)
     for coil in coils:
         cut = coil.cut(pieces)
-        faults += coil.missing(copper, holes, tolerance) if cut is None else [cut]
+        faults += coil.missing(copper, holes) if cut is None else [cut]
     return tuple(sorted(faults, key=lambda fault: get_args(FaultKind).index(fault.kind)))
 
 
@@ -152,16 +153,16 @@ class _Coil:
     most: dict[str, BaseGeometry]
 
     @staticmethod
-    def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
-        """Make the outlines of a placement with a tolerance (m)."""
+    def of(placement: Placement, design_holes: Iterable[Drill]) -> _Coil:
+        """Make the outlines of a placement with the tolerance."""
         own = tuple(drill for drill in design_holes if drill.net == placement.name)
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
         for line, widths, layer in placement.traces():
             ends = np.stack((line[:-1], line[1:]), axis=1)
-            rectangles = np.asarray(shapely.polygons(segment_rectangles(ends, widths - 2 * tolerance)))
+            rectangles = np.asarray(shapely.polygons(segment_rectangles(ends, widths - 2 * _TOLERANCE)))
             least.setdefault(layer, []).extend(rectangles)
-            wider = widths + 2 * tolerance
+            wider = widths + 2 * _TOLERANCE
             most.setdefault(layer, []).append(trace_outline(line, wider))
             # discs of round strokes that may exceed it at ends, sharp corners and changes of width
             step = np.diff(line, axis=0)
@@ -175,9 +176,9 @@ class _Coil:
             ]
         for drill in own:
             for layer in drill.layers:
-                least.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad - 2 * tolerance))
-                most.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad + 2 * tolerance))
-        bored = shapely.union_all([disc(d.x, d.y, d.diameter + 2 * tolerance) for d in own if d.drilled])
+                least.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad - 2 * _TOLERANCE))
+                most.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad + 2 * _TOLERANCE))
+        bored = shapely.union_all([disc(d.x, d.y, d.diameter + 2 * _TOLERANCE) for d in own if d.drilled])
         return _Coil(
             placement.name,
             tuple(line for line, _, _ in placement.traces()),
@@ -216,22 +217,18 @@ class _Coil:
         radius = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_MARGIN
         return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), radius))
 
-    def missing(
-        self, copper: Mapping[str, BaseGeometry], holes: Sequence[Barrel], tolerance: float
-    ) -> Iterator[NetFault]:
+    def missing(self, copper: Mapping[str, BaseGeometry], holes: Sequence[Barrel]) -> Iterator[NetFault]:
         """Holes and copper of the coil missing in a file."""
         for drill in self.drills:
-            if drill.drilled and not any(_same(hole, drill, tolerance) for hole in holes):
+            if drill.drilled and not any(_same(hole, drill) for hole in holes):
                 text = f"the plated hole of {self.name} at {place_in_mm(drill.x, drill.y)} is missing"
                 yield NetFault("missing", (self.name,), drill.layers[0], drill.x, drill.y, text)
         for layer, least in self.least.items():
-            for place in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
+            for place in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), _TOLERANCE**2):
                 yield _fault("missing", (self.name,), layer, place, f"copper of {self.name} is missing on {layer}")
 
 
-def _bridge(
-    piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
-) -> NetFault:
+def _bridge(piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel]) -> NetFault:
     """Fault of several coils in one piece, where they meet."""
     names = tuple(coil.name for coil in owners)
     shared = (
@@ -245,29 +242,29 @@ def _bridge(
         for hole in foreign_holes
         if any(shapely.dwithin(piece.get(layer), shapely.Point(hole.x, hole.y), hole.drill) for layer in hole.layers)
     )
-    strays = ((stray.layer, (stray.x, stray.y)) for stray in _foreign_copper(piece, owners, tolerance))
+    strays = ((stray.layer, (stray.x, stray.y)) for stray in _foreign_copper(piece, owners))
     begin = owners[0].line_layers[0], owners[0].lines[0][0]
     layer, place = next(chain(shared, bores, strays, [begin]))
     return _fault("bridge", names, layer, place, f"{' and '.join(names)} are joined on {layer}")
 
 
-def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], tolerance: float) -> Iterator[NetFault]:
+def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil]) -> Iterator[NetFault]:
     """Copper of a piece outside all the given coils."""
     names = (coils[0].name,) if len(coils) == 1 else ()
     for layer, copper in piece.items():
         allowed = shapely.union_all([coil.most[layer] for coil in coils if layer in coil.most])
-        for x, y in _places(shapely.get_parts(copper - allowed), tolerance**2):
+        for x, y in _places(shapely.get_parts(copper - allowed), _TOLERANCE**2):
             text = f"the design has no copper on {layer} at {place_in_mm(x, y)}"
             text += f", where {names[0]} has some" if names else ""
             yield NetFault("foreign", names, layer, x, y, text)
 
 
-def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
+def _same(hole: Barrel, drill: Drill) -> bool:
     """Whether a hole of a file is a designed hole."""
     return (
         drill.drilled
-        and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance)
-        and abs(hole.drill - drill.diameter) <= 2 * tolerance
+        and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= _TOLERANCE)
+        and abs(hole.drill - drill.diameter) <= 2 * _TOLERANCE
         and set(hole.layers) == set(drill.layers)
     )
 

@@ -173,12 +173,11 @@ def test_the_job_file_lists_the_files_and_the_size(tmp_path: Path) -> None:
 
 
 def test_equal_designs_give_equal_bytes(tmp_path: Path) -> None:
-    paths = [tmp_path / f"{k}.zip" for k in range(4)]
-    for path, name, revision in zip(paths, ("board", "board", "other", "board"), "1112", strict=True):
-        write_gerbers(small_board(), path, name=name, revision=revision)
-    first, again, *others = (path.read_bytes() for path in paths)
-    assert first == again
-    assert first not in others
+    paths = [tmp_path / f"{k}.zip" for k in range(3)]
+    for path, name in zip(paths, ("board", "board", "other"), strict=True):
+        write_gerbers(small_board(), path, name=name)
+    first, again, other = (path.read_bytes() for path in paths)
+    assert first == again != other
     with zipfile.ZipFile(paths[0]) as archive:
         text = archive.read("board-F_Cu.gbr").decode()
     assert "CreationDate" not in text
