@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -170,7 +170,7 @@ def compensated(circuit: PortCircuit, impedance: npt.ArrayLike, topology: Topolo
 
 def with_standard_values(circuit: PortCircuit, series: Series = "E24") -> PortCircuit:
     """Return the `circuit` with the nearest values of a `series` for all capacitors."""
-    return _scaled(circuit, lambda C: standard_value(C, series))
+    return _with_values(circuit, [standard_value(C, series) for _, _, C in capacitors(circuit)])
 
 
 def tolerance_corners(circuit: PortCircuit, tolerance: float) -> Iterator[PortCircuit]:
@@ -181,12 +181,11 @@ def tolerance_corners(circuit: PortCircuit, tolerance: float) -> Iterator[PortCi
     """
     if not 0 < tolerance < 1:
         raise NetworkError(f"tolerance of capacitors must be above 0 and below 1; got {tolerance:g}.")
-    count = len(capacitors(circuit))
-    if count > _MOST_CORNERS:
-        raise NetworkError(f"tolerances are combined for at most {_MOST_CORNERS} capacitors; got {count}.")
-    for signs in itertools.product((-1, 1), repeat=count):
-        factors = iter([1 + tolerance * sign for sign in signs])
-        yield _scaled(circuit, lambda C, factors=factors: next(factors) * C)
+    found = capacitors(circuit)
+    if len(found) > _MOST_CORNERS:
+        raise NetworkError(f"tolerances are combined for at most {_MOST_CORNERS} capacitors; got {len(found)}.")
+    for signs in itertools.product((-1, 1), repeat=len(found)):
+        yield _with_values(circuit, [(1 + tolerance * sign) * C for sign, (_, _, C) in zip(signs, found, strict=True)])
 
 
 def capacitors(circuit: PortCircuit) -> list[tuple[str, str, float]]:
@@ -199,13 +198,10 @@ def capacitors(circuit: PortCircuit) -> list[tuple[str, str, float]]:
     ]
 
 
-def _scaled(circuit: PortCircuit, change: Callable[[float], float]) -> PortCircuit:
-    """Change every capacitance of the ports."""
-
-    def changed(C: float | None) -> float | None:
-        return None if C is None else change(C)
-
-    ports = [port.with_capacitors(*map(changed, port.capacitances)) for port in circuit.ports]
+def _with_values(circuit: PortCircuit, values: Iterable[float]) -> PortCircuit:
+    """Return a circuit with other values in F of its `capacitors`."""
+    left = iter(values)
+    ports = [port.with_capacitors(*(C and next(left) for C in port.capacitances)) for port in circuit.ports]
     return replace(circuit, ports=tuple(ports))
 
 
