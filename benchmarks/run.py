@@ -69,6 +69,7 @@ ACCURACIES: dict[str, Callable[[], Iterable[accuracy.Accuracy]]] = {
     "elastomer-accuracy": elastomer.accuracies,
     "metal-accuracy": metal.accuracies,
     "measured": measured.accuracies,
+    "space-accuracy": space.accuracies,
 }
 SPEEDS: dict[str, Callable[[], Iterable[speed.Speed | None]]] = {
     "speed": speed.measure,

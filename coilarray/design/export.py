@@ -154,7 +154,7 @@ def board_targets(design: Design, target: Path, to: Format) -> tuple[Path, ...]:
         return (target,)
     if len(named_boards(design)) < len(design.placed):
         raise OutputError(
-            f"cannot write {target}: coils of {design.name} are loops on a surface, which only step, stl and glb have."
+            f"cannot write {target}: {design.name} has loops on a surface, which go to stl, glb or, if flat, step."
         )
     names = [(board.name or "").replace("/", "-") for board in design.placed[1:]]
     own = design.name if to == "kicad" else ""

@@ -79,7 +79,7 @@ def pose_grid(
     Returns
     -------
     xarray.DataArray
-        Poses over the axes that have several values.
+        Poses over the axes that have several values, or over z if none has.
 
     Raises
     ------
@@ -105,7 +105,8 @@ def pose_grid(
     for place in np.ndindex(*shape):
         a, b, c, *turn = (float(row.values[k]) for row, k in zip(values.values(), place, strict=True))
         poses[place] = Pose(a, b, c, (turn[0], turn[1], turn[2]))
-    return xr.DataArray(poses, values, dims=AXES).squeeze()
+    single = [name for name, size in zip(AXES, shape, strict=True) if size == 1]
+    return xr.DataArray(poses, values, dims=AXES).squeeze([name for name in single if name != "z" or len(single) < 6])
 
 
 def pose_of(design: Design, name: str) -> Pose:

@@ -59,6 +59,11 @@ def test_many_poses_are_shown_by_their_extremes(capsys):
     assert "--frequency-MHz" in out  # without it there are k and M only
 
 
+def test_a_single_pose_is_a_row(capsys):
+    (row,) = answer(capsys, "--move", "tag", "--x-mm", "3", "--plot", "one.png")["poses"]
+    assert row["z_mm"] == 8.0
+
+
 BAD = {
     "a step of zero": (("--move", "tag", "--z-mm", "1:20:0"), "1:20:0"),
     "a step away from the end": (("--move", "tag", "--z-mm", "1:20:-1"), "1:20:-1"),
