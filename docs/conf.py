@@ -83,6 +83,7 @@ warnings.filterwarnings("ignore", message=".*is non-interactive")
 matplotlib.use("agg")
 pyvista.OFF_SCREEN = True
 pyvista.BUILDING_GALLERY = True
+pyvista.global_theme.anti_aliasing = "ssaa"
 shared._PIPE_WIDTH = 122  # characters of a line of a page, so that tables of commands fit
 # of each program that is not run: scaled once
 THUMBNAIL = HERE / "made" / "thumbnail.png"

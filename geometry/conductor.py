@@ -300,9 +300,10 @@ class CurrentPaths(ABC):
         return plot_board(self.as_array(), ax)
 
     def show(self) -> None:
-        """Open a window with the board in three dimensions.
+        """Show the board in three dimensions, in a window or a notebook.
 
-        It needs the extra ``3d`` and a screen, and returns when the user closes the window.
+        It needs the extra ``3d``. A window needs a screen, and the function returns when the user
+        closes it.
         """
         from coilarray.viz.scenes.board import board_scene
         from coilarray.viz.scenes.pictures import show

@@ -127,8 +127,9 @@ def film_of(code: str, path: Path) -> None:
 
 
 def _make_films(app: Sphinx) -> None:
-    """Make the films of tutorials, unless the gallery is left out."""
-    for page in sorted((Path(app.srcdir) / "tutorials").glob("*.py")) if _with_films(app.config) else []:
+    """Make the films of tutorials and gallery, unless the gallery is left out."""
+    folders = ("tutorials", "gallery") if _with_films(app.config) else ()
+    for page in sorted(page for folder in folders for page in (Path(app.srcdir) / folder).rglob("*.py")):
         for code in films_of(page.read_text(encoding="utf-8")):
             if not (path := _path(app, code, ".gif")).exists():
                 film_of(code, path)

@@ -15,6 +15,7 @@ from coilarray.errors import CoilarrayError, ElastomerError, GeometryError, Loca
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.dataset import on_board, origin_attributes
+from coilarray.viz.datasets.meshes import RISE
 from coilarray.viz.datasets.results import AMOUNT, COUPLING, DELTA, field_grid
 from coilarray.viz.scenes.design import ITEMS, View, scene_of_design
 from coilarray.viz.scenes.results import (
@@ -82,12 +83,21 @@ def test_a_dent_takes_the_place_of_the_sheets(design):
     at = np.array([1e-3, 2e-3])
     tip = body.points[body.points[:, 2].argmin()]
     thickness = sum(sheet.thickness for sheet in design.sheets)
-    np.testing.assert_allclose(tip, [*(at * 1e3), (thickness - 0.5e-3) * 1e3], atol=1e-5)  # single precision
-    assert parts["sheet magnetic"].opacity == 1.0
-    # names stand on the sheets, but where the quarter is cut out
-    heights = {text.text: text.position[2] for text in scene.texts if text.text in design.array.names}
-    for name, centre in zip(design.array.names, design.array.centres, strict=True):
-        assert heights[name] == pytest.approx(0.0 if (centre < at).all() else thickness * 1e3)
+    np.testing.assert_allclose(tip, [*(at * 1e3), (thickness - 1.5e-3) * 1e3], atol=1e-5)  # single precision
+    assert parts["indenter"].group.endswith("0.5 mm deep, drawn 3 ×")
+    sheet = parts["sheet magnetic"]
+    assert sheet.opacity == 1.0
+    # the colours are the real displacement, and the shape is three times as deep
+    rise = sheet.mesh.point_data[RISE]
+    assert rise.min() == pytest.approx(-0.5e-3, rel=1e-3)
+    deepest = sheet.mesh.points[:, 2].max() - 3 * 0.5
+    top = np.abs(np.linalg.norm(sheet.mesh.points[:, :2] - at * 1e3, axis=1)) < 1e-6
+    assert sheet.mesh.points[top, 2].max() == pytest.approx(deepest, abs=0.05)
+    assert sheet.scale.unit == "m"
+    # coils under the sheets have no names
+    named = {text.text for text in scene.texts if text.text in design.array.names}
+    seen = (design.array.centres < at).all(axis=1)
+    assert named == {name for name, free in zip(design.array.names, seen, strict=True) if free}
 
 
 @pytest.mark.slow

@@ -1,17 +1,20 @@
 """Windows: on a virtual screen they open, their switches work, and they close; nothing is left behind."""
 
+import html
 import os
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
 import pyvista
 from support.patience import PATIENCE
 
+from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.draw import draw, text_name
-from coilarray.viz.scenes.pictures import add_switches
+from coilarray.viz.scenes.pictures import add_switches, show
 from coilarray.viz.scenes.scene import Part, Scene, Text, about_zero
 
 pytestmark = pytest.mark.slow
@@ -117,3 +120,19 @@ def test_a_switch_hides_meshes_and_words_of_its_group():
     switches["red"](True)
     assert plotter.actors["red"].GetVisibility()
     plotter.close()
+
+
+def test_a_notebook_shows_a_page_without_a_screen(monkeypatch):
+    pytest.importorskip("trame_vtk", reason="trame-vtk is not installed")
+    shown = []
+    display = SimpleNamespace(HTML=str, display=shown.append)
+    fake = SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=1))
+    monkeypatch.setitem(sys.modules, "IPython", fake)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    monkeypatch.setenv(NO_RENDERING, "1")
+    show(Scene((Part("box", pyvista.Box(), "a <b>"),)))
+    (frame,) = shown
+    assert frame.startswith('<iframe srcdoc="')
+    page = html.unescape(frame.partition('srcdoc="')[2].partition('" sandbox')[0])
+    assert "a &lt;b&gt;" in page
+    assert page.count("</html>") == 1

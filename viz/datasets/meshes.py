@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 
 MM_PER_M = 1e3
+RISE = "u_z (m)"
+"""Name of the point array of the upward displacement of a dented sheet, not exaggerated."""
 
 _BALL = (48, 32)  # meridians and circles of latitude of a ball
 
@@ -179,17 +181,19 @@ def dented_sheet_meshes(
     sheets: Sequence[Sheet],
     centre: tuple[float, float],
     extent: tuple[float, float, float, float],
+    exaggeration: float = 1.0,
 ) -> dict[str, pyvista.PolyData]:
-    """Surfaces of the deformed sheets in mm by name.
+    """Surfaces of the deformed sheets in mm by name, with the point array ``"u_z (m)"``.
 
     The quarter of lower x and y is cut out. The `indentation` is at one depth. `centre` is x and y
-    of the indenter, `extent` x_min, y_min, x_max, y_max of the flat sheet, in m.
+    of the indenter, `extent` x_min, y_min, x_max, y_max of the flat sheet, in m. Displacements are
+    multiplied by `exaggeration`.
     """
     plane = indentation.attrs["symmetry"] == "plane"
     angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)
     radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, at the dent
     at = (indentation.isel(interface=k) for k in range(len(sheets) + 1))
-    faces = [_displaced(angles, radii, centre, face, plane=plane) for face in at]
+    faces = [_displaced(angles, radii, centre, face, exaggeration, plane=plane) for face in at]
     return {sheet.name: _opened_solid(faces[k], faces[k + 1]) for k, sheet in enumerate(sheets)}
 
 
@@ -199,18 +203,20 @@ def indenter_mesh(
     centre: tuple[float, float],
     extent: tuple[float, float, float, float],
     height: float,
+    exaggeration: float = 1.0,
 ) -> pyvista.PolyData:
     """Surface of an indenter in mm, cut open as in `dented_sheet_meshes`.
 
-    `tip` is the height in m of its tip. A cylinder goes from end to end of the extent.
+    `tip` is the height in m of its tip. A cylinder goes from end to end of the extent. Heights
+    above the tip are multiplied by `exaggeration`.
     """
-    plane, end = indenter.symmetry == "plane", indenter.radius_at(height)
+    plane, end = indenter.symmetry == "plane", indenter.radius_at(height / exaggeration)
     angles, lengths = _rays(centre, extent, end, plane=plane)
     radii = lengths[:, None] * np.sin(np.linspace(0.0, math.pi / 2, _RADII))  # fine at the rim, where a ball is steep
     distance = np.abs(radii * np.cos(angles)[:, None]) if plane else radii
     x, y = centre[0] + radii * np.cos(angles)[:, None], centre[1] + radii * np.sin(angles)[:, None]
     # A distance that rounding has put beyond the rim has no height.
-    bottom = tip + indenter.profile(np.minimum(distance, end))
+    bottom = tip + exaggeration * indenter.profile(np.minimum(distance, end))
     return _opened_solid(np.stack((x, y, bottom), axis=-1), np.stack((x, y, np.full_like(x, tip + height)), axis=-1))
 
 
@@ -233,21 +239,22 @@ def _rays(
 
 
 def _displaced(
-    angles: FloatArray, radii: FloatArray, centre: tuple[float, float], face: xr.Dataset, *, plane: bool
+    angles: FloatArray, radii: FloatArray, centre: tuple[float, float], face: xr.Dataset, factor: float, *, plane: bool
 ) -> FloatArray:
-    """Displaced points of an interface in m, shape (angles, radii, 3)."""
+    """Displaced points of an interface and their rise in m, shape (angles, radii, 4)."""
     x, y = radii * np.cos(angles)[:, None], radii * np.sin(angles)[:, None]
     distance = np.abs(x) if plane else radii
     outwards, upwards = (
         np.interp(distance, face.r.values, face[name].values) for name in ("displacement_r", "displacement_z")
     )
+    outwards = factor * outwards
     along = centre[0] + x + outwards * (np.sign(x) if plane else np.cos(angles)[:, None])
     across = centre[1] + y + (0.0 if plane else outwards * np.sin(angles)[:, None])
-    return np.stack((along, across, float(face.height) + upwards), axis=-1)
+    return np.stack((along, across, float(face.height) + factor * upwards, upwards), axis=-1)
 
 
 def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
-    """Close the solid between faces (angles, radii, 3) in m."""
+    """Close the solid between faces (angles, radii, 3 or 4) in m."""
     rays, circles = bottom.shape[:2]
     # Point [ray, circle] of a face. All rays begin at the same point on the axis.
     lower = np.arange(rays * circles).reshape(rays, circles)
@@ -270,5 +277,8 @@ def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]  # on the axis one side of a quad is a point
     used, numbers = np.unique(corners, return_inverse=True)
-    points = np.concatenate((bottom.reshape(-1, 3), top.reshape(-1, 3)))[used]
-    return triangles(points, numbers.reshape(corners.shape))
+    points = np.concatenate((bottom, top)).reshape(-1, bottom.shape[-1])[used]
+    solid = triangles(points[:, :3], numbers.reshape(corners.shape))
+    if points.shape[1] > 3:
+        solid.point_data[RISE] = points[:, 3]
+    return solid

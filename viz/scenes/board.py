@@ -22,7 +22,7 @@ from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import meshes
 from coilarray.viz.datasets.results import at_depth
 from coilarray.viz.palette import BARREL, COPPER, INK, LAMINATE, METAL, SHEETS, cycled
-from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Slider, Text
+from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Slider, Text, about_zero
 
 if TYPE_CHECKING:
     import pyvista
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 Box = tuple[float, float, float, float]
 
-_LIFT = 0.6  # of the lowest sheet, over the lift that clears the board in an oblique view
+_HIGH = 0.15  # height of boards over their length from which z has a ruler
+_LIFT = 0.5  # of the lowest sheet, over the lift that clears the board in an oblique view
 _GLASS = 0.12  # opacity of a sheet
 _RISER = "#BBBBBB"
 _SMOOTH = 97  # points of a bent edge of a board
@@ -81,14 +82,14 @@ def scene_of_board(
     """Scene of a board: laminate, copper, barrels, names, rulers.
 
     A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names.
-    `name_heights` in m lift the names above anything that covers the coils.
+    `name_heights` in m lift the names, and leave out those of covered coils, NaN.
     """
     _require_layers(layers, array.stackup.names)
     bare = _bare_board(array, layers, box, name_heights)
     if box is not None:
         return bare
     x_min, y_min, x_max, y_max = (meshes.MM_PER_M * edge for edge in array.bounds)
-    extent = (x_min, x_max, y_min, y_max, 0.0) if array.form is None else Scene(bare.parts).bounds[:5]
+    extent = (x_min, x_max, y_min, y_max, 0.0, 0.0) if array.form is None else Scene(bare.parts).bounds
     return bare + _rulers(*extent)
 
 
@@ -97,7 +98,7 @@ def scene_of_boards(
 ) -> Scene:
     """Scene of boards in space, as `scene_of_board` of each.
 
-    Parts and groups of a named board begin with its name. Boards without a name are loops of a
+    Parts of a named board begin with its name, and it is one group. Boards without a name are loops of a
     surface if there are several: their copper is drawn together, without a laminate. The heights of
     names are of the first board.
     """
@@ -113,7 +114,7 @@ def scene_of_boards(
                 part.mesh.cell_data["coil"] += first
         first += len(board.array.names)
     drawn = _placed(boards, bare)
-    return drawn + _rulers(*Scene(drawn.parts).bounds[:5])
+    return drawn + _rulers(*Scene(drawn.parts).bounds)
 
 
 def _placed(boards: Sequence[Board], bare: Sequence[Scene]) -> Scene:
@@ -123,7 +124,7 @@ def _placed(boards: Sequence[Board], bare: Sequence[Scene]) -> Scene:
     scenes = [in_space(scene, board) for scene, board in zip(bare, boards, strict=True)]
     for board, scene in zip(boards, scenes, strict=True):
         for part in scene.parts:
-            if board.name or not loops or part.group != _LAMINATE:
+            if board.name or not loops or not part.name.endswith("board"):
                 alike.setdefault(part.name, []).append(part)
     parts = [
         replace(same[0], mesh=same[0].mesh.append_polydata(*(part.mesh for part in same[1:]))) if same[1:] else same[0]
@@ -159,7 +160,7 @@ def scene_of_motion(still: Sequence[Board], moved: Sequence[Sequence[Board]], sl
 
 
 def in_space(scene: Scene, board: Board) -> Scene:
-    """Move a scene of a board by itself to the place of the board, whose name it gets."""
+    """Move a scene of a board by itself to the place of the board, whose name is its group."""
     start = f"{board.name}: " if board.name else ""
 
     def moved(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -169,7 +170,7 @@ def in_space(scene: Scene, board: Board) -> Scene:
     for part in scene.parts:
         mesh = part.mesh.copy()
         mesh.points = moved(mesh.points)
-        parts.append(replace(part, mesh=mesh, name=start + part.name, group=part.group and start + part.group))
+        parts.append(replace(part, mesh=mesh, name=start + part.name, group=part.group and (board.name or part.group)))
     texts = []
     for text in scene.texts:
         x, y, z = moved(text.position).tolist()
@@ -200,7 +201,18 @@ def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, nam
     if board.n_cells:
         # Copper may share a face with the board, so the board is drawn just behind it.
         parts.append(
-            Part("board", board, _LAMINATE, LAMINATE, opacity=0.35, ambient=0.35, diffuse=0.75, shadow=True, sunk=True)
+            Part(
+                "board",
+                board,
+                _LAMINATE,
+                LAMINATE,
+                opacity=0.35,
+                ambient=0.35,
+                diffuse=0.75,
+                sunk=True,
+                shadow=True,
+                upright=array.form is not None,
+            )
         )
     if box is not None:
         return Scene(tuple(parts))
@@ -210,7 +222,11 @@ def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, nam
         parts.append(_edges("edges of board", board, _LAMINATE, LAMINATE, array, span))
     heights = np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
     places = _as_bent(array, np.column_stack((array.centres, heights))).tolist()
-    names = [Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True)]
+    names = [
+        Text(name, (x, y, z), 24.0, bold=True)
+        for name, (x, y, z) in zip(array.names, places, strict=True)
+        if math.isfinite(z)
+    ]
     return Scene(tuple(parts), tuple(names))
 
 
@@ -223,12 +239,13 @@ def _tones(layers: Sequence[str]) -> dict[str, str]:
     return {layer: to_hex((1 - share) * top + share * bottom) for layer, share in zip(layers, depth, strict=True)}
 
 
-def _rulers(x_min: float, x_max: float, y_min: float, y_max: float, low: float) -> Scene:
-    """Ticks along two edges of the lower face of a box in mm."""
+def _rulers(x_min: float, x_max: float, y_min: float, y_max: float, low: float, high: float) -> Scene:
+    """Ticks along two edges of the lower face of a box in mm, and along an upright one of a high box."""
     length = 0.012 * (x_max - x_min + y_max - y_min)
-    front, numbers = _ruler("x", (x_min, x_max), y_min, length, low)
-    left, more = _ruler("y", (y_min, y_max), x_min, length, low)
-    return Scene((front, left), (*numbers, *more))
+    made = [_ruler("x", (x_min, x_max), y_min, length, low), _ruler("y", (y_min, y_max), x_min, length, low)]
+    if high - low > _HIGH * max(x_max - x_min, y_max - y_min):
+        made.append(_ruler("z", (low, high), x_min, length, y_max))
+    return Scene(tuple(ticks for ticks, _ in made), tuple(text for _, texts in made for text in texts))
 
 
 def board_in_pieces(
@@ -313,9 +330,12 @@ def _edges(
 
 
 def _ruler(
-    axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float, height: float
+    axis: Literal["x", "y", "z"], ends: tuple[float, float], at: float, length: float, height: float
 ) -> tuple[Part, list[Text]]:
-    """Ticks of a length with numbers along an axis, in mm."""
+    """Ticks of a length with numbers along an axis, in mm.
+
+    They are at a place on the other axis of the board, and at a height, of z at a place along y.
+    """
     from matplotlib.ticker import MaxNLocator
 
     from coilarray.viz.extra_3d import pyvista
@@ -323,17 +343,20 @@ def _ruler(
     low, high = ends
     ticks = np.asarray(MaxNLocator(10 if axis == "x" else 4, steps=[1, 2, 5, 10]).tick_values(low, high))
     ticks = ticks[(ticks >= low) & (ticks <= high)]
-    edge_on: Side = "right" if axis == "x" else "front"
+    edge_on: Side = "right" if axis == "x" else "front" if axis == "y" else "top"
 
     def place(along: float, outwards: float) -> tuple[float, float, float]:
         """Place equally far below and outside, for side views."""
+        if axis == "z":
+            return at - outwards, height, along
         beside = at - outwards, height - outwards
         return (along, *beside) if axis == "x" else (beside[0], along, beside[1])
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
     texts = [Text(true_minus(f"{t:g}"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
     # Beyond the end of the edge it is clear of the numbers unless the board is small.
-    title = Text(f"{axis} (mm)", place(high + 2.6 * length, 1.2 * length), hidden_from=(edge_on,), always=True)
+    beyond = 1.2 if axis == "x" else 2.2
+    title = Text(f"{axis} (mm)", place(high + 2.6 * length, beyond * length), hidden_from=(edge_on,), always=True)
     return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]
 
 
@@ -341,6 +364,9 @@ VEILED = 0.13
 """Opacity of dented sheets through which the coils are visible."""
 
 _WIDTH = 2.5  # width shown on each side of a dent, in stack thicknesses
+_EXAGGERATED = 3.0  # times the real displacement, unless this reaches deeper than a share of the stack
+_SOLID = 0.65
+_EDGE = 40.0  # angle in degrees of an edge of a dented sheet
 _TALL = 0.7  # height of the indenter over the thickness of the stack
 
 
@@ -393,12 +419,19 @@ def scene_of_dent(
     """
     extent = array.bounds if box is None else box
     thickness, deep = float(dent.height[-1]), float(dent.depth)
-    body = meshes.indenter_mesh(indenter, thickness - deep, centre, extent, _TALL * thickness)
-    label = f"{indenter.name}, {deep * meshes.MM_PER_M:g} mm deep"
-    parts = [Part("indenter", body, label, METAL, smooth=True, ambient=0.3)]
+    factor = _EXAGGERATED if _EXAGGERATED * deep < _SOLID * thickness else 1.0
+    body = meshes.indenter_mesh(indenter, thickness - factor * deep, centre, extent, _TALL * thickness, factor)
+    label = f"{indenter.name}, {deep * meshes.MM_PER_M:g} mm deep" + (f", drawn {factor:g} ×" if factor > 1 else "")
+    parts = [Part("indenter", body, label, METAL, smooth=True, ambient=0.3, shine=0.4)]
     labels = _sheet_labels(sheets)
     colours = cycled(SHEETS, list(labels))
-    for name, mesh in reversed(meshes.dented_sheet_meshes(dent, sheets, centre, extent).items()):
-        look: dict[str, Any] = {"smooth": True, "ambient": 0.2, "opacity": opacity}
+    dented = meshes.dented_sheet_meshes(dent, sheets, centre, extent, factor)
+    values = np.concatenate([mesh.point_data[meshes.RISE] for mesh in dented.values()])
+    scale = about_zero(meshes.RISE, "displacement upwards", "m", values) if opacity == 1.0 else None
+    for name, mesh in reversed(dented.items()):
+        look: dict[str, Any] = {"smooth": True, "ambient": 0.35, "diffuse": 0.7, "opacity": opacity, "scale": scale}
+        if scale is not None:
+            edges = mesh.extract_feature_edges(_EDGE, manifold_edges=False, non_manifold_edges=False)
+            parts.append(Part(f"edges of sheet {name}", edges, labels[name], colours[name], lit=False, line_width=3.0))
         parts.append(Part(f"sheet {name}", mesh, labels[name], colours[name], **look))
     return Scene(tuple(parts))

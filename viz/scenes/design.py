@@ -251,8 +251,8 @@ class _Making:
     def _name_heights(self) -> npt.NDArray[np.float64] | float:
         if not self.covered:
             return 0.0
-        # those in the open quarter lie on the board
-        return np.where((self.design.array.centres < self._on_board).all(axis=1), 0.0, self.design.top)
+        # only those in the open quarter are seen
+        return np.where((self.design.array.centres < self._on_board).all(axis=1), 0.0, np.nan)
 
     def _response(self) -> Scene:
         setup, _, depth = self._press

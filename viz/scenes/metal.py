@@ -26,7 +26,7 @@ from coilarray.viz.datasets.meshes import body_mesh, plate_mesh, surface_of
 from coilarray.viz.datasets.results import EDDY_AMOUNT, Eddies, eddy_arrows
 from coilarray.viz.palette import METAL, METALS, cycled
 from coilarray.viz.scenes.board import Box
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider
+from coilarray.viz.scenes.scene import DECADE, Part, Scale, Scene, Slider, rounded_up
 
 if TYPE_CHECKING:
     import pyvista
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _GLASS, _DENSER = 0.22, 0.45  # opacities of bodies that cover the whole board, and a part of it
 _BEYOND = 0.06  # length of an infinite plate beyond the board, over the board's longer side
-_DECADES = 1.5  # range of current densities that the colours resolve, in powers of ten
+_DECADES = 2  # range of current densities that the colours resolve, in powers of ten
 _ARROWS, _MOST_ARROWS = 20, 32  # arrows along the longest side of a body, and of the whole picture
 _STRONG = 0.98  # quantile of the current densities with the last colour; at rims they diverge
 _SHARP = 30.0  # angle in degrees of an edge that is drawn
@@ -230,6 +230,7 @@ def _strongest(phasors: Mapping[str, Phasors], within: Box) -> tuple[dict[str, t
     found = {name: Eddies(at, normals, K.real if now else K.imag) for name, (at, normals, K) in phasors.items()}
     amounts = [np.linalg.norm(one.density, axis=1) for one in found.values()]
     high = max((float(np.quantile(amount, _STRONG)) for amount in amounts if amount.size), default=0.0) or 1.0
+    high = rounded_up(high, DECADE)
     scale = Scale(EDDY_AMOUNT, "eddy current", "A/m", high / 10**_DECADES, high, logarithmic=True)
     when = "while the coil's current is largest" if now else "a quarter of a period before the coil's peak"
     return {name: _eddy_parts(name, one, scale, within) for name, one in found.items()}, when

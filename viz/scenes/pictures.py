@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import json
 import re
 import shutil
+import sys
 import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -222,12 +225,19 @@ _LETTER = 8.5  # width of a letter beside a switch in pixels
 
 
 def show(scene: Scene, *, side: Side = "oblique") -> None:
-    """Open a window with a scene.
+    """Open a window with a scene, or show its page in a notebook.
 
     Every group of the `scene` has a switch, and it is seen from `side` ("oblique", "top", "front"
-    or "right"). The function returns when the user closes the window. Raises MissingDependencyError
-    if no window can be opened or this machine cannot render.
+    or "right"). The function returns when the user closes the window. In a notebook it turns in the
+    browser, which needs no screen. Raises MissingDependencyError if no window can be opened or this
+    machine cannot render.
     """
+    if getattr(getattr(sys.modules.get("IPython"), "get_ipython", bool)(), "kernel", None) is not None:
+        notebook: Any = import_module("IPython.display")
+        page = html.escape(scene_page(scene, side=side))
+        look = "width: 100%; height: 520px; border: 0"
+        notebook.display(notebook.HTML(f'<iframe srcdoc="{page}" sandbox="allow-scripts" style="{look}"></iframe>'))
+        return
     check_window()
     from coilarray.viz.extra_3d import pyvista
 

@@ -19,7 +19,7 @@ from coilarray.viz.datasets.meshes import polylines, surface_of
 from coilarray.viz.datasets.results import AMOUNT, FIELD, field_arrows, field_lines, field_surfaces
 from coilarray.viz.palette import GREY, INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero, rounded_up
+from coilarray.viz.scenes.scene import DECADE, Part, Scale, Scene, Text, about_zero, rounded_up
 
 if TYPE_CHECKING:
     import pyvista
@@ -169,7 +169,6 @@ _FINE, _GROWTH = 1.3, 1.2  # half side in which its points are equally far apart
 _IN_SKIN = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # depths in skin depths
 _OFF = 1e-8  # m from a face of a plate to a point on either side; B along the face may jump
 _DECADES = 2.0  # range of |B| that the colours resolve, in powers of ten
-_ENDS = (1.0, 2.0, 5.0, 10.0)  # upper ends of logarithmic scales, times powers of ten
 _ARROWS = 150  # about the number of arrows on a plane
 _SEE_THROUGH, _VEIL = 0.85, 0.3  # opacities of a plane where B is strongest, and of a surface
 _TUBE = 0.0011  # radius of a line over the diagonal of its box
@@ -333,7 +332,7 @@ def scale_of_field(grids: Sequence[pyvista.DataSet], part: float = 1.0) -> Scale
     """Logarithmic scale of |B|, up to the value that a part of each grid's points does not exceed."""
     amounts = [np.asarray(grid.point_data[AMOUNT]) for grid in grids if grid.n_points]
     largest = max((float(np.quantile(amount, part)) for amount in amounts), default=0.0)
-    high = rounded_up(largest, _ENDS) if largest > 0 else 1.0
+    high = rounded_up(largest, DECADE) if largest > 0 else 1.0
     return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
 
 
@@ -344,7 +343,7 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
     """
     parts = []
     powers = np.arange(math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high)))
-    levels = np.outer(10.0**powers, _ENDS[:3]).ravel()
+    levels = np.outer(10.0**powers, DECADE[:3]).ravel()
     for k, plane in enumerate(slices):
         sides = np.ptp(np.reshape(plane.bounds, (3, 2)), axis=1)
         level = plane.dimensions[2] == 1

@@ -121,6 +121,8 @@ def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
 # surfaces on white, on which the white centre of the plots' map would be lost.
 _DIVERGING = "coolwarm"
 _ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # ends of scales that round ticks divide
+DECADE = (1.0, 2.0, 5.0, 10.0)
+"""Ends of logarithmic scales, times powers of ten."""
 _STEPS = (1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # between round ticks
 _EQUAL = 1e-6  # relative rounding of an end or step
 _IN_A_SIGN = 3  # colours of a scale in a sign of the legend

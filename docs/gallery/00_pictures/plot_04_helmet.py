@@ -11,7 +11,7 @@ import coilarray as ca
 
 design = ca.load_design("helmet")
 dome = design.array.form.carrier
-plotter = pyvista.Plotter(window_size=(900, 600))
+plotter = pyvista.Plotter(window_size=(1600, 900))
 plotter.add_mesh(pyvista.make_tri_mesh(dome.vertices * 1e3, dome.faces), color="#d8d2c8", smooth_shading=True)
 colours = ["#1b6ca8", "#c8553d", "#3a7d44", "#8a5fa8", "#b8860b"]
 for board in design.placed:

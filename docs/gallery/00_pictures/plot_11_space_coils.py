@@ -24,7 +24,7 @@ coils = [
         for path in twisted_pair(28e-3, 2e-3, pitch=8e-3, wire=1.2e-3)
     ],
 ]
-plotter = pyvista.Plotter(window_size=(1000, 600))
+plotter = pyvista.Plotter(window_size=(1600, 900))
 for number, paths in enumerate(coils):
     place = Pose(x=38e-3 * (number % 3), y=-44e-3 * (number // 3))
     for path in paths:

@@ -12,7 +12,6 @@ import coilarray as ca
 from coilarray.viz import View, draw, scene_of_design
 
 design = ca.load_design("starter")
-plotter = pyvista.Plotter(window_size=(900, 500))
+plotter = pyvista.Plotter(window_size=(1600, 900))
 draw(scene_of_design(design, View(show=("board", "lines"))), plotter)
-plotter.camera.zoom(1.2)
 plotter.show()

@@ -16,6 +16,6 @@ from coilarray.viz import board_scene, draw
 strip = ca.Array.row(ca.Spiral(6, 10e-3, 6, 0.15e-3, 0.15e-3), 3, pitch=10.5e-3)
 middle = strip.stackup.thickness / 2
 finger = Bend((Zone(8e-3 + middle),), axis=math.pi / 2, neutral=-middle)
-plotter = pyvista.Plotter(window_size=(900, 500))
+plotter = pyvista.Plotter(window_size=(1600, 900))
 draw(board_scene(strip.bent(finger)), plotter)
 plotter.show()

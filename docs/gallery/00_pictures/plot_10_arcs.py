@@ -11,7 +11,6 @@ import coilarray as ca
 from coilarray.viz import View, draw, scene_of_design
 
 design = ca.load_design("gast2020")
-plotter = pyvista.Plotter(window_size=(900, 500))
+plotter = pyvista.Plotter(window_size=(1600, 900))
 draw(scene_of_design(design, View(show=("board", "coupling"))), plotter)
-plotter.camera.elevation = -30  # so low that the arcs stand above the board
 plotter.show()
