@@ -54,9 +54,8 @@ def view(
         typer.Option(
             help="Items to show, separated by commas: board, elastomer (the sheets, lifted off the board), dent, "
             "plates, target (on a page with a slider for its distance), eddies (eddy currents in plates and "
-            "target), field (B on an upright plane, with arrows), map (B on a level plane), lines (of B), surfaces "
-            "(of equal B), currents (of the passive coils), coupling, response, location. By default the board, with "
-            "its plates and target."
+            "target), field (B on an upright plane, with arrows), map (B on a level plane), lines (of B), currents "
+            "(of the passive coils), coupling, response, location. By default the board, with its plates and target."
         ),
     ] = None,
     out: Annotated[
@@ -75,7 +74,9 @@ def view(
         str | None, typer.Option(help="Pixels of picture and film; 1600x900 and 960x540 by default.")
     ] = None,
     layers: Annotated[str | None, typer.Option(help="Copper layers shown, as L1,L3; all by default.")] = None,
-    coil: Annotated[str | None, typer.Option(help="The measured coil; the middle one by default.")] = None,
+    coil: Annotated[
+        str | None, typer.Option(help='The measured coil, the middle one by default; on a page "each", with a slider.')
+    ] = None,
     at_mm: Annotated[
         tuple[float, float] | None,
         typer.Option(
@@ -156,9 +157,9 @@ def view(
         line, data = _write_field(opened, out, coil, heights, spacing_mm or _SPACING_MM, distance)
         shared.print_result({**shared.design_record(opened), **data}, as_json=as_json, lines=[line])
         return
-    from coilarray.viz.scenes.design import View, board_and_metal, scene_of_design
+    from coilarray.viz.scenes.design import View, board_and_metal, scene_of_coils, scene_of_design
 
-    items = items or board_and_metal(opened)
+    items, each = items or board_and_metal(opened), coil == "each" and kind == "page"
     if distance is not None and "target" not in items:
         raise OutputError(f"--distance-mm is for a design with a [target]; {opened.name} has none.")
     _check_machine(kind, out, pixels)
@@ -169,7 +170,8 @@ def view(
     else:
         asked = View(
             show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
-            coil=coil, spacing=spacing, at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth,
+            coil=None if each else coil,
+            spacing=spacing, at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth,
             distance=distance, table=shared.kept_table(opened) if "location" in items else None,
         )  # fmt: skip
         with ExitStack() as bar:
@@ -178,7 +180,7 @@ def view(
                 bar.close()  # of the work before
                 return bar.enter_context(shared.progress_bar(text))
 
-            scene = scene_of_design(opened, asked, track)
+            scene = (scene_of_coils if each else scene_of_design)(opened, asked, track)
         notes = list(scene.notes)
         written = [out]
         if out is None:

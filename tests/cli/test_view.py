@@ -93,7 +93,7 @@ test_mistakes_are_one_line = mistakes(
     (("--out", "no/p.vtm"), "cannot write no/p.vtm: there is no folder no"),
     (("--coil", "x", "--show", "field", "--out", "p.vtm"), "there is no coil 'x'"),
     (("--spacing-mm", "nan"), "--spacing-mm must be 1e-06 to 100000; got nan"),
-    (("--spacing-mm", "1e-4", "--show", "surfaces", "--out", "p.vtm"), "GB of memory; at most 1 GB is allowed"),
+    (("--spacing-mm", "1e-4", "--show", "map", "--out", "p.vtm"), "GB of memory; at most 1 GB is allowed"),
     (("--depth-mm", "-1"), "--depth-mm must be 1e-06 to 100000; got -1"),
     (("--out", "m.gif", "--show", "field"), "--show is not for a film"),
     (("--out", "m.gif", "--at-mm", "0", "0"), "--at-mm is not for a film"),

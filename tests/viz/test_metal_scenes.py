@@ -204,4 +204,4 @@ def test_b_beside_metal_that_is_not_computed_is_refused_by_name(design):
         scene_of_design(design, View(show=("target", "field")))
     pressed = replace(design.indentation, material=ALUMINIUM)
     with pytest.raises(MetalError, match="B beside an indenter of metal or ferrite is not computed"):
-        scene_of_design(replace(design, target=None, indentation=pressed), View(show=("dent", "surfaces")))
+        scene_of_design(replace(design, target=None, indentation=pressed), View(show=("dent", "map")))

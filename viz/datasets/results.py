@@ -305,14 +305,6 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
     return result
 
 
-def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> pyvista.PolyData:
-    """Surfaces in mm on which |B| has given values in T."""
-    surfaces: pyvista.PolyData = grid.contour(list(levels), scalars=AMOUNT, compute_normals=True)
-    for name in set(surfaces.point_data.keys()) - {AMOUNT, "Normals"}:
-        del surfaces.point_data[name]
-    return surfaces
-
-
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
     """Choose indices of values at least a distance apart."""
 

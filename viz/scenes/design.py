@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -30,7 +30,7 @@ from coilarray.viz.scenes import board as boards
 from coilarray.viz.scenes import results
 from coilarray.viz.scenes.draw import shown_units
 from coilarray.viz.scenes.metal import CURRENT, scene_of_metal, steps_of, target_at, target_place
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider, Text, about_zero
 
 if TYPE_CHECKING:
     import pyvista
@@ -49,7 +49,6 @@ Item = Literal[
     "field",
     "map",
     "lines",
-    "surfaces",
     "currents",
     "coupling",
     "response",
@@ -60,12 +59,10 @@ ITEMS: tuple[Item, ...] = get_args(Item)
 
 _PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # default distances of the points of B in m
 _CLEAR = 0.99  # of the points of a grid that crosses copper: the nearest to a wire would set the scale
-_LEVELS = (-0.35, -0.85, -1.35)  # surfaces of equal |B|, as powers of ten of its maximum
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
-_IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
 _METAL: frozenset[Item] = frozenset({"plates", "target", "eddies"})
 _PLANES: tuple[Item, Item] = ("map", "field")  # level and upright
-_OF_B: frozenset[Item] = frozenset({*_PLANES, *_IN_BOX})
+_OF_B: frozenset[Item] = frozenset({*_PLANES, "lines"})
 _WITHIN: frozenset[Item] = frozenset({*_OF_B, "response", "location", "coupling", *_METAL})
 
 
@@ -81,8 +78,7 @@ class View:
     layers : tuple of str, optional
         Copper layers, all by default.
     coil : str, optional
-        Measured coil, for field, lines, surfaces, currents and response. The default is the middle
-        coil.
+        Measured coil, for field, map, lines, currents and response. The default is the middle coil.
     others_open : bool
         Leave the other coils open, instead of terminated as in the design.
     spacing : float, optional
@@ -127,6 +123,40 @@ def scene_of_design(design: Design, view: View | None = None, track: Tracker | N
     does not have or that is not computed raises a MetalError.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
+
+
+def scene_of_coils(design: Design, view: View, track: Tracker | None = None) -> Scene:
+    """Compute the scenes of a view with every coil measured in turn, for a slider.
+
+    The colours are the same for all coils, up to the largest value. Errors are as of
+    `scene_of_design`, and GeometryError if the view has a slider of its own.
+    """
+    if "target" in view.show:
+        raise GeometryError("a page has one slider: show the target with a single coil.")
+    alike = scene_of_design(design, replace(view, show=("board",)), track) if "board" in view.show else Scene()
+    names = {part.name for part in alike.parts if "currents" not in view.show or "copper" not in part.name}
+    scenes: list[Scene] = []
+    coupling: dict[str, xr.Dataset] = {}
+    for coil in design.coil_names:
+        making = _Making(design, replace(view, coil=coil), track or (lambda text: None))
+        vars(making).update(coupling)  # computed once for all coils
+        scenes.append(making.scene())
+        coupling = {name: value for name, value in vars(making).items() if name == "_coupling"}
+    scales: dict[str, Scale] = {}
+    for scale in (scale for scene in scenes for scale in scene.scales):
+        widest = scales.setdefault(scale.array, scale)
+        if scale.high - scale.low > widest.high - widest.low:
+            scales[scale.array] = scale
+    parts = [part for part in scenes[0].parts if part.name in names]
+    for step, (coil, scene) in enumerate(zip(design.coil_names, scenes, strict=True)):
+        parts += [
+            replace(part, name=f"{part.name}, {coil}", scale=part.scale and scales[part.scale.array], step=step)
+            for part in scene.parts
+            if part.name not in names
+        ]
+    first = design.coil_names.index(view.coil or design.array.middle_coil)
+    slider = Slider("measured coil", tuple(design.coil_names), tuple(scene.notes for scene in scenes), first)
+    return Scene(tuple(parts), scenes[0].texts, slider=slider)
 
 
 def bare_scene(design: Design, *, sheets: bool) -> Scene:
@@ -280,7 +310,7 @@ class _Making:
         item, spacing = (self.design, self.coil), self.view.spacing
         both = zip(_PLANES, results.field_planes(*item, spacing or _PLANE_SPACING), strict=True)
         planes = [plane for name, plane in both if name in self.shown]
-        return planes, [results.field_box(*item, spacing or _BOX_SPACING)] if self.shown & _IN_BOX else []
+        return planes, [results.field_box(*item, spacing or _BOX_SPACING)] if "lines" in self.shown else []
 
     def _require_field(self) -> None:
         """Refuse a field that cannot be computed."""
@@ -313,10 +343,7 @@ class _Making:
         scale = results.scale_of_field([*planes, *boxes], 1.0 if results.is_flat(self.design) else _CLEAR)
         scene = results.scene_of_slices(planes, scale)
         for box in boxes:
-            if "lines" in self.shown:
-                scene += results.scene_of_lines(box, results.line_seeds(self._with_target, self.coil, box), scale)
-            if "surfaces" in self.shown:
-                scene += results.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
+            scene += results.scene_of_lines(box, results.line_seeds(self._with_target, self.coil, box), scale)
         others = f", the others {self.others}" if len(self.design.coil_names) > 1 else ""
         carried = f"{self.coil} carries {CURRENT * 1e3:g} mA{others}"
         design, metal = self._with_target, []  # what B includes, and what it leaves out

@@ -16,7 +16,7 @@ from coilarray.design.model import Board, Design
 from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import results as meshes
 from coilarray.viz.datasets.meshes import polylines, surface_of
-from coilarray.viz.datasets.results import AMOUNT, FIELD, field_arrows, field_lines, field_surfaces
+from coilarray.viz.datasets.results import AMOUNT, FIELD, field_arrows, field_lines
 from coilarray.viz.palette import GREY, INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
 from coilarray.viz.scenes.scene import DECADE, Part, Scale, Scene, Text, about_zero, rounded_up
@@ -170,7 +170,7 @@ _IN_SKIN = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)  # dep
 _OFF = 1e-8  # m from a face of a plate to a point on either side; B along the face may jump
 _DECADES = 2.0  # range of |B| that the colours resolve, in powers of ten
 _ARROWS = 150  # about the number of arrows on a plane
-_SEE_THROUGH, _VEIL = 0.85, 0.3  # opacities of a plane where B is strongest, and of a surface
+_SEE_THROUGH = 0.85  # opacity of a plane where B is strongest
 _TUBE = 0.0011  # radius of a line over the diagonal of its box
 _HEAD = 9.0, 3.2  # length and radius of an arrowhead over the radius of its line
 _SIDES, _LINES = 6, 5  # half-planes through the middle of the coil with seeds, and number of seeds in each
@@ -391,11 +391,3 @@ def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: S
     ends = f"{closed} close, the others leave the picture" if closed < lines.n_cells else "all close"
     note = f"Lines of B, in each half-plane with equal flux between them: {ends}."
     return Scene((Part("field lines", both, "lines of B", **look),), notes=(note,))
-
-
-def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:
-    """Scene of translucent surfaces of equal |B| in T."""
-    surfaces = field_surfaces(grid, levels)
-    if not surfaces.n_cells:
-        return Scene()
-    return Scene((Part("field surfaces", surfaces, "surfaces of equal B", scale=scale, opacity=_VEIL, ambient=0.4),))
