@@ -189,11 +189,11 @@ def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
     assert {"indenter", "sheet base", "sheet magnetic", "copper L1", "copper L3", "board"} <= {
         part.name for part in scene.parts
     }
-    assert {"hemisphere, 1 mm deep", "magnetic 2 mm", "base 6 mm"} <= set(scene.groups)
+    assert {"hemisphere, 1 mm deep, drawn 3 ×", "magnetic 2 mm", "base 6 mm"} <= set(scene.groups)
     # two and a half thicknesses of the stack on each side, cut to the board
     x_min, x_max, *_, z_max = scene.bounds
     assert (x_min, x_max) == pytest.approx((-39.92, 0.08), abs=1e-5)  # single precision
-    assert z_max == pytest.approx(7 + 0.7 * 8)
+    assert z_max == pytest.approx(8 - 3 * 1 + 0.7 * 8)  # the dent is drawn three times as deep
     with pytest.raises(ValueError, match="centre must be on the board"):
         viz.dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), centre=(1.0, 0.0))
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
@@ -201,5 +201,6 @@ def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
     viz.draw(scene, plotter, side="cut")
     picture = plotter.screenshot(return_img=True) / 255
     red, green, blue = np.moveaxis(picture, -1, 0)
-    assert ((red > green + 0.1) & (blue > green + 0.1)).mean() > 0.05  # the upper sheet, purple
+    assert ((red > blue + 0.05) & (green > blue + 0.05)).mean() > 0.05  # the sheets where they are flat
+    assert ((blue > red + 0.2) & (blue > green + 0.1)).mean() > 0.001  # and where they are deepest
     assert ((red > blue + 0.2) & (red > green + 0.1)).sum() > 20  # copper in the quarter that is cut out

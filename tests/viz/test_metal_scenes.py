@@ -142,7 +142,7 @@ def test_eddy_currents_at_all_distances_have_one_scale(few_turns, monkeypatch):
     ]
     assert strongest[0] > 1.1 * strongest[1]  # the nearer, the stronger
     (scale,) = scene.scales
-    assert scale.high == pytest.approx(strongest[0], rel=0.5)  # but for 2 % of the places
+    assert 0.5 < scale.high / strongest[0] < 2.5  # but for 2 % of the places, and to a round number
 
 
 def test_what_is_not_there_is_refused(design):

@@ -92,7 +92,7 @@ def draw(
 
 def legible(texts: Sequence[Text], camera: Camera, size: tuple[int, int]) -> tuple[Text, ...]:
     """Texts that stand on no other in a picture: names before numbers."""
-    pixel, kept, boxes = pixel_of(size), set(), []
+    pixel, kept, boxes = pixel_of(size), set[int](), list[shapely.Polygon]()
     order = sorted(range(len(texts)), key=lambda k: (not texts[k].always, not texts[k].bold))
     places = seen_from(camera, [text.position for text in texts], size) * size if texts else np.empty((0, 2))
     for k in order:
