@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -351,7 +351,13 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
         surface = surface_of(plane)
         if not surface.n_cells:  # the whole plane is in metal
             continue
-        look = {"scale": scale, "opacity": _SEE_THROUGH, "fade": True, "lit": False, "upright": not level}
+        look: dict[str, Any] = {
+            "scale": scale,
+            "opacity": _SEE_THROUGH,
+            "fade": True,
+            "lit": False,
+            "upright": not level,
+        }
         parts.append(Part(f"plane {k}", surface, group, **look))
         lines = surface.contour(levels[(levels > scale.low) & (levels < scale.high)].tolist(), scalars=AMOUNT)
         if lines.n_cells:
@@ -387,7 +393,8 @@ def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: S
         heads.append(head)
     tubes = lines.tube(radius=radius, n_sides=8)
     both = tubes.append_polydata(*heads)
-    look = {"scale": scale, "ambient": 0.45, "diffuse": 0.6, "upright": True}
     ends = f"{closed} close, the others leave the picture" if closed < lines.n_cells else "all close"
     note = f"Lines of B, in each half-plane with equal flux between them: {ends}."
-    return Scene((Part("field lines", both, "lines of B", **look),), notes=(note,))
+    return Scene(
+        (Part("field lines", both, "lines of B", scale=scale, ambient=0.45, diffuse=0.6, upright=True),), notes=(note,)
+    )
