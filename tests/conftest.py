@@ -124,7 +124,7 @@ def _closed_figures():
 @pytest.fixture
 def pictures_of_nothing(monkeypatch):
     """Make the plots of pages but draw none in pixels, which takes longest; tests of the report do."""
-    monkeypatch.setattr("coilarray.report.page.png_of", lambda drawn: b"a picture")
+    monkeypatch.setattr("coilarray.report.page.image_of", lambda drawn, name, alt: ("<svg></svg>", ""))
 
 
 @pytest.fixture

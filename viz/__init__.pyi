@@ -3,6 +3,8 @@ from .offscreen import window_problem as window_problem
 from .plots.board import check_figure as check_figure
 from .plots.board import plot_board as plot_board
 from .plots.board import plot_copper as plot_copper
+from .plots.board import plot_dimensions as plot_dimensions
+from .plots.board import plot_stack as plot_stack
 from .plots.circuit import frequency_figure as frequency_figure
 from .plots.circuit import plot_coupling as plot_coupling
 from .plots.circuit import plot_currents as plot_currents
@@ -10,7 +12,7 @@ from .plots.circuit import plot_effective_inductance as plot_effective_inductanc
 from .plots.circuit import plot_field_lines as plot_field_lines
 from .plots.circuit import plot_field_map as plot_field_map
 from .plots.circuit import plot_frequency_sweep as plot_frequency_sweep
-from .plots.circuit import plot_inductance as plot_inductance
+from .plots.circuit import plot_neighbours as plot_neighbours
 from .plots.circuit import ports_figure as ports_figure
 from .plots.localize import calibration_figure as calibration_figure
 from .plots.localize import comparison_figure as comparison_figure

@@ -12,7 +12,7 @@ import itertools
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from html import escape
@@ -25,13 +25,14 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import xarray as xr
 
-_MANY_COLUMNS = 13  # from which a page prints them smaller
+_MANY_COLUMNS = 11  # from which a page prints them smaller
 # notebooks set all cells to the right
 _STYLE = "<style>.coilarray th, .coilarray td { text-align: left; } .coilarray img { max-width: 100%; }</style>"
 Value = str | float | bool
 """Cell of a table: text, number in SI, or truth. "" for none."""
 _POSITION = ("x", "y")  # columns that are kept even if they have equal numbers
 _TRUTH = {True: "yes", False: "no"}
+_ALIKE = 1e-4  # to which inductances are known
 _GAP = 2  # blanks between columns
 _MOST_LINES = 3  # of a cell, before texts stand below their rows
 _NARROWEST = 10  # characters of a column before its heading or text is wrapped
@@ -52,16 +53,29 @@ _SYMBOLS = {
 """Headings of a narrow terminal, by the name of the quantity."""
 
 
-def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str = "") -> str:
-    """Return a table as HTML, rows with `mark` in its class."""
+def html_table(
+    headers: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    mark: str = "",
+    *,
+    caption: str = "",
+    more: Container[int] = (),
+) -> str:
+    """Return a table as HTML, rows with `mark` in its class.
+
+    Columns of the numbers `more` are folded on a page.
+    """
 
     def line(tag: str, texts: Sequence[str], kind: str = "") -> str:
-        return f"<tr{kind}>{''.join(f'<{tag}>{escape(text)}</{tag}>' for text in texts)}</tr>"
+        shown = map(_subscripts if tag != "td" else escape, texts)
+        cells = (f"<{tag}{' class=more' * (k in more)}>{text}</{tag[:2]}>" for k, text in enumerate(shown))
+        return f"<tr{kind}>{''.join(cells)}</tr>"
 
-    many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
-    head = f"\n<thead>{line('th', headers)}</thead>" if headers else ""
+    many = ' class="many"' if sum(k not in more for k in range(len(headers))) > _MANY_COLUMNS else ""
+    head = f"\n<thead>{line('th scope=col', headers)}</thead>" if headers else ""
+    title = f"\n<caption>{_subscripts(caption)}</caption>" if caption else ""
     lines = "".join(line("td", row, ' class="mark"' if mark and mark in row else "") + "\n" for row in rows)
-    return f"<table{many}>{head}\n<tbody>\n{lines}</tbody></table>"
+    return f"<table{many}>{title}{head}\n<tbody>\n{lines}</tbody></table>"
 
 
 def html_card(title: str, *parts: str) -> str:
@@ -69,9 +83,9 @@ def html_card(title: str, *parts: str) -> str:
     return f'<div class="coilarray">{_STYLE}<strong>{escape(title)}</strong>{"".join(parts)}</div>'
 
 
-def png_url(png: bytes) -> str:
-    """Return a PNG file as a data URL."""
-    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+def data_url(image: bytes, kind: str = "png") -> str:
+    """Return a PNG or JPEG file as a data URL."""
+    return f"data:image/{kind};base64,{base64.b64encode(image).decode('ascii')}"
 
 
 @dataclass(frozen=True)
@@ -127,7 +141,8 @@ class Table:
     """Table with a name for files and a title.
 
     `row_units` are shown in the column "unit", and apply to the pure numbers before it. Rows with a
-    cell of the text `mark` stand out. `notes` are sentences below the table.
+    cell of the text `mark` stand out. `notes` are sentences below the table. A page shows the
+    columns named in `main` first and folds the others, if any are named.
     """
 
     name: str
@@ -137,6 +152,7 @@ class Table:
     row_units: tuple[DisplayUnit, ...] = ()
     mark: str = ""
     notes: tuple[str, ...] = ()
+    main: tuple[str, ...] = ()
 
     @property
     def headers(self) -> list[str]:
@@ -172,7 +188,41 @@ class Table:
     def html(self) -> str:
         """Return the table and its notes as HTML."""
         notes = "".join(f"<p>{html_text(note)}</p>" for note in self.notes)
-        return f'<div class="wide">{html_table(self.headers, self.cells(), self.mark)}</div>{notes}'
+        more = [k for k, column in enumerate(self.columns) if self.main and column.name not in self.main]
+        shown = html_table(self.headers, self.cells(), self.mark, caption=self.title, more=more)
+        return f'<div class="wide" data-file="{self.name}">{shown}</div>{notes}'
+
+    def latex(self) -> str:
+        """Return the table for LaTeX, of its main columns, with booktabs."""
+        table = self.without(*(one.name for one in self.columns if self.main and one.name not in self.main))
+        lines = [" & ".join(map(_latex, texts)) + r" \\" for texts in (table.headers, *table.cells())]
+        aligned = "".join("r" if isinstance(value, float) else "l" for value in table.rows[0])
+        return "\n".join([
+            r"\begin{table}", r"\centering", rf"\caption{{{_latex(self.title)}}}", rf"\label{{tab:{self.name}}}",
+            rf"\begin{{tabular}}{{{aligned}}}", r"\toprule", lines[0], r"\midrule", *lines[1:],
+            r"\bottomrule", r"\end{tabular}", r"\end{table}", "",
+        ])  # fmt: skip
+
+    def alike(self, *keys: str) -> Table:
+        """Join rows whose numbers agree to 10⁻⁴ into one.
+
+        The first column names all of them. The columns `keys`, such as places, do not count and are left out if rows
+        were joined.
+        """
+        dropped = [k for k, column in enumerate(self.columns) if column.name in keys]
+        groups: list[tuple[tuple[Value, ...], list[str]]] = []
+        for row in self.rows:
+            own = tuple(value for k, value in enumerate(row) if k and k not in dropped)
+            for other, names in groups:
+                if all(map(_close, own, (value for k, value in enumerate(other) if k and k not in dropped))):
+                    names.append(str(row[0]))
+                    break
+            else:
+                groups.append((row, [str(row[0])]))
+        if len(groups) == len(self.rows):
+            return self
+        rows = tuple((joined_names(names), *row[1:]) for row, names in groups)
+        return replace(self, rows=rows).without(*keys)
 
     def text(self, width: int | None = None, *, title: bool = True) -> str:
         """Return the table for a terminal of `width` characters.
@@ -299,17 +349,22 @@ def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
 
 @dataclass(frozen=True)
 class Picture:
-    """Picture with name, caption, and its data as URI."""
+    """Picture with name, caption, and its image as HTML.
+
+    `axes` is JSON about its axes, from which a page reads values under the mouse.
+    """
 
     name: str
     caption: str
-    uri: str
+    image: str
+    axes: str = ""
 
     def html(self) -> str:
         """Return the picture with its caption."""
-        caption = escape(self.caption)
-        image = f'<img src="{self.uri}" alt="{caption}">'
-        return f'<figure id="{self.name}">{image}<figcaption>{caption}</figcaption></figure>'
+        quoted = escape(self.axes, quote=False).replace("'", "&#39;")
+        axes = f" data-axes='{quoted}'" if quoted else ""
+        caption = html_text(self.caption)
+        return f'<figure id="{self.name}"{axes}>{self.image}<figcaption>{caption}</figcaption></figure>'
 
 
 @dataclass(frozen=True)
@@ -322,9 +377,24 @@ class Group:
 
 @dataclass(frozen=True)
 class Warn:
-    """Sentence that stands out."""
+    """Sentence that stands out, of the kind ok, warn or bad."""
 
     text: str
+    kind: str = "warn"
+
+
+@dataclass(frozen=True)
+class Card:
+    """Number that decides, with its name and a remark."""
+
+    name: str
+    value: str
+    remark: str = ""
+
+    def html(self) -> str:
+        """Return the card as HTML."""
+        remark = f"<small>{html_text(self.remark)}</small>"
+        return f'<div class="card"><h3>{html_text(self.name)}</h3><p>{escape(self.value)}</p>{remark}</div>'
 
 
 @dataclass(frozen=True)
@@ -337,8 +407,8 @@ class Details:
     id: str = ""
 
 
-Block = Union[str, Warn, Table, Picture, "Future[list[Picture]]", Group, Details]
-"""Part of a section. A string is a paragraph with `code`, **bold** and [links](address)."""
+Block = Union[str, Warn, Card, Table, Picture, "Future[list[Picture]]", Group, Details]
+"""Part of a section. A string is a paragraph with `code`, **bold**, B_z and [links](address)."""
 
 
 @dataclass(frozen=True)
@@ -370,7 +440,7 @@ def html_blocks(blocks: Sequence[Block]) -> str:
         if isinstance(block, str):
             parts.append(f"<p>{html_text(block)}</p>")
         elif isinstance(block, Warn):
-            parts.append(f'<p class="warn">{html_text(block.text)}</p>')
+            parts.append(f'<p class="{block.kind}">{html_text(block.text)}</p>')
         elif isinstance(block, Future):
             parts.append(html_blocks(block.result()))
         elif isinstance(block, Group):
@@ -387,12 +457,17 @@ def html_blocks(blocks: Sequence[Block]) -> str:
 def html_text(text: str) -> str:
     """Return a paragraph's text as HTML.
 
-    >>> html_text("**3** limits, see `check` & [docs](https://a.b)")
-    '<strong>3</strong> limits, see <code>check</code> &amp; <a href="https://a.b">docs</a>'
+    >>> html_text("**3** limits of L_0, see `check` & [docs](https://a.b)")
+    '<strong>3</strong> limits of L<sub>0</sub>, see <code>check</code> &amp; <a href="https://a.b">docs</a>'
     """
-    text = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", escape(text))
+    text = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", _subscripts(text))
     text = re.sub(r"`(.+?)`", r"<code>\1</code>", text)
-    return re.sub(r"\[([^\]]+)\]\((https?://[^)\s]+)\)", r'<a href="\2">\1</a>', text)
+    return re.sub(r"\[([^\]]+)\]\((#?[^)\s]+)\)", r'<a href="\2">\1</a>', text)
+
+
+def _subscripts(text: str) -> str:
+    """Escape a text for HTML, with subscripts of single letters."""
+    return re.sub(r"(?<![\w`/])([A-Za-zδσ])_(\w+)(?![\w`/.])", r"\1<sub>\2</sub>", escape(text))
 
 
 def fill(text: str, width: int | None) -> str:
@@ -425,6 +500,42 @@ def _aligned(texts: Sequence[str]) -> list[str]:
     """Numbers with blanks at their end that bring their decimal points below each other."""
     tails = [len(re.sub(r"^[^.·]*", "", text)) for text in texts]
     return [text + " " * (max(tails) - tail) if text else "" for text, tail in zip(texts, tails, strict=True)]
+
+
+def joined_names(names: Sequence[str]) -> str:
+    """Join names, of one start and many numbers only the first whole.
+
+    >>> joined_names(["coil6", "coil7", "coil10"]), joined_names(["a", "b2"])
+    ('coil6, 7, 10', 'a, b2')
+    """
+    start = re.sub(r"\d+$", "", names[0])
+    short = all(re.fullmatch(re.escape(start) + r"\d+", name) for name in names)
+    return ", ".join([names[0], *(name.removeprefix(start) if short else name for name in names[1:])])
+
+
+def _close(a: Value, b: Value) -> bool:
+    """Test whether two cells agree, numbers to 10⁻⁴."""
+    numbers = isinstance(a, float) and isinstance(b, float)
+    return math.isclose(a, b, rel_tol=_ALIKE) if numbers else a == b  # type: ignore[arg-type]
+
+
+_TEX = {
+    "µ": r"\textmu{}", "−": "$-$", "–": "--", "\\": r"\textbackslash{}",
+    "Ω": r"$\Omega$", "δ": r"$\delta$", "σ": r"$\sigma$", "ω": r"$\omega$", "Δ": r"$\Delta$", "χ": r"$\chi$",
+    "ε": r"$\varepsilon$", "°": r"$^\circ$", "±": r"$\pm$", "·": r"$\cdot$", "×": r"$\times$", "√": r"$\surd$",
+    "≤": r"$\le$", "≥": r"$\ge$", **{character: f"\\{character}" for character in "&%$#_{}"},
+}  # fmt: skip
+_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def _latex(text: str) -> str:
+    r"""Write a text for LaTeX.
+
+    >>> print(_latex("L_eff, 4 % of 10⁻⁶ Ω"))
+    L\_eff, 4 \% of 10$^{-6}$ $\Omega$
+    """
+    plain = "".join(_TEX.get(character, character) for character in text)
+    return re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"$^{{{found[0].translate(_RAISED)}}}$", plain)
 
 
 def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import io
+import json
+import re
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import jinja2
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from coilarray import viz
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.files import writing
-from coilarray.compute.table import Block, Group, Picture, Section, html_blocks, png_url, text_table
+from coilarray.compute.table import Block, Group, Picture, Section, data_url, html_blocks, text_table
 from coilarray.design.boards import named_boards
 from coilarray.design.model import Board, Design
 from coilarray.errors import MissingDependencyError
@@ -42,11 +50,12 @@ def html_page(
     top: Sequence[Block] = (),
     scene: str | None = None,
     contents: bool = False,
+    foot: str = "",
 ) -> str:
     """Return a self-contained page.
 
     `lead` comes before the list of contents, `top` after it. `scene` is a page with a turnable
-    board, in place of the first picture of `top`.
+    board, in place of the first picture of `top`. `foot` stands at the foot of printed pages.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("coilarray.report", "."),
@@ -56,9 +65,46 @@ def html_page(
         lstrip_blocks=True,
     )
     return environment.get_template("page.html.j2").render(
-        title=title or heading, heading=heading, lead=html_blocks(lead), top=html_blocks(top), scene=scene,
+        title=title or heading, heading=heading, lead=html_blocks(lead), top=html_blocks(top),
+        scene=scene and _packed(scene),
         sections=sections, contents=contents, blocks=html_blocks,
+        foot='"' + re.sub(r'["\\<\n]', " ", foot or heading) + '"',
     )  # fmt: skip
+
+
+_DATA = re.compile(r'(?<=base64Str: ")[^"]+')  # of a scene's page: a ZIP file of index.json
+_STEPS = (3, 4, 24)  # distances of like numbers: in points, in lines of two, in the triangles of prisms
+
+
+def _packed(scene: str) -> str:
+    """Pack the page of a scene a sixth as large; the page's script unpacks it.
+
+    A line of JSON, and the arrays as differences of numbers some places apart, byte for byte, all as base64 of gzip.
+    """
+    found = _DATA.search(scene)
+    assert found is not None
+    with zipfile.ZipFile(io.BytesIO(base64.b64decode(found[0]))) as archive:
+        index = json.loads(archive.read("index.json"))
+    arrays, parts = [], []
+    for name, array in index["hashes"].items():
+        content = base64.b64decode(array.pop("content"))
+        parts.append(content)
+        steps = (0,)
+        if len(content) % 4 == 0:
+            numbers = np.frombuffer(content, np.uint32)
+            planes = {step: _planes(numbers, step) for step in _STEPS}
+            steps, parts[-1:] = zip(*[min(planes.items(), key=lambda one: len(zlib.compress(one[1])))], strict=True)
+        arrays.append((name, *steps, len(content)))
+    head = {"page": scene[: found.start()] + "§" + scene[found.end() :], "index": index, "arrays": arrays}
+    packed = b"\n".join((json.dumps(head).encode(), b"".join(parts)))
+    return base64.b64encode(gzip.compress(packed, 9, mtime=0)).decode("ascii")
+
+
+def _planes(numbers: npt.NDArray[np.uint32], step: int) -> bytes:
+    """Differences of numbers, first the lowest bytes of all."""
+    differences = numbers.copy()
+    differences[step:] -= numbers[:-step]
+    return differences.view(np.uint8).reshape(-1, 4).T.tobytes()
 
 
 def provenance_section(made: Mapping[str, object], *notes: str) -> Section:
@@ -74,7 +120,20 @@ def now() -> str:
 
 
 _SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
-_DPI = 130
+_QUALITY = 80  # of its JPEG
+FULL, HALF = 8.6, 5.2
+"""Inches of a figure as wide as the page, and of a figure that shares the width with another."""
+_DPI = 130  # of maps in figures, and of figures of too many paths
+_MOST_BYTES = 250_000  # of a figure of paths
+# colours of figures that a dark page replaces
+_DARK = {
+    "#202020": "ink",
+    "#000000": "ink",
+    "#606060": "axis",
+    "#ffffff": "paper",
+    "#e4e4e4": "faint",
+    "#ededed": "shade",
+}
 
 
 def board_picture(design: Design) -> list[Picture]:
@@ -106,23 +165,26 @@ def board_page(design: Design) -> str | None:
         return None
 
 
-def plotted(plot: str, name: str, caption: str, *arguments: Any, **options: Any) -> list[Picture]:
+def plotted(plot: str, name: str, caption: str, *arguments: Any, width: float = FULL, **options: Any) -> list[Picture]:
     """Draw a picture by the name of a `coilarray.viz` function."""
-    return [draw(name, caption, getattr(viz, plot)(*arguments, **options))]
+    return [draw(name, caption, getattr(viz, plot)(*arguments, **options), width)]
 
 
 def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
     """Draw the deepest dent, and the force over depth."""
     deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
     caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
-    pictures = [draw("dent_section", caption, viz.plot_dent(indentation, indenter))]
+    pictures = [draw("dent_section", caption, viz.plot_dent(indentation, indenter), HALF)]
     if viz.rendering_problem() is None:
         outline = board_outlines(design)[coil]
         x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
         caption = f"The deformed sheets over {coil}, {deepest}; a quarter is cut out."
         scene = viz.dent_scene(design.array, design.sheets, indentation, indenter, centre=(x, y))
         pictures.append(_render("dent", caption, scene, "cut"))
-    return [*pictures, draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation))]
+    return [
+        *pictures,
+        draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation), HALF),
+    ]
 
 
 def response_line_pictures(response: xr.Dataset) -> list[Picture]:
@@ -130,14 +192,14 @@ def response_line_pictures(response: xr.Dataset) -> list[Picture]:
     deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
     caption = f"δ along {along}, {deepest}; dotted lines are the centres of the coils."
-    pictures = [draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along))]
+    pictures = [draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along), HALF)]
     state = middle_state(response)
     if response.sizes[along] > 1:
         caption = f"δ of {state} along {along} for each depth, with its width at half the peak."
-        pictures.append(draw("response_depths", caption, viz.plot_bell_curve(response, state, along=along)))
+        pictures.append(draw("response_depths", caption, viz.plot_bell_curve(response, state, along=along), HALF))
     elif response.sizes["depth"] > 1:
         depths = viz.plot_response_profile(response, state, None, along=along)
-        pictures.append(draw("response_depths", f"δ of {state} along {along} for each depth.", depths))
+        pictures.append(draw("response_depths", f"δ of {state} along {along} for each depth.", depths, HALF))
     return pictures
 
 
@@ -155,7 +217,7 @@ def ellipse_pictures(design: Design, positions: MapPositions, published: Ellipse
     ellipses.set_xlabel(positions.axis)
     fitted = f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}."
     crossed = f"Ellipses for the readings at {at}. They meet where the indenter may be."
-    return [draw("ellipse_parameters", fitted, parameters), draw("ellipses", crossed, ellipses)]
+    return [draw("ellipse_parameters", fitted, parameters, HALF), draw("ellipses", crossed, ellipses, HALF)]
 
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
@@ -180,26 +242,89 @@ def picture_name(start: str, board: Board) -> str:
 
 
 def _render(name: str, caption: str, scene: viz.Scene, side: Side = "oblique") -> Picture:
+    from PIL import Image
+
     with writing("temporary files"), tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.png"
+        path, buffer = Path(folder) / f"{name}.png", io.BytesIO()
         viz.save_picture(scene, path, side=side, size=_SIZE)
-        return Picture(name, caption, png_url(path.read_bytes()))
+        with Image.open(path) as image:
+            image.convert("RGB").save(buffer, "JPEG", quality=_QUALITY)
+        return Picture(name, caption, _image(buffer.getvalue(), "jpeg", caption))
 
 
-def draw(name: str, caption: str, drawn: Axes | Figure) -> Picture:
-    """Return a drawn figure as a picture with caption."""
-    return Picture(name, caption, png_url(png_of(drawn)))
+def _image(image: bytes, kind: str, alt: str) -> str:
+    return f'<img src="{data_url(image, kind)}" alt="{escape(alt)}">'
 
 
-def png_of(drawn: Axes | Figure) -> bytes:
-    """Draw a figure without its white rim, and close it."""
+def draw(name: str, caption: str, drawn: Axes | Figure, width: float = FULL) -> Picture:
+    """Return a drawn figure as a picture with caption, at most `width` inches wide."""
     from matplotlib.figure import Figure
-
-    from coilarray.viz.plots.style import close
 
     figure = drawn if isinstance(drawn, Figure) else drawn.figure
     assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
+    across, up = figure.get_size_inches()
+    if across > width:  # letters keep their size
+        figure.set_size_inches(width, up * width / across)
+    return Picture(name, caption, *image_of(figure, name, caption))
+
+
+def image_of(figure: Figure, name: str, alt: str) -> tuple[str, str]:
+    """Draw a figure without its white rim, and close it.
+
+    Returns SVG for a page, or a PNG of a figure with too many paths, and JSON about its axes.
+    """
+    import matplotlib
+
+    from coilarray.viz.plots.style import close, described_axes
+
     close(figure)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight", pil_kwargs={"compress_level": 3})
-    return buffer.getvalue()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        figure.draw_without_rendering()  # the first layout cuts labels of equal scales
+        box = figure.get_tightbbox().padded(0.04)
+        axes = described_axes(figure, box)
+        look: dict[str, Any] = {"dpi": _DPI, "bbox_inches": box}
+        figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")), **look)
+    if len(svg := _page_svg(buffer.getvalue().decode(), name, alt)) > _MOST_BYTES:
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", pil_kwargs={"compress_level": 6}, **look)
+        return _image(buffer.getvalue(), "png", alt), ""
+    return svg, json.dumps(axes, ensure_ascii=False, separators=(",", ":")) if axes else ""
+
+
+def _page_svg(svg: str, name: str, alt: str) -> str:
+    """Make Matplotlib's SVG part of a page: own names, the page's colours, short paths."""
+    svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    svg = re.sub(r' id="(?:\w+_\d+|\w*text\w*)"', "", svg)  # of groups that nothing refers to
+    svg = re.sub(r'( id="|url\(#|href="#)', rf"\1{name}-", svg)
+    svg = re.sub(r' d="([^"]*)"', lambda found: f' d="{_short_path(found[1])}"', svg)
+    svg = re.sub(r' (x|y|points|transform)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), svg)
+    svg = re.sub(r"(font: [^;\"]*?px) [^;\"]*", r"\1 sans-serif", svg)
+    svg = re.sub(r' transform="rotate\(-0 [^"]*"|font-family: [^;"]*;? ?|<g/>', "", svg)
+    for colour, own in _DARK.items():
+        svg = svg.replace(colour, f"var(--{own}, {colour})")
+    size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', svg)
+    assert size is not None
+    width = round(float(size[1]) * 96 / 72)
+    svg = svg.replace(
+        size[0],
+        f'role="img" aria-label="{escape(alt)}" font-family="sans-serif" style="width: {width}px"',
+        1,
+    )
+    return re.sub(r">\s+<", "><", svg)
+
+
+def _short_path(path: str) -> str:
+    """Write a path of absolute lines with relative lines, to hundredths.
+
+    >>> _short_path("M 10 20.004 L 10.501 20 z")
+    'M10 20l.5 0z'
+    """
+    parts, at = [], (0, 0)
+    for letter, texts in re.findall("([A-Za-z])([^A-Za-z]*)", path):
+        values = [round(100 * float(text)) for text in texts.split()]
+        shown = [value - start for value, start in zip(values, at, strict=True)] if letter == "L" else values
+        at = (values[-2], values[-1]) if values else at
+        numbers = " ".join(re.sub(r"(?<!\d)0\.", ".", f"{value / 100:g}") for value in shown)
+        parts.append(f"{'l' if letter == 'L' else letter}{numbers}")
+    return "".join(parts)

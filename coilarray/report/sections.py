@@ -50,8 +50,8 @@ _SWEEP_POINTS = 60
 _PORT_POINTS = 200
 # depths of the force curve, none closer to a depth of the design than this part of the greatest
 _CURVE_POINTS, _CURVE_APART = 8, 0.02
-_ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design shown beside the indentation
-_MANY = 8  # coils, of which matrices stand one below the other
+_MOST_MATRIX = 12  # coils whose pairs are shown as a matrix, of more by kinds of neighbours
+_PLACES = ("x", "y", "z", "layers")  # columns that do not part coils that are alike
 
 
 class Results:
@@ -170,7 +170,8 @@ def _copper(r: Results) -> Section:
         for layer in array.stackup.names:
             if layer in used:
                 name = page.picture_name(f"copper_{layer}", board)
-                pictures.append(r.plot("plot_copper", name, f"Copper of layer {layer}{which}.", array, layer))
+                caption = f"Copper of layer {layer}{which}."
+                pictures.append(r.plot("plot_copper", name, caption, array, layer, width=page.HALF))
     return Section("Copper", (Group("pairs", tuple(pictures)),))
 
 
@@ -198,17 +199,12 @@ def _indentation(r: Results) -> Section | None:
         else "Linear elasticity with faces that only move up and down (3 % of δ at a depth of an eighth of the sheets)"
     )
     wide = " The rectangular sample counts as wide here; the response includes its sides and its seat."
-    listed = tables.design_table(r.file)
-    entering = tuple(row for row in listed.rows if str(row[0]).startswith(_ENTERING))
     return Section("Indentation", (
-        f"A rigid {setup.indenter.name} is pressed into the sheets, base: {setup.base}. {elastic}, contact without "
-        "friction or adhesion. Displacements u_z are of the upper faces of the sheets on the axis. The ring is the "
-        f"highest rise of the free surface.{wide if setup.sample_bounds else ''}",
-        r.draw(page.indentation_pictures, r.design, setup.indenter, found, r.active),
+        f"A rigid {setup.indenter.name} is pressed into the sheets; their base: {setup.base}. {elastic}, "
+        "contact without friction or adhesion. Displacements u_z are of the upper faces of the sheets on the axis. The "
+        f"ring is the highest rise of the free surface.{wide if setup.sample_bounds else ''}",
+        Group("two", (r.draw(page.indentation_pictures, r.design, setup.indenter, found, r.active),)),
         response_tables.indentation_table(found),
-        Details("Inputs; assumed ones are marked", (
-            Group("text keys", (replace(listed, name="", rows=entering).without_empty_columns(),)),
-        )),
     ))  # fmt: skip
 
 
@@ -216,8 +212,9 @@ def _coils(r: Results) -> Section:
     coupling = r.coupling.result()
     full = tables.coil_table(r.design, coupling)
     left_out, judged = coupling.attrs["left_out"], r.design.readout.is_judged
+    main = ("coil", "open_inductance", "effective_inductance", "frequency", "quality_factor", "inductance_change")
     blocks: list[Block] = [
-        full.brief(),
+        replace(full.brief(), main=main).alike(*_PLACES),
         f"L_eff, f, R_eff and Q are {'what the converter sees' if judged else 'at the resonance with the tank'}, with "
         f"{r.strays}. R_eff and Q are of the coils without the "
         f"tank capacitor{r.beside_q}. The ideal columns leave out AC resistance and all strays."
@@ -230,7 +227,7 @@ def _coils(r: Results) -> Section:
             f"All inductances include the flat magnetic sheets on the board, which make "
             f"{' to '.join(shares)}\u00a0% of L{pairs}."
         )
-    if r.several:
+    if 1 < len(r.design.coil_names) <= _MOST_MATRIX:
         caption = "Inductance of each coil with all others open, and with the others as terminated."
         blocks.append(r.plot("plot_effective_inductance", "effective_inductance", caption, coupling))
     return Section("Coils", tuple(blocks), (full, r.pairs))
@@ -240,16 +237,21 @@ def _coupling(r: Results) -> Section | None:
     if not r.several:
         return None
     coupling = r.coupling.result()
-    beside = "two" if len(r.design.coil_names) <= _MANY else "pairs"
-    L = "Mutual inductance of the pairs, and for few coils the self-inductance on the diagonal."
-    currents = "Current in each passive coil per ampere in the active one."
+    kinds = tables.neighbour_table(r.design, coupling)
+    if len(r.design.coil_names) > _MOST_MATRIX:
+        caption = f"Coupling coefficients k = M/√(L L) of {kinds.first} with the other coils."
+        names = dict(zip(r.design.coil_names, r.outlines, strict=True))
+        pictures = [r.plot("plot_neighbours", "coupling", caption, coupling, names, kinds.first)]
+    else:
+        pictures = [
+            r.plot("plot_coupling", "coupling", "Coupling coefficients k = M/√(L L).", coupling, width=page.HALF),
+            r.plot(
+                "plot_currents", "currents", "Current in each passive coil per ampere in the active one.", coupling,
+                width=page.HALF,
+            ),
+        ]  # fmt: skip
     return Section("Coupling", (
-        Group(beside, (
-            r.plot("plot_coupling", "coupling", "Coupling coefficients k = M/√(L L).", coupling),
-            r.plot("plot_inductance", "inductance", L, coupling),
-        )),
-        r.plot("plot_currents", "currents", currents, coupling),
-        Details("All pairs", (r.pairs.brief(),)),
+        Group("two", tuple(pictures)), kinds.table, Details("All pairs", (r.pairs.brief(),)),
     ), (r.pairs,))  # fmt: skip
 
 
@@ -272,12 +274,12 @@ def _field(r: Results) -> Section:
             r.plot(
                 "plot_field_map", f"field_map_{k}",
                 f"B_z of {r.active} {height}, per ampere{f': {label}' if len(plane) > 1 else ''}.", field,
-                outlines=r.outlines,
+                outlines=r.outlines, width=page.HALF,
             )
             for k, (label, field) in enumerate(plane.items())
         )),
-        Details("Values along the line", (tables.line_table(line),)),
-    ))  # fmt: skip
+        "Values along the line: `report/field_line.csv`.",
+    ), (tables.line_table(line),))  # fmt: skip
 
 
 def _circuit_section(r: Results) -> Section:
@@ -293,12 +295,12 @@ def _circuit_section(r: Results) -> Section:
     blocks: list[Block] = [
         f"Each state of the scan plan where {where}, with {r.strays}: the circuit of the table of coils. L_eff is "
         f"1/(ω²C){takes}. R_eff and Q are of the coils without the tank capacitor{r.beside_q}. {limited}",
-        tables.state_table(scan),
+        tables.state_table(scan).alike(),
     ]
     if r.close_states and not without:
         both = tables.close_line(r.close_states), tables.pulling_line(r.design, r.close_states)
         blocks.append(" ".join(filter(None, both)))
-    blocks.append(shown)
+    blocks.append(shown.alike())
     causes = {
         "elastomer_delta": "when the elastomer is laid on the board",
         "dent_delta_bound": "at most for a dent that stays in the topmost sheet",
@@ -315,18 +317,19 @@ def _circuit_section(r: Results) -> Section:
     )
     end = "of every state over frequency, tank capacitor left out."
     blocks.append(Group("two", tuple(
-        r.plot("plot_frequency_sweep", name, f"{words} {end}", sweep, quantity) for name, words, quantity in pictured
+        r.plot("plot_frequency_sweep", name, f"{words} {end}", sweep, quantity, width=page.HALF)
+        for name, words, quantity in pictured
     )))  # fmt: skip
     if limits.rows:
         over = sum(row[-1] is False for row in limits.rows)
         target = " by the coils without the target" if r.design.target else ""
         kept = f"**{over} limits are broken**; they are marked." if over else f"all limits are kept{target}."
         details = Details(f"Limits of the {r.design.readout.converter}", (limits,), open=over > 0)
-        blocks += [f"{r.design.readout.converter}: {kept}", drives, details]
+        kept = f"{r.design.readout.converter}: {kept}"
+        blocks += [kept, drives.alike(), details]
     if r.several:
         blocks.append(Details("Currents in each state", (currents,)))
-    blocks.append(Details("Impedance over frequency", (tables.sweep_table(sweep),)))
-    return Section("Circuit", tuple(blocks), (windings, currents, limits, drives))
+    return Section("Circuit", tuple(blocks), (windings, currents, limits, drives, tables.sweep_table(sweep)))
 
 
 def _ports(r: Results) -> Section | None:
@@ -345,8 +348,8 @@ def _ports(r: Results) -> Section | None:
         f"U = kQ.{left_out}",
         *(table for table in found if table.rows),
         r.plot("ports_figure", "ports", caption, solved),
-        Details("S-parameters over frequency", (port_tables.sweep_table(solved),)),
-    ))  # fmt: skip
+        "S-parameters over frequency: `report/s_parameters.csv`.",
+    ), (port_tables.sweep_table(solved),))  # fmt: skip
 
 
 def _plates(r: Results) -> Section | None:
@@ -438,8 +441,8 @@ def _position(r: Results) -> Section | None:
         blocks += _ellipse_blocks(r)
     except (DesignError, LocalizeError) as error:
         r.problems["Position"] = str(error)
-        without = f"The ellipses of Gast & Zimmermann (2020) are not fitted here: {error}"
-        blocks.append(without if blocks else Warn(f"Not computed: {error}"))
+        if not blocks:
+            blocks.append(Warn(f"Not computed: {error}"))
     return Section("Position", tuple(blocks)) if r.several else None
 
 
@@ -521,10 +524,9 @@ def _design(r: Results) -> Section:
     listed = tables.design_table(r.file)
     decided = replace(listed, name="", rows=tuple(row for row in listed.rows if row[2] != "default"))
     defaults = replace(listed, name="", rows=tuple(row for row in listed.rows if row[2] == "default"))
-    blocks: list[Block] = [
-        f"Inputs of the design{'; assumed values are marked' if r.file.assumed else ''}.",
-        Group("text keys", (decided.without_empty_columns(),)),
-    ]
+    marked = "; assumed values are marked" if r.file.assumed else ""
+    given = Group("text keys", (decided.without_empty_columns(),))
+    blocks: list[Block] = [Details(f"Inputs of the design{marked}", (given,), open=True, id="inputs")]
     if defaults.rows:
         title = f"The other {len(defaults.rows)} values have their defaults"
         blocks.append(Details(title, (Group("text keys", (defaults.without_empty_columns(),)),)))
@@ -561,15 +563,6 @@ def lead(r: Results) -> list[Block]:
         f"{'Coupling report' if r.several else 'Report'} of the design **{design.name}**: {boards_words(design)}"
         f"{f', with {metal}' if metal else ''}; tank capacitor {design.circuit.capacitance * 1e12:g} pF.{measured}"
     )
-    if without := tables.converter_line(design):
-        lines.append(without)
-    if assumed := len(r.file.assumed):
-        lines.append(
-            Warn(
-                f"{assumed} of the {len(r.file.values)} values of this design are assumed; they are marked in the "
-                "table of the design, with the reason."
-            )
-        )
     return lines
 
 

@@ -27,19 +27,17 @@ if TYPE_CHECKING:
 
     from coilarray.geometry import Array
 
+CHECKED_WITHOUT = "Limits of the converter were checked without"
 _MOST_READ = 64  # coils, which take a few seconds
 _ALIKE = 1e-9  # of a number, smaller differences are rounding
 _PPM, _PERCENT = "ppm", "percent"  # units of dimensionless numbers as shown
 _SHOWN = {_PPM: PER_MILLION, _PERCENT: PERCENT, "ohm": KILOHM}
-_PARTS = {0.5: "over half of the area", 0.95: "over 95 % of the area"}  # of the coils, with σ up to a value
+_PARTS = {0.5: "half", 0.95: "95 %"}  # of the area of the coils, with σ up to a value
 _OF_STATES = (
-    ("frequency", "resonance with the tank"),
-    ("part_frequency", "the same with the capacitances of the switches' part, not verified"),
-    ("effective_inductance", "effective inductance"),
-    ("quality_factor", ""),  # the name in the dataset is enough
-    ("parallel_resistance", "parallel resistance"),
+    ("frequency", "f with the tank"), ("part_frequency", ""), ("effective_inductance", "L_eff"),
+    ("quality_factor", "Q of the coil"), ("parallel_resistance", "R_p of the resonator"),
     ("state_self_resonance", "self-resonance"),
-)
+)  # fmt: skip
 
 
 def summary_table(
@@ -73,7 +71,7 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
         state, limit = next(one for one in broken if one[1].name == name)
         lines.append(f"The converter cannot read {state}: {limit.words}.")
     if scan is not None and "readable" in scan and (left_out := scan.attrs.get("left_out")):
-        lines.append(f"Limits of the converter were checked without the {left_out.rstrip('.')}.")
+        lines.append(f"{CHECKED_WITHOUT} the the {left_out.rstrip('.')}.")
     # a map of the flat board alone, over its states, is covered by the scan
     return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
 
@@ -94,34 +92,34 @@ def _rows(
     """Rows of the table."""
     names = coupling.coil.values.tolist()
     own = coupling.open_inductance
-    yield _row("inductance, the others open" if len(names) > 1 else "inductance", names, own.values, "H")
+    yield _row("L, the others open" if len(names) > 1 else "L", names, own.values, "H")
     for name, words in _OF_STATES:
         if scan is None or name not in scan or not np.isfinite(scan[name]).any():
             continue
-        values = scan[name]
-        beside = " beside the other coils" if name == "state_self_resonance" and len(names) > 1 else ""
-        yield _row(
-            (words or str(values.attrs["long_name"])) + beside,
-            values.state.values.tolist(),
-            values.values,
-            str(values.attrs["units"]),
-        )
+        values, unit = scan[name], str(scan[name].attrs["units"])
+        part = str(values.attrs["long_name"]).removeprefix("with capacitances of ")
+        *row, where = _row(words or f"f with {part}", values.state.values.tolist(), values.values, unit)
+        yield *row, where if words else f"{where}; capacitances of the part, unverified"
     if len(names) > 1:
         k = np.abs(coupling.coupling.values - np.eye(len(names)))
         i, j = (int(n) for n in np.unravel_index(int(k.argmax()), k.shape))
-        yield ("largest |k| of two coils", "", float(k.max()), "1", f"{names[i]} and {names[j]}")
-    worst = next((one for one in margins if one.unit and one.feature != "board"), None)  # they are sorted
-    if worst is not None:
+        yield ("largest |k|", "", float(k.max()), "1", f"{names[i]} and {names[j]}")
+    if (worst := tightest(margins)) is not None:
         where = f"{worst.rule} of {worst.feature}{f' on {worst.layer}' if '/' in worst.layer else ''}"
         if abs(worst.margin) <= KEPT_WITHIN:
             where += f", which is exactly at its limit of {MM.text(worst.limit, '.4')}"
-        yield ("least margin of traces, gaps and holes", worst.margin, "", "m", where)
+        yield ("tightest fabrication rule", worst.margin, "", "m", where)
     if response is not None:
         yield _peak_row(response.delta.where(readable_of(response)).isel(depth=-1))
 
 
+def tightest(margins: Sequence[Margin]) -> Margin | None:
+    """Return the least margin of traces, gaps and holes, if any."""
+    return next((one for one in margins if one.unit and one.feature != "board"), None)  # they are sorted
+
+
 def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
-    """Row of the largest δ, preferably with the peak inside."""
+    """Row of the peaks of δ, preferably of those inside the map."""
     peaks, names = delta.max(("x", "y")), delta.state.values.tolist()
     at = delta.fillna(-np.inf).argmax(("x", "y"))
     ends = [(at[axis] == 0) | (at[axis] == delta.sizes[axis] - 1) for axis in ("x", "y") if delta.sizes[axis] > 1]
@@ -130,7 +128,7 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
     if beyond.all():
         beyond[:] = False
     within = np.flatnonzero(~beyond)
-    *row, where = _row("largest δ, deepest", [names[n] for n in within], peaks.values[within], _PPM)
+    *row, where = _row(f"peak δ, {MM.text(delta.depth)} deep", [names[n] for n in within], peaks.values[within], _PPM)
     outside = [name for name, out in zip(names, beyond.tolist(), strict=True) if out]
     left_out = f"without {', '.join(outside)}, which peak beyond the map" if outside else ""
     return *row, "; ".join(filter(None, (str(where), left_out)))
@@ -158,27 +156,33 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     """Rows of the bounds of a position."""
     if bounds is None:
         return
-    sigma = bounds.sigma_x.where(bounds.over_coils)
-    size, values = float(bounds.attrs["coil_size"]), bounds.sigma_x.values[bounds.over_coils.values]
+    size, values = float(bounds.attrs["coil_size"]), sigma_over_coils(bounds)
     known = values < size
     if not known.any():
         return
+    sigma = bounds.sigma_x.where(bounds.over_coils)
     scatter, drift = (max(bounds.attrs[name]) for name in ("noise", "common_noise"))
-    together = f", all drift together by {PER_MILLION.text(drift, '.2')}" if drift else ""
-    yield (
-        "σ of a located x over the coils, deepest, where each reading of δ scatters by "
-        f"{PER_MILLION.text(scatter, '.2')}{together}",
-        float(values.min()), "", "m", f"the least, at {_place(sigma, float(values.min()))}",
-    )  # fmt: skip
+    together = f", common drift {PER_MILLION.text(drift, '.2')}" if drift else ""
+    noise = f"at {_place(sigma, float(values[0]))}; noise of δ {PER_MILLION.text(scatter, '.2')}{together}"
+    yield "σ of x, best place", float(values[0]), "", "m", noise
     for share, words in _PARTS.items():
-        # no mean of two values, as one may be infinite
-        most = float(np.sort(values)[math.ceil(share * len(values)) - 1])
+        most = part_of(values, share)
         if most < size:
-            yield f"the same, {words} of the coils", most, "", "m", ""
+            yield f"σ of x, {words} of coils", most, "", "m", "not exceeded over this part of their area"
     if not known.all():
-        place = _place(sigma, float(values.max()))
-        where = f"σ is above the {MM.text(size, '.4')} of a coil, as at {place}: δ does not tell x, y and depth apart"
-        yield "share of the area of the coils where x is not determined", float(1 - known.mean()), "", _PERCENT, where
+        place = _place(sigma, float(values[-1]))
+        where = f"of the coils' area: σ is above the {MM.text(size, '.4')} of a coil, as at {place}"
+        yield "x not determined", float(1 - known.mean()), "", _PERCENT, where
+
+
+def sigma_over_coils(bounds: xr.Dataset) -> FloatArray:
+    """Return σ of x in m at all places over the coils, the least first."""
+    return np.sort(bounds.sigma_x.values[bounds.over_coils.values])
+
+
+def part_of(values: FloatArray, share: float) -> float:
+    """Return the least of sorted values that this share does not exceed."""
+    return float(values[math.ceil(share * len(values)) - 1])  # no mean of two, as one may be infinite
 
 
 def _place(sigma: xr.DataArray, value: float) -> str:
@@ -192,18 +196,18 @@ def _metal_rows(
     """Rows of the plates and of the target."""
     if scan is not None and without is not None:
         change = scan.effective_inductance.values / without.effective_inductance.values - 1
-        yield _row("change of the effective inductance by the plates", scan.state.values.tolist(), change, _PPM)
+        yield _row("L_eff by the plates", scan.state.values.tolist(), change, _PPM)
     if target is None:
         return
     states = target.state.values.tolist()
     read = target.delta.where(readable_of(target))
     nearest = read.isel(distance=0).transpose("state", "y", "x").values.reshape(len(states), -1)
     largest = nearest[np.arange(len(states)), np.nan_to_num(np.abs(nearest), nan=-1.0).argmax(axis=1)]
-    yield _row(f"δ of the target, {float(target.distance[0]) * 1e3:g} mm away", states, largest, _PPM)
+    yield _row(f"δ of target at {float(target.distance[0]) * 1e3:g} mm", states, largest, _PPM)
     ranges = target["range"].values
     if np.isfinite(ranges).any():
         at_least = ", at least" if target.range_is_least.values.any() else ""
-        yield _row(f"range of the target{at_least}", states, ranges, "m")
+        yield _row(f"range of target{at_least}", states, ranges, "m")
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:

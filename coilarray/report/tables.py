@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -93,6 +93,50 @@ def pair_table(coupling: xr.Dataset) -> Table:
     )  # fmt: skip
     table = dataset_table("pairs", "Pairs of coils", both, names)
     return replace(table, rows=tuple(row for row in table.rows if row[0] != row[1]))
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Table of k by kind of neighbour, and the coil that has them."""
+
+    first: str
+    table: Table
+
+
+def neighbour_table(design: Design, coupling: xr.Dataset) -> Neighbours:
+    """Return the couplings by the distance and direction of the coils.
+
+    Pairs are of one kind if one coil lies as far from the other in x, y and z, to a hundredth of the least distance,
+    whatever the signs and whichever is first. The strongest kinds come first.
+    """
+    names, k = coupling.coil.values.tolist(), coupling.coupling.values
+    places = np.vstack([board.in_space(_flat(board.array.centres)) for board in design.placed])
+    first, second = np.triu_indices(len(names), 1)
+    apart = np.abs(places[first] - places[second])
+    step = _ALIKE_PLACES * float(np.linalg.norm(apart, axis=1).min())
+    kinds: dict[tuple[int, ...], list[int]] = {}
+    for n, kind in enumerate(map(tuple, (apart / step).round().astype(int).tolist())):
+        kinds.setdefault(kind, []).append(n)
+    columns = (
+        Column("pairs", "kind of neighbour, for example"), Column("count", "pairs", "1", DisplayUnit(digits=0)),
+        *(Column(f"apart_{axis}", f"apart in {axis}", "m", DisplayUnit("mm", 1e3, 2)) for axis in "xyz"),
+        Column("least_k", "least k", "1", _FOUR), Column("most_k", "largest k", "1", _FOUR),
+    )  # fmt: skip
+    rows = []
+    for pairs in sorted(kinds.values(), key=lambda pairs: -float(np.abs(k[first[pairs], second[pairs]]).max())):
+        values, n = k[first[pairs], second[pairs]], pairs[0]
+        example = f"{names[first[n]]} – {names[second[n]]}"
+        rows.append((example, float(len(pairs)), *apart[n].tolist(), float(values.min()), float(values.max())))
+    middle = names[int(np.linalg.norm(places - (places.min(axis=0) + places.max(axis=0)) / 2, axis=1).argmin())]
+    return Neighbours(middle, Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows)).brief())
+
+
+_ALIKE_PLACES = 0.01  # of the least distance of two coils
+_FOUR = DisplayUnit(digits=4)  # as M is known to 10⁻⁴ of L
+
+
+def _flat(points: FloatArray) -> FloatArray:
+    return np.column_stack((points, np.zeros(len(points))))
 
 
 def link_table(columns: xr.Dataset) -> Table:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import xarray as xr
@@ -22,9 +22,12 @@ from coilarray.errors import CoilarrayError, DesignError, LocalizeError, OutputE
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.report import page, tables
 from coilarray.report.drawing import drawing_beside
+from coilarray.report.first_page import first_page
 from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, lead, model_words
 from coilarray.report.summary import summary_table, verdicts
 from coilarray.response.dataset import coils_outside
+
+_LATEX_ROWS = 64  # longer tables are for programs, in the CSV files
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +110,10 @@ def write_report(
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``. For metal there are ``plates.csv``,
     ``beside_plates.csv``, ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and
     ``target_coupling.csv``, and for several boards ``boards.csv`` and ``layers.csv``. All of them
-    are in ``report.json``. The arrays are in ``coupling.nc``, ``field.nc``, ``scan.nc``,
-    ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and
-    ``ellipses.nc``. Parts that a design does not ask for are left out.
-    Parts that cannot be computed are left out too, with the reason on the page.
+    are in ``report.json``, and those of up to 64 rows in ``tables.tex`` for LaTeX. The arrays are
+    in ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``,
+    ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc``. Parts that a
+    design does not ask for are left out. Parts that cannot be computed are left out too, with the reason on the page.
     """
     file = as_file(design)
     design = file.design
@@ -147,25 +150,37 @@ def write_report(
             results.target_or_none, results.bounds,
         )  # fmt: skip
         broken = verdicts(results.scan, results.margins, results.target_or_none, results.shown_or_none)
+        reading = verdicts(results.scan, (), results.target_or_none, results.shown_or_none)
+        first = first_page(results, summary, reading)
         all_tables = {summary.name: summary}
         for section in sections:
             all_tables |= section.tables()
         made_with = {**provenance(design), "date": page.now()}
         data = _data(results, broken, made_with) | {table.name: table.records() for table in all_tables.values()}
         texts = {f"{table.name}.csv": table.csv() for table in all_tables.values()}
+        short = (table.latex() for table in all_tables.values() if 0 < len(table.rows) <= _LATEX_ROWS)
+        texts["tables.tex"] = "% needs \\usepackage{booktabs} and UTF-8\n\n" + "\n".join(short)
         texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
         contents = {name: netcdf_of(found) for name, found in _datasets(results).items() if found is not None}
         drawing.finish()
     # everything that can fail on the numbers comes before the first file
+    origin = (
+        design.title or design.name,
+        design.digest[:8],
+        made_with["date"][:10],
+        f"coilarray {made_with['coilarray_version']}",
+    )
     html = page.html_page(
         design.title or design.name,
-        [*lead(results), *map(Warn, broken), Group("summary", (summary.brief(),))],
-        [*sections, page.provenance_section(made_with, model_words(design, results))],
+        [*lead(results), *first],
+        [Section("Summary", (Group("summary", (replace(summary.brief(), title=""),)),)), *sections,
+         page.provenance_section(made_with, model_words(design, results))],
         title=f"{design.title or design.name} – {'coupling ' if results.several else ''}report",
         top=[board],
         scene=scene.result(),
         contents=True,
-    )
+        foot=" · ".join(origin),
+    )  # fmt: skip
     data_folder = folder / "report"
     make_folder(data_folder)
     for name, text in texts.items():

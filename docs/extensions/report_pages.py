@@ -18,12 +18,15 @@ if TYPE_CHECKING:
 FOLDER = "made/report"
 _PAGE = "page"  # folder of what is copied as it is
 _DESIGN = "gast2020"
-_PICTURE = re.compile(r'<figure id="(\w+)"><img src="data:image/png;base64,([^"]+)"')
+_PICTURE = re.compile(
+    r'<figure id="(\w+)"[^>]*>(?:(<svg.*?</svg>)|<img src="data:image/(\w+);base64,([^"]+)")', re.DOTALL
+)
 
 
 def pictures(page: str) -> dict[str, bytes]:
-    """Return the pictures of a report by their names."""
-    return {name: base64.b64decode(data) for name, data in _PICTURE.findall(page)}
+    """Return the pictures of a report by their file names."""
+    found = _PICTURE.findall(page)
+    return {f"{name}.{kind or 'svg'}": svg.encode() or base64.b64decode(data) for name, svg, kind, data in found}
 
 
 def _write(app: Sphinx) -> None:
@@ -33,8 +36,8 @@ def _write(app: Sphinx) -> None:
         return
     with tempfile.TemporaryDirectory() as made:
         report = ca.write_report(ca.load_design_file(_DESIGN), made)
-        for name, png in pictures(report.page.read_text(encoding="utf-8")).items():
-            (folder / f"{name}.png").write_bytes(png)
+        for name, picture in pictures(report.page.read_text(encoding="utf-8")).items():
+            (folder / name).write_bytes(picture)
         shutil.move(report.page, folder / _PAGE / "first_report.html")
     version.write_text(code_version(), encoding="utf-8")
 

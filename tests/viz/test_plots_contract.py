@@ -33,6 +33,15 @@ PUBLIC = {
 }
 PLOTS = {name: function for name, function in PUBLIC.items() if name.startswith("plot_")}
 BELLS = {"coil1": Ellipse(0.0, 8e-3, 6e-3), "coil2": Ellipse(9e-3, 8e-3, 6e-3)}
+
+
+def neighbours():
+    """Couplings, the outlines of their coils in a row, and the first of them."""
+    square = 1e-3 * np.array([[0, 0], [9, 0], [9, 9], [0, 9]])
+    outlines = {name: square + np.array([0.01 * k, 0]) for k, name in enumerate(results.NAMES)}
+    return results.coupling(), outlines, results.NAMES[0]
+
+
 ARGUMENTS = {
     "plot_bell_curve": lambda: (results.response(),), "plot_board": lambda: (results.board(),),
     "plot_boards": lambda: (results.tolerances(), "worst_k"), "plot_causes": lambda: (results.distortion(), "coil1"),
@@ -45,7 +54,8 @@ ARGUMENTS = {
     "plot_field_lines": lambda: ({"open": results.field(LINE, [0.0])},),
     "plot_field_map": lambda: (results.field(LINE, PLANE),), "plot_force_depth": lambda: (results.dents(),),
     "plot_frequency_sweep": lambda: (results.frequency_sweep(),), "plot_identifiability": lambda: (results.bounds(),),
-    "plot_inductance": lambda: (results.coupling(),),
+    "plot_dimensions": lambda: (results.board(),), "plot_neighbours": neighbours,
+    "plot_stack": lambda: (results.board().stackup,),
     "plot_readings": lambda: (results.comparison(),),
     "plot_response": lambda: (results.response(), "coil1"), "plot_response_profile": lambda: (results.response(),),
     "plot_shares": lambda: (results.tolerances(),),
@@ -63,7 +73,8 @@ DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS)
 
 # axes of texts, counts, pure numbers, and quantities whose names say the unit
 NO_UNIT = {"Allan deviation of δ",
-    "", "active coil", "passive coil", "coupling coefficient k", "k", "worst_k", "span_mm", "array.columns", "trial",
+    "", "active coil", "passive coil", "k with coil1", "coupling coefficient k", "k", "worst_k", "span_mm",
+    "array.columns", "trial",
     "|δ|",
     "ln evidence − best",
 }  # fmt: skip

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
+import numpy as np
 import shapely
 from matplotlib import patheffects
 from matplotlib.axes import Axes
@@ -17,11 +18,13 @@ from matplotlib.patches import Circle, Patch, PathPatch
 from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
-from coilarray.compute.display_units import MM, PLAIN, true_minus
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text, true_minus
+from coilarray.geometry import Coil, FinitePlate, Plate, Sheet, Stackup
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import Drill, board_outline, copper_features, drills
 from coilarray.geometry.rules import Margin
-from coilarray.viz.palette import INK, LAYERS, coil_colours, cycled
+from coilarray.viz.palette import GREY, INK, LAMINATE, LAYERS, METAL, METALS, SHEETS, coil_colours, cycled
 from coilarray.viz.plots.style import figure_size, legend_above, new_axes, new_figure, plan_axes, styled, write_name
 
 _TRANSLUCENT = 0.6
@@ -31,6 +34,12 @@ _LEAST_VIEW = 1e-3  # m
 _MOST_ROWS = 4  # of layers in a picture
 _BROKEN = "#B00020"
 _LETTERS, _LEAST_LETTERS = 9.0, 3.5  # heights of names in points
+MICROMETRES = DisplayUnit("µm", 1e6)
+_ACROSS, _HIGHEST = 5.2, 1.3  # inches of a view with sizes, and its height over its width
+_SHEER = 0.45
+_FILLED = 1.02  # of a gap
+_TRACES = 0.75  # height of a layer of traces in a section, over the others
+_ALONG = 1e-3  # of the largest distance, less along x is none
 _LETTER_OF_PITCH = 0.2  # height over the distance of neighbours; names of six letters do not overlap
 
 
@@ -66,6 +75,125 @@ def plot_board(array: Array, ax: Axes | None = None) -> Axes:
         Patch(color=colour, label=f"copper {layer}", alpha=_TRANSLUCENT, lw=0) for layer, colour in colours.items()
     ]
     legend_above(ax, min(len(handles), 4), handles=handles, handlelength=1.0)  # more columns would reach the title
+    return ax
+
+
+@styled
+def plot_dimensions(array: Array, ax: Axes | None = None) -> Axes:
+    """Draw an `array` from above with its sizes in mm.
+
+    Arrows measure the board, the copper of the first coil, and its distance to the nearest coil. Windings are filled
+    areas.
+    """
+    x_min, y_min, x_max, y_max = MM.of(array.bounds).tolist()
+    rim = 0.05 * max(x_max - x_min, y_max - y_min)
+    limits = (x_min - rim, x_max + 2.6 * rim), (y_min - 3.2 * rim, y_max + 2.2 * rim)
+    if ax is None:
+        width, height = (high - low for low, high in limits)
+        ax = new_axes(_ACROSS, _ACROSS * min(height / width, _HIGHEST))
+    colours = cycled(LAYERS, array.stackup.names)
+    drawn: list[tuple[shapely.Polygon, str]] = []
+    for place in array.placements:
+        for line, layer in zip(place.coil.lines, place.layers, strict=True):
+            drawn += [(band, colours[layer]) for band in _bands(place.to_board(line), place.coil)]
+    _draw_board(array, drawn, [one for one in drills(array) if one.drilled], set(array.names), "", ax, alpha=_SHEER)
+    corners = MM.of(array.placements[0].to_board(array.placements[0].coil.outline))
+    (x_left, y_low), (x_right, _) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    _measure(ax, (x_min, y_min - 2.2 * rim), (x_max, y_min - 2.2 * rim), y_min)
+    _measure(ax, (x_left, y_min - rim), (x_right, y_min - rim), y_low)
+    _measure(ax, (x_max + rim, y_min), (x_max + rim, y_max), x_max)
+    centres = MM.of(array.centres)
+    if len(centres) > 1:
+        apart = np.hypot(*(centres - centres[0]).T)
+        near = centres[np.argsort(apart, kind="stable")[1]]
+        level = y_max + rim
+        if abs(near[0] - centres[0, 0]) > _ALONG * apart.max():
+            _measure(ax, (centres[0, 0], level), (near[0], level), float(centres[0, 1]))
+    ax.set(xlim=limits[0], ylim=limits[1])
+    ax.set_axis_off()
+    return ax
+
+
+def _bands(line: FloatArray, coil: Coil) -> list[shapely.Polygon]:
+    """Areas of turns with the gaps between them filled."""
+    closed = _FILLED * coil.gap / 2
+    path = shapely.LineString(line).buffer(coil.trace_width / 2 + closed, join_style="mitre")
+    return list(shapely.get_parts(path.buffer(-closed, join_style="mitre").simplify(coil.trace_width / 4)))
+
+
+def _measure(ax: Axes, start: Sequence[float], end: Sequence[float], edge: float) -> None:
+    """Draw an arrow in mm with its length, and thin lines to the edge that it measures."""
+    upright = start[0] == end[0]
+    for x, y in (start, end):
+        ax.plot([x, edge if upright else x], [y, y if upright else edge], color=GREY, linewidth=0.5, zorder=1)
+    ax.annotate(
+        "", end, start, arrowprops={"arrowstyle": "<->", "color": INK, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+    )
+    length = number_text(math.dist(start, end), 2)
+    middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+    box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "linewidth": 0}
+    ax.text(*middle, length, ha="center", va="center", rotation=90 if upright else 0, fontsize=8.5, bbox=box)
+
+
+@styled
+def plot_stack(
+    stackup: Stackup,
+    sheets: Sequence[Sheet] = (),
+    plates: Sequence[Plate | FinitePlate] = (),
+    pressed: str = "",
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw copper, dielectrics, elastomer and plates as a section.
+
+    Every part has the same height, with its thickness beside it.
+
+    Parameters
+    ----------
+    stackup : Stackup
+        Layers of the board.
+    sheets : sequence of Sheet
+        Elastomer on the board, upwards.
+    plates : sequence of Plate or FinitePlate
+        Metal above or below the board.
+    pressed : str
+        Name of the indenter that is drawn on the elastomer, if any.
+    """
+    colours = cycled(LAYERS, stackup.names)
+    rows: list[tuple[str, str, str, bool]] = []  # name, thickness and material, colour, whether of traces
+
+    def metal(above: bool) -> None:
+        for k, plate in enumerate(plates):
+            if (plate.heights[0] >= 0) == above:
+                thickness, height = MM.text(plate.thickness, ".3"), MM.text(plate.heights[0], ".3")
+                words = f"{thickness} of {plate.material.words}, at z = {height}"
+                rows.append((plate.name, words, METALS[k % len(METALS)], False))
+
+    metal(True)
+    for k, sheet in reversed(list(enumerate(sheets))):
+        magnetic = f", µr {sheet.relative_permeability:g}" if sheet.relative_permeability > 1 else ""
+        rows.append((sheet.name, f"{MM.text(sheet.thickness, '.3')}{magnetic}", SHEETS[k % len(SHEETS)], False))
+    for k, name in enumerate(stackup.names):
+        rows.append((f"copper {name}", MICROMETRES.text(stackup.copper_thickness[k], ".3"), colours[name], True))
+        if k < len(stackup.dielectric_thickness):
+            words = f"{MM.text(stackup.dielectric_thickness[k], '.3')}, εr {stackup.epsilon_r[k]:g}"
+            rows.append(("laminate", words, LAMINATE, False))
+    metal(False)
+    ax = ax or new_axes(_ACROSS, 0.2 + 0.26 * len(rows) + 0.4 * bool(pressed))
+    low = 0.0
+    for name, words, colour, traces in reversed(rows):
+        height = _TRACES if traces else 1.0
+        if traces:
+            ax.bar([0.03 + 0.1 * n for n in range(10)], height, 0.05, low, align="edge", color=colour)
+        else:
+            ax.bar(0.0, height, 1.0, low, align="edge", color=colour, alpha=0.75)
+        for x, text, side in ((-0.03, name, "right"), (1.03, words, "left")):
+            ax.text(x, low + height / 2, text, ha=side, va="center")
+        low += height
+    if pressed:
+        ax.plot(0.5, low + 0.75, "o", color=METAL, markersize=25)
+        ax.text(1.03, low + 0.75, pressed, ha="left", va="center")
+    ax.set(xlim=(-0.02, 1.02), ylim=(0.0, low + 1.6 * bool(pressed)))
+    ax.set_axis_off()
     return ax
 
 

@@ -10,14 +10,18 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 
 from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text, true_minus
 from coilarray.viz.palette import (
     BLUE,
     GREY,
     INK,
+    ON_DARK,
+    ON_MAP,
     PALE,
     SEQUENTIAL,
     SHADE,
@@ -31,6 +35,7 @@ from coilarray.viz.plots import style
 _MOST_NUMBERED = 12  # coils whose matrix has room for its numbers
 _MOST_NAMED = 32  # coils whose names all fit along the edges of a matrix
 _LARGEST = 11.0  # inches
+_NEAR = 2.3  # distances of the nearest neighbour within which k is written
 _DARK = 0.179  # relative luminance with equal contrast to black and white, 4.6: √(1.05 · 0.05) − 0.05, WCAG 2.1
 
 _NAMES = {
@@ -54,31 +59,59 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     For up to 12 coils the cells contain the numbers. Lines part the coils of different boards.
     `coupling` is the result of `coilarray.couple_design` or `coilarray.circuit.coupling.couple`.
     """
-    return _signed_matrix(coupling.coupling, "Coupling coefficient k = M/√(L L)", "k", ax, diagonal=False)
-
-
-@style.styled
-def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the inductance matrix.
-
-    L is on the diagonal and M of the pairs off it. For more than 12 coils only M is drawn, because
-    L would take up its colours. `coupling` is as in `plot_coupling`.
-    """
-    many = coupling.sizes["coil"] > _MOST_NUMBERED
-    title, quantity = ("Mutual inductance", "M") if many else ("Inductance", "L, M")
-    return _signed_matrix(coupling.inductance, title, quantity, ax, diagonal=not many)
-
-
-def _signed_matrix(matrix: xr.DataArray, title: str, quantity: str, ax: Axes | None, *, diagonal: bool) -> Axes:
-    """Draw a matrix in colours about zero, without a dominant diagonal."""
-    names, unit = matrix.coil.values.tolist(), str(matrix.attrs["units"])
-    hidden = np.eye(len(names), dtype=np.bool_) & (not diagonal)
-    shown = PLAIN if unit == "1" else style.axis_unit(matrix.values[~hidden], unit)
-    numbers = np.ma.array(shown.of(matrix), mask=hidden)
+    matrix = coupling.coupling
+    names = matrix.coil.values.tolist()
+    numbers = np.ma.array(matrix.values, mask=np.eye(len(names), dtype=np.bool_))
     texts = [[number_text(number, 3) for number in row] for row in numbers.data.tolist()]
     values = numbers.compressed() if numbers.count() else [0.0, 1.0]  # a single coil has no neighbours
     colours, low, high = signed_colours(values)
-    return _heat_map(numbers, texts, names, title, shown.label(quantity), (colours, Normalize(low, high)), ax)
+    look = colours, Normalize(low, high)
+    return _heat_map(numbers, texts, names, "Coupling coefficient k = M/√(L L)", "k", look, ax)
+
+
+@style.styled
+def plot_neighbours(
+    coupling: xr.Dataset, outlines: Mapping[str, npt.ArrayLike], coil: str, ax: Axes | None = None
+) -> Axes:
+    """Draw the coupling of one coil with all others on the board.
+
+    Each other coil has the colour of its k, and the nearest have the number in it. Raises ValueError if there is no
+    such coil.
+
+    Parameters
+    ----------
+    coupling : xarray.Dataset
+        As in `plot_coupling`.
+    outlines : mapping of str to array_like
+        Corners (m, 2) of each coil by name, in m on the board.
+    coil : str
+        Name of the coil that couples with the others.
+    """
+    names = coupling.coil.values.tolist()
+    if coil not in names:
+        raise ValueError(f"coil must be one of {', '.join(names)}; got {coil!r}.")
+    shapes = {name: MM.of(outlines[name]) for name in names}
+    k = dict(zip(names, coupling.coupling.sel(coil=coil).values.tolist(), strict=True))
+    others = [name for name in names if name != coil]
+    colours, low, high = signed_colours([k[name] for name in others])
+    corners = np.vstack(list(shapes.values()))
+    ax = ax or style.new_axes(*style.figure_size(*np.ptp(corners, axis=0).tolist()))
+    shade = ScalarMappable(Normalize(low, high), colours)
+    middle = {name: (shape.min(axis=0) + shape.max(axis=0)) / 2 for name, shape in shapes.items()}
+    distance = {name: math.dist(middle[name], middle[coil]) for name in others}
+    nearest = min(distance.values())
+    for name in names:
+        fill = UNKNOWN if name == coil else shade.to_rgba(np.array(k[name]))
+        ax.add_patch(Polygon(shapes[name], closed=True, facecolor=fill, edgecolor=ON_MAP, linewidth=0.8))
+        if name == coil or distance[name] < _NEAR * nearest:
+            text = coil if name == coil else number_text(k[name], 4, "+")
+            style.write_name(ax, *middle[name].tolist(), text, fontsize=8)
+    (x_min, y_min), (x_max, y_max) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    rim = 0.02 * (x_max - x_min + y_max - y_min)
+    ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim))
+    style.plan_axes(ax)
+    style.colour_bar(ax, shade, f"k with {coil}")
+    return ax
 
 
 @style.styled
@@ -297,7 +330,7 @@ def _heat_map(
     linear = np.where(cells <= 0.04045, cells / 12.92, ((cells + 0.055) / 1.055) ** 2.4)  # sRGB
     luminance = linear[..., :3] @ (0.2126, 0.7152, 0.0722)
     for i, j in np.argwhere(~np.ma.getmaskarray(numbers)).tolist():
-        colour = "black" if luminance[i, j] > _DARK else "white"
+        colour = ON_MAP if luminance[i, j] > _DARK else ON_DARK
         ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=size, color=colour)
     return ax
 

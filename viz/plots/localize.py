@@ -281,7 +281,7 @@ def plot_identifiability(
     low = max(float(finite.min()), np.finfo(float).tiny)
     high = min(max(float(finite.max()), low * 1.01), low * 10**_DECADES)
     ax = ax or style.new_axes(*_size(bounds))
-    look: dict[str, Any] = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high)}
+    look: dict[str, Any] = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high), "rasterized": True}
     image = ax.pcolormesh(MM.of(bounds.x), MM.of(bounds.y), np.ma.masked_invalid(values), **look)
     bar = style.colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
     style.logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))

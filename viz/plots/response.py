@@ -288,11 +288,13 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     x, y = MM.of(delta.x), MM.of(delta.y)
     values = look.unit.of(delta)
     bands = ax.contourf(x, y, values, levels=look.levels, cmap=look.colours)
+    bands.set_rasterized(True)
+    style.VALUES[ax] = style.map_values(x, y, values, look.unit.label("δ"))
     # A change of sign among positions without a response has no meaning.
     felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < look.nothing)
     felt = np.ma.masked_invalid(felt)
     if felt.count() and felt.min() < 0 < felt.max():
-        ax.contour(x, y, felt, levels=[0.0], colors=palette.INK, linewidths=0.8, linestyles="--")
+        ax.contour(x, y, felt, levels=[0.0], colors=palette.ON_MAP, linewidths=0.8, linestyles="--")
     read = readable_of(response)
     read = read.sel({name: delta[name] for name in ("depth", "state") if name in read.dims and name in delta.coords})
     if not read.all():

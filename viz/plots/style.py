@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
 
 import matplotlib
 import numpy as np
@@ -26,10 +27,11 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, DisplayUnit, power_of_ten
-from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, UNKNOWN, coil_colours
+from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, ON_MAP, UNKNOWN, coil_colours
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -223,7 +225,7 @@ def write_name(ax: Axes, x: float, y: float, name: str, **look: Any) -> None:
 def draw_outlines(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
     """Draw the coils' outlines, corners (m, 2) in m, into axes in mm."""
     for outline in outlines:
-        ax.add_patch(Polygon(MM.of(outline), closed=True, facecolor="none", edgecolor=INK, linewidth=0.8))
+        ax.add_patch(Polygon(MM.of(outline), closed=True, facecolor="none", edgecolor=ON_MAP, linewidth=0.8))
 
 
 def finish_map(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
@@ -294,6 +296,58 @@ def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> 
     exponent = min(max(3 * math.floor(decades / 3), -24), 24)
     power = power_of_ten(exponent) if exponent else ""
     return DisplayUnit(EngFormatter.ENG_PREFIXES[exponent] + symbol if symbol else power, 10.0**-exponent)
+
+
+def described_axes(figure: Figure, box: Bbox) -> list[dict[str, Any]]:
+    """Describe axes for a page that shows the values under the mouse.
+
+    Places are in points from the upper left corner of `box`, in inches. Labelled curves get the name of their group in
+    the SVG, and maps have their values in few digits.
+    """
+    found = []
+    for ax in figure.axes:
+        lines = [line for line in ax.lines if not str(line.get_label()).startswith("_") and len(line.get_xydata()) > 2]
+        maps = [one for one in ax.collections if isinstance(one, QuadMesh)]
+        for k, line in enumerate(lines):
+            line.set_gid(f"curve-{figure.axes.index(ax)}-{k}")
+        shown = VALUES.get(ax) or (_mesh_values(maps[0]) if maps else None)
+        if not ax.get_visible() or not (lines or shown):
+            continue
+        place = ax.get_window_extent().transformed(figure.dpi_scale_trans.inverted())
+        corners = place.x0 - box.x0, box.y1 - place.y1, place.width, place.height
+        one: dict[str, Any] = {"place": [round(72 * value, 2) for value in corners]}
+        for name, axis in (("x", ax.xaxis), ("y", ax.yaxis)):
+            ends = [float(f"{end:.6g}") for end in axis.get_view_interval()]
+            one[name] = {"ends": ends, "log": axis.get_scale() == "log", "label": axis.get_label_text()}
+        one["curves"] = [[line.get_gid(), str(line.get_label())] for line in lines]
+        found.append(one | ({} if shown is None else {"map": shown}))
+    return found
+
+
+VALUES: WeakKeyDictionary[Axes, dict[str, Any]] = WeakKeyDictionary()
+"""Values of maps that are drawn as bands, from `map_values`."""
+_MOST_VALUES = 40  # along an edge of a map
+
+
+def map_values(x: npt.ArrayLike, y: npt.ArrayLike, values: FloatArray, label: str = "") -> dict[str, Any]:
+    """Return a coarse map (y, x) with its places for `described_axes`."""
+    steps = [math.ceil(count / _MOST_VALUES) for count in values.shape]
+    coarse = values[:: steps[0], :: steps[1]]
+    texts = [
+        [f"{value:.3g}" if np.isfinite(value) else "" for value in row] for row in np.ma.filled(coarse, np.nan).tolist()
+    ]
+    at_x, at_y = np.asarray(x)[:: steps[1]], np.asarray(y)[:: steps[0]]
+    ends = [[float(f"{one[end]:.5g}") for end in (0, -1)] for one in (at_x, at_y)]
+    return {"x": ends[0], "y": ends[1], "values": texts, "label": label}
+
+
+def _mesh_values(mesh: QuadMesh) -> dict[str, Any]:
+    """Values of the cells of a mesh at their middles."""
+    corners = mesh.get_coordinates()
+    middles = (corners[:-1, :-1] + corners[1:, 1:]) / 2
+    values = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=np.float64), np.nan).reshape(middles.shape[:2])
+    bar = mesh.colorbar
+    return map_values(middles[0, :, 0], middles[:, 0, 1], values, "" if bar is None else bar.ax.get_ylabel())
 
 
 def logarithmic_ticks(axis: Axis, decades: float) -> None:

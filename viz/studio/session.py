@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import ConfigDict, ValidationError, validate_call
 
-from coilarray.compute.table import png_url
+from coilarray.compute.table import data_url
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.studio.job import PATIENCE, QUIT, Calculator, Job, Outcome, time_left
@@ -362,4 +362,4 @@ def image_of(figure: Figure) -> str:
 
     buffer = io.BytesIO()
     save(figure, buffer, format="png", dpi=_DPI)
-    return png_url(buffer.getvalue())
+    return data_url(buffer.getvalue())

@@ -1,0 +1,172 @@
+"""First page of a report: verdicts, cards, drawings, and how far numbers are known."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, DisplayUnit, display_unit, number_text
+from coilarray.compute.table import Block, Card, Details, Group, Table, Warn, text_table
+from coilarray.design.boards import named_boards
+from coilarray.design.model import Design, DesignFile
+from coilarray.geometry import Margin
+from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
+from coilarray.report import page, tables
+from coilarray.report.sections import Results
+from coilarray.report.summary import CHECKED_WITHOUT, tightest
+
+_MICROMETRES, _PLAIN = DisplayUnit("µm", 1e6), DisplayUnit()
+_LARGE = 1e-3  # relative change from which it is shown in %
+_LONG = 1e-4  # m, length from which it is shown in mm
+_KNOWN = 1e-4  # of k, as M is known to this part of L
+
+
+def span(values: npt.ArrayLike, unit: DisplayUnit, digits: int) -> str:
+    """Return the least and largest finite value with so many digits.
+
+    >>> span([93.139e-6, 93.643e-6], display_unit("H"), 3), span([27e3, 27.01e3], KILOHM, 2)
+    ('93.1–93.6 µH', '27 kΩ')
+    """
+    shown = unit.of(values)
+    shown = shown[np.isfinite(shown)]
+    if not shown.size:
+        return "–"
+    largest = float(np.abs(shown).max())
+    decimals = max(digits - 1 - math.floor(math.log10(largest)), 0) if largest else 0
+    low, high = (number_text(float(value), decimals) for value in (shown.min(), shown.max()))
+    between = f"{low}–{high}" if float(shown.min()) >= 0 else f"{low} to {high}"
+    return f"{low if low == high else between} {unit.symbol}".rstrip()
+
+
+def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block]:
+    """Return verdicts, cards, drawings and accuracy.
+
+    `reading` are the lines of `coilarray.report.summary.verdicts` about the converter.
+    """
+    blocks: list[Block] = [*verdict_lines(r.file, r.margins, summary, reading)]
+    blocks.append(Group("cards", tuple(cards(summary, r.design))))
+    for board in named_boards(r.design):
+        own = board is r.design.placed[0]
+        which = f" of the board {board.name}" if board.name else ""
+        sheets, plates = (r.design.sheets, r.design.plates) if own else ((), ())
+        setup = r.design.indentation if own else None
+        caption = f"Top view{which}, with its sizes in mm."
+        stack = f"Section{which} from the top; thicknesses are written, not to scale."
+        blocks.append(Group("two", (
+            r.plot("plot_dimensions", page.picture_name("dimensions", board), caption, board.array, width=page.HALF),
+            r.plot(
+                "plot_stack", page.picture_name("stack", board), stack, board.array.stackup, sheets, plates,
+                "" if setup is None else setup.indenter.name, width=page.HALF,
+            ),
+        )))  # fmt: skip
+    return [*blocks, Details("How far the numbers are known", (_known(r.design, summary),))]
+
+
+def verdict_lines(file: DesignFile, margins: Sequence[Margin], summary: Table, reading: Sequence[str]) -> list[Warn]:
+    """Say whether the board can be made and read, and how much is assumed."""
+    lines, broken, readout = [], broken_rules(margins), file.design.readout
+    if broken:
+        count = sum(not margin.kept for margin in margins)
+        said = f"**Cannot be made**: {count} of {len(margins)} [limits](#rules) are broken. {' '.join(broken)}"
+        lines.append(Warn(said, "bad"))
+    else:
+        said = f"**Can be made**: all {len(margins)} [limits](#rules) of the board house are kept."
+        lines.append(Warn(f"{said}{_tightest_words(margins)}", "ok"))
+    missed = [line for line in reading if not line.startswith(CHECKED_WITHOUT)]
+    if without := tables.converter_line(file.design):
+        lines.append(Warn(without))
+    elif missed:
+        lines.append(Warn(f"**{readout.converter} cannot read all of it.** {' '.join(missed)}", "bad"))
+    else:
+        Q, R_p = span(_of(summary, "Q of"), _PLAIN, 2), span(_of(summary, "R_p of"), KILOHM, 2)
+        lines.append(Warn(f"**{readout.converter} can read it**: all limits are kept, with Q {Q} and R_p {R_p}.", "ok"))
+    lines += [Warn(line) for line in reading if line.startswith(CHECKED_WITHOUT)]
+    if file.assumed:
+        parts = Counter(key.partition(".")[0] for key in file.assumed)
+        of = ", ".join(f"{count} in {name}" for name, count in parts.most_common())
+        said = f"**{len(file.assumed)} of {len(file.values)} values are assumed**: {of}."
+        lines.append(Warn(f"{said} They are marked, with the reason, in the [inputs](#inputs)."))
+    return lines
+
+
+def _tightest_words(margins: Sequence[Margin]) -> str:
+    """Name the place with the least margin."""
+    worst = tightest(margins)
+    if worst is None:
+        return ""
+    place = "" if worst.x is None or worst.y is None else f" at ({_mm(worst.x)}, {_mm(worst.y)}) mm"
+    limit = "exactly at its limit" if abs(worst.margin) <= KEPT_WITHIN else f"limit {MM.text(worst.limit, '.3')}"
+    layer = f" on {worst.layer}" if worst.layer else ""
+    return f" Tightest: {worst.rule} {MM.text(worst.value, '.3')}, {limit}, of {worst.feature}{layer}{place}."
+
+
+def _mm(value: float) -> str:
+    return number_text(value * MM.factor, 1)
+
+
+def _of(summary: Table, start: str) -> list[float]:
+    """Least and largest value of the row with this start, none without one."""
+    row = next((row for row in summary.rows if str(row[0]).startswith(start)), ("",))
+    return [value for value in row[1:3] if isinstance(value, float)]
+
+
+def _remark(summary: Table, start: str) -> str:
+    return next((str(row[4]) for row in summary.rows if str(row[0]).startswith(start)), "")
+
+
+def cards(summary: Table, design: Design) -> list[Card]:
+    """Return the numbers that decide, with as many digits as are known."""
+
+    def shown(start: str, unit: DisplayUnit, digits: int, before: str = "", after: str = "") -> str:
+        values = _of(summary, start)
+        return f"{before}{span(values, unit, digits)}{after}" if values else ""
+
+    H, Hz = display_unit("H"), display_unit("Hz")
+    largest = max(map(abs, [*_of(summary, "peak δ"), *_of(summary, "δ of target")]), default=0.0)
+    change = PERCENT if largest > _LARGE else PER_MILLION
+    tank = display_unit("F").text(design.circuit.capacitance, ".3")
+    parts = shown("σ of x, 95 %", MM, 2, "95 % of the coils’ area ≤ ")
+    length = MM if max(_of(summary, "σ of x, half"), default=0.0) >= _LONG else _MICROMETRES
+    k = max(_of(summary, "largest |k|"), default=None)
+    x_min, y_min, x_max, y_max = design.array.bounds
+    size = " × ".join(number_text(MM.factor * edge, 1) for edge in (x_max - x_min, y_max - y_min))
+    stackup = design.array.stackup
+    peak = next((str(row[0]) for row in summary.rows if str(row[0]).startswith("peak δ")), "").removeprefix("peak δ, ")
+    found = [
+        Card("Inductance", shown("L", H, 3), shown("L_eff", H, 3, "L_eff ")),
+        Card("Frequency", shown("f with the tank", Hz, 4), f"tank {tank}"),
+        Card("Q of the coil", shown("Q of", _PLAIN, 2), shown("R_p of", KILOHM, 2, "R_p ")),
+        Card(
+            "Coupling", "" if k is None else f"|k| ≤ {span([k], _PLAIN, 2)}" if k >= _KNOWN else f"|k| < {_KNOWN:.4f}",
+            _remark(summary, "largest |k|"),
+        ),
+        Card("Response δ", shown("peak δ", change, 2), peak),
+        Card("Target δ", shown("δ of target", change, 2), shown("range of", MM, 2, "range ")),
+        Card("Position σ_x", shown("σ of x, half", length, 2, after=" median"), parts),
+        Card("Self-resonance", shown("self-resonance", Hz, 2), "of the coils with their leads"),
+        Card("Board", f"{size} mm", f"{len(stackup.names)} layers, {MM.text(stackup.thickness, '.3')}"),
+    ]  # fmt: skip
+    return [card for card in found if card.value][:_CARDS]
+
+
+_CARDS = 6  # side by side on paper
+
+
+def _known(design: Design, summary: Table) -> Table:
+    """Return how far the numbers of the summary are known."""
+    rows = [
+        ("L, M and k", "10⁻⁴ of L", "24 measured boards: 0.3 to 0.7 % (rms)"),
+        ("f", "half the error of L, and of the tank", "winding capacitance: 3 %, of few turns 15 %"),
+        ("R, Q and R_p", "1 % for the given copper", "as its thickness and temperature"),
+    ]
+    if _of(summary, "peak δ"):
+        rows.append(("δ of a dent", "1 %", "as the elastomer's modulus and permeability"))
+    if design.plates or design.target:
+        rows.append(("ΔL and ΔR by metal", "as its tables state", "as distance and conductivity"))
+    if _of(summary, "σ of x"):
+        rows.append(("σ of a position", "two digits", "as the noise, which is computed, not measured"))
+    return text_table(("number", "computed to", "on a real board"), rows, "Accuracy of the numbers")
