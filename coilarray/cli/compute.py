@@ -19,8 +19,10 @@ from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, number_text, value_text
 from coilarray.compute.files import write_text
 from coilarray.compute.table import Table, text_table
-from coilarray.errors import ElastomerError, GeometryError, OutputError
+from coilarray.errors import DesignError, ElastomerError, GeometryError, OutputError
 from coilarray.report.drawing import drawing_beside
+from coilarray.report.pdf import browser as pdf_browser
+from coilarray.report.pdf import write_pdf
 
 Match = Literal["L", "SS", "SP", "PS", "PP"]
 Series = Literal["E12", "E24", "E96"]
@@ -62,22 +64,41 @@ def compiling_beside() -> Iterator[None]:
 
 
 def report(
-    design: shared.DesignArgument = None,
+    designs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="DESIGN",
+            help="Design file (TOML) or name of a bundled design, gast2020 by default, or two of them.",
+        ),
+    ] = None,
     out: Annotated[Path, shared.file_option(("--out", "-o"), "Folder for report.html and the folder report.")] = Path(),
     distortion: Annotated[
         Path | None, typer.Option(help="Result of `coilarray paper distortion --out` (.nc), to be included.")
     ] = None,
     link: Annotated[Path | None, typer.Option(help="Result of `coilarray link --out` (.nc), to be included.")] = None,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Also print report.pdf, by an installed Chromium, Chrome or Edge.")
+    ] = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Write the report of a design, with tables and pictures.
 
-    Writes report.html, and the folder report with its numbers as CSV, JSON and netCDF.
+    Writes report.html, and the folder report with its numbers as CSV, JSON, netCDF and LaTeX tables. Of two designs
+    it writes a page that compares them, and the report of each into a folder of its name.
 
     Example: coilarray report gast2020 --out results
+
+    Example: coilarray report a.toml b.toml --pdf
     """
     shared.check_folder(out)
+    if len(designs or ()) > 2:
+        raise DesignError(f"a report is of one design or of two; got {len(designs or ())}.")
+    program = pdf_browser() if pdf else ""  # before the work
+    if len(designs or ()) == 2:
+        _report_beside(designs or [], out, (distortion, link), program, as_json=as_json, allow=allow_violations)
+        return
+    design = designs[0] if designs else None
     with compiling_beside(), drawing_beside():
         from coilarray.compute.netcdf import read_checked
         from coilarray.paper.distortion import DISTORTION
@@ -89,12 +110,13 @@ def report(
         motion = None if link is None else read_checked(link, LINK)
         with shared.progress_bar(f"report of {opened.design.name}") as progress:
             made = write_report(opened, out, distortion=causes, link=motion, progress=progress)
+    printed = f", {write_pdf(made.page, program)}" if pdf else ""
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:
         shared.print_json(made.data)
         return
-    typer.echo(f"wrote {made.page} and the data in {made.folder}{os.sep}")
+    typer.echo(f"wrote {made.page}{printed} and the data in {made.folder}{os.sep}")
     for line in made.verdicts:
         typer.echo(line)
     if made.summary is not None:
@@ -103,6 +125,26 @@ def report(
             typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
         typer.echo("")
     typer.echo(_summary(opened.design.centres, made.coupling).text(shared.terminal_width()))
+
+
+def _report_beside(
+    designs: list[str], out: Path, results: tuple[Path | None, ...], program: str, *, as_json: bool, allow: bool
+) -> None:
+    """Write the report of two designs."""
+    if any(results):
+        raise DesignError("--distortion and --link are for the report of one design.")
+    with compiling_beside(), drawing_beside():
+        from coilarray.report.beside import write_beside
+
+        opened = [shared.open_design_file(one, allow_violations=allow, boards=True) for one in designs]
+        with shared.progress_bar(f"report of {' and '.join(one.design.name for one in opened)}") as progress:
+            made = write_beside(opened, out, progress)
+    page = out / "report.html"
+    printed = f", {write_pdf(page, program)}" if program else ""
+    if as_json:
+        shared.print_json({file.design.name: report.data for file, report in zip(opened, made, strict=True)})
+        return
+    typer.echo(f"wrote {page}{printed}, {' and '.join(str(report.page) for report in made)}")
 
 
 def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Union
 
-from coilarray.compute.display_units import DisplayUnit, display_unit
+from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit, display_unit
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,7 +32,8 @@ Value = str | float | bool
 """Cell of a table: text, number in SI, or truth. "" for none."""
 _POSITION = ("x", "y")  # columns that are kept even if they have equal numbers
 _TRUTH = {True: "yes", False: "no"}
-_ALIKE = 1e-4  # to which inductances are known
+_FOUR_DIGITS = {*map(display_unit, ("H", "Hz", "ohm")), KILOHM, PER_MILLION}  # as L is known to 10⁻⁴
+_ALIKE, _ALIKE_RATIOS = 1e-4, 0.01  # to which inductances are known, and differences and ratios of them
 _GAP = 2  # blanks between columns
 _MOST_LINES = 3  # of a cell, before texts stand below their rows
 _NARROWEST = 10  # characters of a column before its heading or text is wrapped
@@ -111,25 +112,26 @@ class Column:
     @property
     def header(self) -> str:
         """Heading with the unit that people see."""
-        return self._shown.label(self._words)
+        return self.unit_shown.label(self._words)
 
     @property
     def symbol(self) -> tuple[str, str]:
         """Short heading with the unit, and its words if it is a symbol."""
         symbol = _SYMBOLS.get(self.name, "")
-        return (self._shown.label(symbol), f"{symbol} {self._words}") if symbol else (self.header, "")
+        return (self.unit_shown.label(symbol), f"{symbol} {self._words}") if symbol else (self.header, "")
 
     @property
     def _words(self) -> str:
         return self.label or self.name.replace("_", " ")
 
     @property
-    def _shown(self) -> DisplayUnit:
+    def unit_shown(self) -> DisplayUnit:
+        """Unit that people see."""
         return self.shown or display_unit(self.unit)
 
     def texts(self, values: Sequence[Value]) -> list[str]:
         """Return values as people see them."""
-        numbers = iter(self._shown.texts([value for value in values if not isinstance(value, (str, bool))]))
+        numbers = iter(self.unit_shown.texts([value for value in values if not isinstance(value, (str, bool))]))
         return [
             _TRUTH[value] if isinstance(value, bool) else value if isinstance(value, str) else next(numbers)
             for value in values
@@ -186,10 +188,12 @@ class Table:
         return [list(row) for row in zip(*columns, strict=True)]
 
     def html(self) -> str:
-        """Return the table and its notes as HTML."""
+        """Return the table and its notes as HTML, with digits that are known."""
         notes = "".join(f"<p>{html_text(note)}</p>" for note in self.notes)
         more = [k for k, column in enumerate(self.columns) if self.main and column.name not in self.main]
-        shown = html_table(self.headers, self.cells(), self.mark, caption=self.title, more=more)
+        columns = tuple(replace(column, shown=_known(column.unit_shown)) for column in self.columns)
+        known = replace(self, columns=columns, row_units=tuple(map(_known, self.row_units)))
+        shown = html_table(known.headers, known.cells(), self.mark, caption=self.title, more=more)
         return f'<div class="wide" data-file="{self.name}">{shown}</div>{notes}'
 
     def latex(self) -> str:
@@ -204,17 +208,16 @@ class Table:
         ])  # fmt: skip
 
     def alike(self, *keys: str) -> Table:
-        """Join rows whose numbers agree to 10⁻⁴ into one.
+        """Join rows whose numbers agree to what is known into one.
 
         The first column names all of them. The columns `keys`, such as places, do not count and are left out if rows
         were joined.
         """
-        dropped = [k for k, column in enumerate(self.columns) if column.name in keys]
+        kept = [k for k, column in enumerate(self.columns) if k and column.name not in keys]
         groups: list[tuple[tuple[Value, ...], list[str]]] = []
         for row in self.rows:
-            own = tuple(value for k, value in enumerate(row) if k and k not in dropped)
             for other, names in groups:
-                if all(map(_close, own, (value for k, value in enumerate(other) if k and k not in dropped))):
+                if all(_close(row[k], other[k], self.columns[k].unit) for k in kept):
                     names.append(str(row[0]))
                     break
             else:
@@ -460,14 +463,15 @@ def html_text(text: str) -> str:
     >>> html_text("**3** limits of L_0, see `check` & [docs](https://a.b)")
     '<strong>3</strong> limits of L<sub>0</sub>, see <code>check</code> &amp; <a href="https://a.b">docs</a>'
     """
-    text = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", _subscripts(text))
-    text = re.sub(r"`(.+?)`", r"<code>\1</code>", text)
+    parts = re.split(r"`(.+?)`", text)  # every second one is code
+    text = "".join(f"<code>{escape(part)}</code>" if k % 2 else _subscripts(part) for k, part in enumerate(parts))
+    text = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", text)
     return re.sub(r"\[([^\]]+)\]\((#?[^)\s]+)\)", r'<a href="\2">\1</a>', text)
 
 
 def _subscripts(text: str) -> str:
     """Escape a text for HTML, with subscripts of single letters."""
-    return re.sub(r"(?<![\w`/])([A-Za-zδσ])_(\w+)(?![\w`/.])", r"\1<sub>\2</sub>", escape(text))
+    return re.sub(r"(?<![\w/])([A-Za-zδσ])_(\w+)(?![\w/.])", r"\1<sub>\2</sub>", escape(text))
 
 
 def fill(text: str, width: int | None) -> str:
@@ -502,6 +506,11 @@ def _aligned(texts: Sequence[str]) -> list[str]:
     return [text + " " * (max(tails) - tail) if text else "" for text, tail in zip(texts, tails, strict=True)]
 
 
+def _known(unit: DisplayUnit) -> DisplayUnit:
+    """Limit a unit to four digits of the largest number, if known no better."""
+    return replace(unit, digits=None) if unit in _FOUR_DIGITS else unit
+
+
 def joined_names(names: Sequence[str]) -> str:
     """Join names, of one start and many numbers only the first whole.
 
@@ -513,10 +522,11 @@ def joined_names(names: Sequence[str]) -> str:
     return ", ".join([names[0], *(name.removeprefix(start) if short else name for name in names[1:])])
 
 
-def _close(a: Value, b: Value) -> bool:
-    """Test whether two cells agree, numbers to 10⁻⁴."""
-    numbers = isinstance(a, float) and isinstance(b, float)
-    return math.isclose(a, b, rel_tol=_ALIKE) if numbers else a == b  # type: ignore[arg-type]
+def _close(a: Value, b: Value, unit: str) -> bool:
+    """Test whether two cells agree to what is known, pure numbers to 1 %."""
+    if isinstance(a, float) and isinstance(b, float):
+        return math.isclose(a, b, rel_tol=_ALIKE if unit not in ("", "1") else _ALIKE_RATIOS)
+    return a == b
 
 
 _TEX = {

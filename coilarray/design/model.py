@@ -343,8 +343,8 @@ class Design:
         Limits of the board house.
     field_height : float
         Height in m of the plane on which reports show the field.
-    name, title, source : str
-        Name in results, title, and source of the design.
+    name, title, source, author, revision : str
+        Name in results, and what reports say of the design.
     plates : tuple of Plate or FinitePlate
         Fixed metal above or below the board.
     target : Target or None
@@ -382,6 +382,8 @@ class Design:
     name: str = "design"
     title: str = ""
     source: str = ""
+    author: str = ""
+    revision: str = ""
     plates: tuple[Plate | FinitePlate, ...] = ()
     target: Target | None = None
     readout: Readout = field(default_factory=Readout)
@@ -521,7 +523,7 @@ class Design:
     def digest(self) -> str:
         """Hexadecimal SHA-256 of all values that enter a result, equal for equal designs.
 
-        Name, title and source do not count. Numbers count to 14 digits, places to 1 pm and angles
+        Words about the design do not count. Numbers count to 14 digits, places to 1 pm and angles
         to 1 prad, so that the rounding of a unit conversion makes no other design.
         """
         circuit, setup = self.circuit, self.indentation
@@ -907,6 +909,8 @@ def _build(parsed: Document) -> Design:
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,
+        author=parsed.author,
+        revision=parsed.revision,
         array=array,
         sheets=sheets,
         indentation=indentation,

@@ -307,6 +307,10 @@ class Document(Table):
     """Title in reports."""
     source: str = ""
     """Where the design comes from."""
+    author: str = ""
+    """Author in reports."""
+    revision: str = ""
+    """Revision in reports, for example B."""
     stackup: StackupTable
     coils: dict[Name, Annotated[AnyCoil, Field(discriminator="shape")]]
     array: Annotated[LatticeArray | FreeArray | SurfaceArray, Field(discriminator="lattice")]

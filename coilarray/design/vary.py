@@ -22,6 +22,8 @@ _NO_ENTRIES = {
     "name": "it names the design and changes no number",
     "title": "it names the design and changes no number",
     "source": "it says where the design is from and changes no number",
+    "author": "it says who made the design and changes no number",
+    "revision": "it names a state of the design and changes no number",
     "schema": "it says how the file is to be read",
 }
 _LARGEST_WHOLE = 1e15  # floats beyond are not exact to the unit

@@ -90,8 +90,7 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
     document: dict[str, Any] = {"schema": SCHEMA, "name": design_names([design.name])[design.name]}
     if design.title not in ("", design.name):
         document["title"] = design.title
-    if design.source:
-        document["source"] = design.source
+    document |= {key: text for key in ("source", "author", "revision") if (text := getattr(design, key))}
     if led is not None:
         document["connector"] = ConnectorTable.entries_of(led.connector)
     document |= {

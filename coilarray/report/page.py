@@ -24,11 +24,11 @@ import xarray as xr
 from coilarray import viz
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
-from coilarray.compute.files import writing
+from coilarray.compute.files import is_own, writing
 from coilarray.compute.table import Block, Group, Picture, Section, data_url, html_blocks, text_table
 from coilarray.design.boards import named_boards
 from coilarray.design.model import Board, Design
-from coilarray.errors import MissingDependencyError
+from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.geometry import Indenter
 from coilarray.paper.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
@@ -112,6 +112,12 @@ def provenance_section(made: Mapping[str, object], *notes: str) -> Section:
     names = {"design_hash": "design hash (SHA-256)", "coilarray_version": "coilarray"}
     rows = [(names.get(key, key.replace("_", " ")), str(value)) for key, value in made.items()]
     return Section("Provenance", (Group("text", (text_table(("made", "with"), rows),)), *notes))
+
+
+def require_own(page: Path) -> None:
+    """Raise OutputError for a file that is no report of coilarray."""
+    if not is_own(page):
+        raise OutputError(f"{page} exists and is not a report of coilarray; move it, or choose another folder.")
 
 
 def now() -> str:

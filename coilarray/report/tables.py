@@ -104,33 +104,42 @@ class Neighbours:
 
 
 def neighbour_table(design: Design, coupling: xr.Dataset) -> Neighbours:
-    """Return the couplings by the distance and direction of the coils.
+    """Return the couplings by kind of neighbour, the strongest first.
 
-    Pairs are of one kind if one coil lies as far from the other in x, y and z, to a hundredth of the least distance,
-    whatever the signs and whichever is first. The strongest kinds come first.
+    Pairs are of one kind if one coil lies as far from the other in x, y and z, whatever the signs, and kinds of one
+    distance are joined if their k agree.
     """
     names, k = coupling.coil.values.tolist(), coupling.coupling.values
     places = np.vstack([board.in_space(_flat(board.array.centres)) for board in design.placed])
     first, second = np.triu_indices(len(names), 1)
-    apart = np.abs(places[first] - places[second])
+    k, apart = k[first, second], np.abs(places[first] - places[second])
     step = _ALIKE_PLACES * float(np.linalg.norm(apart, axis=1).min())
     kinds: dict[tuple[int, ...], list[int]] = {}
     for n, kind in enumerate(map(tuple, (apart / step).round().astype(int).tolist())):
         kinds.setdefault(kind, []).append(n)
+    rows: list[tuple[str, float, float, float, float]] = []
+    for pairs in sorted(kinds.values(), key=lambda pairs: -float(np.abs(k[pairs]).max())):
+        n, low, high = pairs[0], float(k[pairs].min()), float(k[pairs].max())
+        distance = float(np.linalg.norm(apart[n]))
+        like = [
+            j for j, row in enumerate(rows)
+            if abs(row[2] - distance) < step and max(abs(row[3] - low), abs(row[4] - high)) < _ALIKE_K
+        ]  # fmt: skip
+        if like:
+            example, count, _, least, most = rows[like[0]]
+            rows[like[0]] = (example, count + len(pairs), distance, min(least, low), max(most, high))
+        else:
+            rows.append((f"{names[first[n]]} – {names[second[n]]}", float(len(pairs)), distance, low, high))
     columns = (
         Column("pairs", "kind of neighbour, for example"), Column("count", "pairs", "1", DisplayUnit(digits=0)),
-        *(Column(f"apart_{axis}", f"apart in {axis}", "m", DisplayUnit("mm", 1e3, 2)) for axis in "xyz"),
+        Column("distance", unit="m", shown=DisplayUnit("mm", 1e3, 2)),
         Column("least_k", "least k", "1", _FOUR), Column("most_k", "largest k", "1", _FOUR),
     )  # fmt: skip
-    rows = []
-    for pairs in sorted(kinds.values(), key=lambda pairs: -float(np.abs(k[first[pairs], second[pairs]]).max())):
-        values, n = k[first[pairs], second[pairs]], pairs[0]
-        example = f"{names[first[n]]} – {names[second[n]]}"
-        rows.append((example, float(len(pairs)), *apart[n].tolist(), float(values.min()), float(values.max())))
     middle = names[int(np.linalg.norm(places - (places.min(axis=0) + places.max(axis=0)) / 2, axis=1).argmin())]
-    return Neighbours(middle, Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows)).brief())
+    return Neighbours(middle, Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows)))
 
 
+_ALIKE_K = 2e-4  # of k, as M is known to 10⁻⁴ of L
 _ALIKE_PLACES = 0.01  # of the least distance of two coils
 _FOUR = DisplayUnit(digits=4)  # as M is known to 10⁻⁴ of L
 

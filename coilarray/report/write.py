@@ -11,14 +11,14 @@ import xarray as xr
 
 from coilarray import viz
 from coilarray.circuit.coupling import provenance, terminations_of
-from coilarray.compute.files import is_own, make_folder, write_bytes, write_text
+from coilarray.compute.files import make_folder, write_bytes, write_text
 from coilarray.compute.netcdf import netcdf_of
-from coilarray.compute.table import Group, Section, Table, Warn, html_card, html_table
+from coilarray.compute.table import Block, Group, Section, Table, Warn, html_card, html_table
 from coilarray.compute.threads import Progress, threads
 from coilarray.design.boards import boards_words
 from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.design.write import as_file
-from coilarray.errors import CoilarrayError, DesignError, LocalizeError, OutputError
+from coilarray.errors import CoilarrayError, DesignError, LocalizeError
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.report import page, tables
 from coilarray.report.drawing import drawing_beside
@@ -38,7 +38,7 @@ class Report:
     of ``report.json``. `coupling` is the result of `coilarray.couple_design`. `rendering_problem`
     is the reason why the board's picture is a drawing, None if it is rendered. `summary` is the
     table of `coilarray.report.summary.summary_table`, and `verdicts` has a line for each exceeded
-    limit. `sections` are those of the page.
+    limit. `first_page` and `sections` are the blocks of the page.
     """
 
     page: Path
@@ -48,6 +48,7 @@ class Report:
     rendering_problem: str | None
     summary: Table | None = None
     verdicts: Sequence[str] = ()
+    first_page: tuple[Block, ...] = ()
     sections: tuple[Section, ...] = ()
 
     def __repr__(self) -> str:
@@ -104,7 +105,7 @@ def write_report(
     Notes
     -----
     Every number on the page is also in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``,
-    ``design.csv``, ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``,
+    ``neighbours.csv``, ``design.csv``, ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``,
     ``state_currents.csv``, ``ldc1614.csv``, ``ldc1614_drive.csv``, ``sweep.csv``,
     ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``. For metal there are ``plates.csv``,
@@ -124,8 +125,7 @@ def write_report(
     folder = Path(where)
     make_folder(folder)  # a folder that cannot be written is known before the work begins
     target = folder / "report.html"
-    if not is_own(target):
-        raise OutputError(f"{target} exists and is not a report of coilarray; move it, or choose another folder.")
+    page.require_own(target)
     made: dict[str, Section] = {}
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:
@@ -164,23 +164,30 @@ def write_report(
         contents = {name: netcdf_of(found) for name, found in _datasets(results).items() if found is not None}
         drawing.finish()
     # everything that can fail on the numbers comes before the first file
+    title = design.title or design.name
+    version = f"revision {design.revision}" if design.revision else f"design {design.digest[:8]}"
     origin = (
-        design.title or design.name,
-        design.digest[:8],
+        design.name,
+        version,
+        design.author,
         made_with["date"][:10],
         f"coilarray {made_with['coilarray_version']}",
     )
+    by = " · ".join(filter(None, origin))
     html = page.html_page(
-        design.title or design.name,
-        [*lead(results), *first],
-        [Section("Summary", (Group("summary", (replace(summary.brief(), title=""),)),)), *sections,
-         page.provenance_section(made_with, model_words(design, results))],
-        title=f"{design.title or design.name} – {'coupling ' if results.several else ''}report",
+        title,
+        [Group("by", (by,)), *lead(results), *first],
+        [
+            Section("Summary", (Group("summary", (replace(summary.brief(), title=""),)),)),
+            *sections,
+            page.provenance_section(made_with, model_words(design, results)),
+        ],
+        title=f"{title} – {'coupling ' if results.several else ''}report",
         top=[board],
         scene=scene.result(),
         contents=True,
-        foot=" · ".join(origin),
-    )  # fmt: skip
+        foot=f"{title} · {by}" if title != design.name else by,
+    )
     data_folder = folder / "report"
     make_folder(data_folder)
     for name, text in texts.items():
@@ -192,7 +199,7 @@ def write_report(
         progress(len(SECTIONS) + 1, len(SECTIONS) + 1)
     return Report(
         target, data_folder, results.coupling.result(), data, problem.result(), summary.brief(),
-        broken, tuple(sections),
+        broken, tuple(first), tuple(sections),
     )  # fmt: skip
 
 

@@ -76,9 +76,9 @@ def made(tmp_path_factory):
 
 
 TABLES = (
-    "summary", "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
-    "ldc1614_drive", "sweep", "indentation", "response", "ellipses", "polynomials", "map_positions", "residuals",
-    "causes",
+    "summary", "coils", "pairs", "neighbours", "design", "rules", "field_line", "windings", "states", "state_currents",
+    "ldc1614", "ldc1614_drive", "sweep", "indentation", "response", "ellipses", "polynomials", "map_positions",
+    "residuals", "causes",
 )  # fmt: skip
 
 
@@ -538,7 +538,7 @@ def opened(request, chromium):
 _BEYOND = """() => {
     const edge = document.documentElement.clientWidth, scrolls = one => getComputedStyle(one).overflowX === "auto";
     const inside = one => one && (scrolls(one) || inside(one.parentElement));
-    return [...document.querySelectorAll("body *")].filter(one => !inside(one.parentElement))
+    return [...document.querySelectorAll("body *:not(svg *)")].filter(one => !inside(one.parentElement))
         .filter(one => one.getBoundingClientRect().right > edge + 0.5).map(one => `${one.tagName} ${one.innerText}`);
 }"""
 # what is wider than its box

@@ -289,7 +289,7 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     values = look.unit.of(delta)
     bands = ax.contourf(x, y, values, levels=look.levels, cmap=look.colours)
     bands.set_rasterized(True)
-    style.VALUES[ax] = style.map_values(x, y, values, look.unit.label("δ"))
+    style.VALUES[ax] = style.map_values(x, y, values, look.unit.label("δ"), response.sizes["state"])
     # A change of sign among positions without a response has no meaning.
     felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < look.nothing)
     felt = np.ma.masked_invalid(felt)

@@ -326,16 +326,17 @@ def described_axes(figure: Figure, box: Bbox) -> list[dict[str, Any]]:
 
 VALUES: WeakKeyDictionary[Axes, dict[str, Any]] = WeakKeyDictionary()
 """Values of maps that are drawn as bands, from `map_values`."""
-_MOST_VALUES = 40  # along an edge of a map
+_MOST_VALUES = 40  # along an edge of a map, of six maps
 
 
-def map_values(x: npt.ArrayLike, y: npt.ArrayLike, values: FloatArray, label: str = "") -> dict[str, Any]:
-    """Return a coarse map (y, x) with its places for `described_axes`."""
-    steps = [math.ceil(count / _MOST_VALUES) for count in values.shape]
-    coarse = values[:: steps[0], :: steps[1]]
-    texts = [
-        [f"{value:.3g}" if np.isfinite(value) else "" for value in row] for row in np.ma.filled(coarse, np.nan).tolist()
-    ]
+def map_values(
+    x: npt.ArrayLike, y: npt.ArrayLike, values: FloatArray, label: str = "", maps: int = 1
+) -> dict[str, Any]:
+    """Return a coarse map (y, x) with its places for `described_axes`, coarser beside many `maps`."""
+    most = _MOST_VALUES / max(1.0, math.sqrt(maps / 6))
+    steps = [math.ceil(count / most) for count in values.shape]
+    coarse = np.ma.filled(values[:: steps[0], :: steps[1]], np.nan).tolist()
+    texts = [" ".join(f"{value:.3g}" for value in row) for row in coarse]  # "nan" where there is none
     at_x, at_y = np.asarray(x)[:: steps[1]], np.asarray(y)[:: steps[0]]
     ends = [[float(f"{one[end]:.5g}") for end in (0, -1)] for one in (at_x, at_y)]
     return {"x": ends[0], "y": ends[1], "values": texts, "label": label}

@@ -1,0 +1,113 @@
+"""Report of two designs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.display_units import number_text
+from coilarray.compute.files import write_text
+from coilarray.compute.table import Block, Group, Picture, Section, Table, text_table
+from coilarray.compute.threads import Progress
+from coilarray.design.model import DesignFile
+from coilarray.errors import DesignError
+from coilarray.report.page import html_page, now, provenance_section, require_own
+from coilarray.report.tables import design_table
+from coilarray.report.write import Report, write_report
+
+_PICTURES = (
+    "coupling", "currents", "field_line", "apparent_inductance", "response_maps", "response_profile", "position_bounds",
+    "target", "ports",
+)  # fmt: skip
+
+
+def write_beside(files: Sequence[DesignFile], where: Path, progress: Progress | None = None) -> tuple[Report, ...]:
+    """Write the reports of two designs, and a page that compares them.
+
+    The page is ``report.html`` in the folder `where`, and each report is in a folder there of the
+    design's name. Raises DesignError if both designs have one name, else as `write_report`.
+    """
+    first, second = (file.design for file in files)
+    if first.name == second.name:
+        raise DesignError(f"two designs in one report must have different names; both are {first.name}.")
+    target = where / "report.html"
+    require_own(target)
+
+    def of(number: int) -> Progress | None:
+        return None if progress is None else lambda done, total: progress(number * total + done, 2 * total)
+
+    reports = tuple(write_report(file, where / file.design.name, progress=of(k)) for k, file in enumerate(files))
+    names = (first.name, second.name)
+    titles = [f"**[{name}]({name}/report.html)** {file.design.title}" for name, file in zip(names, files, strict=True)]
+    top = Group("two", tuple(
+        Group("half", (title, *report.first_page)) for title, report in zip(titles, reports, strict=True)
+    ))  # fmt: skip
+    pictures = [{one.name: one for one in _pictures(report)} for report in reports]
+    pairs = [
+        Group("two", tuple(of_one[name] for of_one in pictures))
+        for name in _PICTURES
+        if all(name in of_one for of_one in pictures)
+    ]
+    made = {f"design {k + 1}": f"{file.design.name}, {file.design.digest}" for k, file in enumerate(files)}
+    html = html_page(
+        f"{names[0]} beside {names[1]}",
+        [top],
+        [
+            Section("Numbers", (_numbers(names, [report.summary for report in reports]),)),
+            Section("Inputs that differ", (Group("text keys", (_inputs(names, files),)),)),
+            *([Section("Pictures", tuple(pairs))] if pairs else []),
+            provenance_section({**made, "coilarray_version": provenance(first)["coilarray_version"], "date": now()}),
+        ],
+        contents=True,
+    )
+    write_text(target, html)
+    return reports
+
+
+def _pictures(report: Report) -> list[Picture]:
+    """Return the pictures of a report, in order."""
+    blocks: list[Block] = [block for section in report.sections for block in section.blocks]
+    found: list[Picture] = []
+    while blocks:
+        block = blocks.pop(0)
+        if isinstance(block, Picture):
+            found.append(block)
+        elif isinstance(block, Group):
+            blocks[:0] = block.blocks
+        elif hasattr(block, "result"):
+            found += block.result()
+    return found
+
+
+def _numbers(names: Sequence[str], summaries: Sequence[Table | None]) -> Table:
+    """Put the rows of two summaries beside each other, with the change of the largest value."""
+    shown: list[dict[str, str]] = []
+    values: list[dict[str, float]] = []
+    for summary in summaries:
+        assert summary is not None  # of a report that was just made
+        at = [column.name for column in summary.columns]
+        spread = "most" in at
+        texts, largest = {}, {}
+        for cells, row in zip(summary.cells(), summary.rows, strict=True):
+            ends = [cells[1], *([cells[2]] if spread and cells[2] else [])]
+            texts[cells[0]] = f"{' to '.join(filter(None, ends))} {cells[at.index('unit')]}".strip()
+            numbers = [value for value in row[1 : 3 if spread else 2] if isinstance(value, float)]
+            largest |= {cells[0]: max(numbers, key=abs)} if numbers else {}
+        shown.append(texts)
+        values.append(largest)
+    rows = []
+    for quantity in dict.fromkeys([*shown[0], *shown[1]]):
+        a, b = (of.get(quantity, 0.0) for of in values)
+        change = f"{number_text(100 * (b / a - 1), 1, '+')} %" if a and b else ""
+        rows.append((quantity, *(of.get(quantity, "–") for of in shown), change))
+    return text_table(("quantity", *names, "change of the largest"), rows, "Numbers of both designs")
+
+
+def _inputs(names: Sequence[str], files: Sequence[DesignFile]) -> Table:
+    """Return the inputs in which two designs differ."""
+    of = [{str(row[0]): str(row[1]) for row in design_table(file).rows} for file in files]
+    keys = [key for key in dict.fromkeys([*of[0], *of[1]]) if of[0].get(key) != of[1].get(key)]
+    return text_table(
+        ("key", *names), [(key, *(one.get(key, "–") for one in of)) for key in keys], "Inputs that differ"
+    )

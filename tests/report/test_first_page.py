@@ -1,0 +1,168 @@
+"""Page one of a report, its figures as parts of a page, and two designs beside each other."""
+
+import json
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from support import plot_results as results
+
+from coilarray import viz
+from coilarray.compute.table import Column, Table, html_text
+from coilarray.design.model import parse_design_file
+from coilarray.errors import DesignError, MissingDependencyError
+from coilarray.geometry import Sheet
+from coilarray.geometry.rules import Margin
+from coilarray.report import pdf
+from coilarray.report.beside import write_beside
+from coilarray.report.first_page import cards, verdict_lines
+from coilarray.report.page import draw
+
+LINE = """
+schema = 1
+name = "NAME"
+author = "A. Person"
+revision = "B"
+[stackup]
+layers = ["top"]
+copper_thickness_um = [35]
+[readout]
+converter = "none"
+[coils.one]
+shape = "path"
+trace_width_mm = 0.2
+gap_mm = 0.2
+lines_mm = [[[0, 0], [SIZE, 0], [SIZE, 4], [0, 4]]]
+[array]
+lattice = "free"
+placements = [{ name = "a", coil = "one", layers = ["top"], x_mm = 0, y_mm = 0 }]
+"""
+
+
+def written(name, size):
+    return parse_design_file(LINE.replace("NAME", name).replace("SIZE", str(size)), name)
+
+
+def summary(*rows):
+    """Rows of a summary: quantity, least, most, unit and place."""
+    columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
+    return Table("summary", "Summary", columns, rows)
+
+
+def test_cards_have_as_many_digits_as_are_known():
+    found = summary(
+        ("L, the others open", 93.1391e-6, 93.6431e-6, "H", ""), ("f with the tank", 1.39291e6, 1.40374e6, "Hz", ""),
+        ("L_eff", 107.1329e-6, 108.8034e-6, "H", ""), ("largest |k|", "", 2.1e-5, "1", "a and b"),
+        ("peak δ, 1 mm deep", 1.11972e-3, 1.4647e-3, "1", ""), ("σ of x, half of coils", 5.312e-6, "", "m", ""),
+        ("σ of x, 95 % of coils", 1.07e-4, "", "m", ""),
+    )  # fmt: skip
+    shown = {card.name: (card.value, card.remark) for card in cards(found, written("line", 9).design)}
+    assert shown["Inductance"] == ("93.1–93.6 µH", "L_eff 107–109 µH")
+    assert shown["Frequency"][0] == "1.393–1.404 MHz"
+    assert shown["Coupling"] == ("|k| < 0.0001", "a and b")
+    assert shown["Response δ"] == ("0.11–0.15 %", "1 mm deep")
+    assert shown["Position σ_x"] == ("5.3 µm median", "95 % of the coils’ area ≤ 0.11 mm")
+    assert len(shown) == 6
+
+
+def test_the_verdicts_name_the_tightest_place_and_what_is_assumed():
+    file = written("line", 9)
+    kept = Margin("drill", "L1", "a", 0.0, 0.2e-3, 0.2e-3, 1e-3, -2e-3)
+    first, second = verdict_lines(file, [kept], summary(), ())
+    assert (first.kind, second.kind) == ("ok", "warn")  # no converter is set
+    assert "drill 0.2 mm, exactly at its limit, of a on L1 at (1.0, −2.0) mm" in first.text
+    broken = Margin("drill", "L1", "a", -0.1e-3, 0.2e-3, 0.1e-3, 1e-3, -2e-3)
+    (bad, _) = verdict_lines(file, [broken, kept], summary(), ())
+    assert bad.kind == "bad"
+    assert "1 of 2" in bad.text
+    assert "0.1 mm; its limit is 0.2 mm" in bad.text
+
+
+def test_rows_that_are_alike_are_joined_and_their_places_left_out():
+    columns = (Column("coil"), Column("x", unit="m"), Column("L", unit="H"))
+    rows = (("c1", 0.0, 1e-6), ("c2", 1.0, 1.00001e-6), ("c3", 2.0, 2e-6))
+    joined = Table("t", "T", columns, rows).alike("x")
+    assert joined.rows == (("c1, 2", 1e-6), ("c3", 2e-6))
+    apart = Table("t", "T", columns, rows[1:])
+    assert apart.alike("x") is apart
+    text = Table("t", "L_1 & more", columns, rows, main=("coil", "L")).latex()
+    assert r"\caption{L\_1 \& more}" in text
+    assert text.count(r"\\") == 4
+    assert "x (mm)" not in text
+    page = Table("t", "T", columns, rows, main=("coil", "L")).html()
+    assert page.count("class=more") == 4
+    assert html_text("of L_eff, `L_eff`") == "of L<sub>eff</sub>, <code>L_eff</code>"
+
+
+def test_a_figure_is_part_of_the_page_with_the_values_of_its_curves_and_maps():
+    figure = Figure(figsize=(12.0, 4.0))
+    left, right = figure.subplots(1, 2)
+    left.plot([1, 10, 100], [0, 1, 4], label="one")
+    left.set(xscale="log", xlabel="f (MHz)", ylabel="L (µH)")
+    right.pcolormesh([0.0, 1.0, 2.0], [0.0, 1.0], np.array([[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]]), shading="nearest")
+    shown = draw("both", "Both, & more.", figure, width=6.0)
+    ElementTree.fromstring(shown.image.replace("xlink:href", "href"))  # well formed
+    assert float(re.search(r"width: (\d+)px", shown.image)[1]) <= 6.2 * 96
+    assert ">f (MHz)</text>" in shown.image  # text that can be selected
+    assert not re.search(r'id="(?!both-)|url\(#(?!both-)|[^(]#(202020|ffffff)[;"]', shown.image)
+    curves, cells = json.loads(shown.axes)
+    assert curves["x"] == {"ends": pytest.approx([0.794, 126], rel=1e-2), "log": True, "label": "f (MHz)"}
+    ((group, name),) = curves["curves"]
+    assert name == "one"
+    assert f'id="both-{group}"' in shown.image
+    assert cells["map"]["values"] == ["1 2 3", "4 nan 6"]
+    assert (cells["map"]["x"], cells["map"]["y"]) == ([0.0, 2.0], [0.0, 1.0])
+
+
+def test_a_view_measures_the_board_and_a_section_has_every_layer():
+    board = results.board()
+    ax = viz.plot_dimensions(board)
+    x_min, y_min, x_max, y_max = np.multiply(board.bounds, 1e3)
+    texts = [text.get_text() for text in ax.texts]
+    assert {f"{x_max - x_min:.2f}", f"{y_max - y_min:.2f}", f"{1e3 * board.least_distance:.2f}"} <= set(texts)
+    ax = viz.plot_stack(board.stackup, (Sheet("soft", 2e-3), Sheet("filled", 1e-3, 2.5)), pressed="ball")
+    rows = {text.get_text(): text.get_position()[1] for text in ax.texts}
+    names = ["ball", "filled", "soft", *(f"copper {name}" for name in board.stackup.names)]
+    assert [rows[name] for name in names] == sorted((rows[name] for name in names), reverse=True)
+    assert "1 mm, µr 2.5" in rows
+
+
+@pytest.mark.slow
+def test_two_designs_beside_each_other(tmp_path, pictures_of_nothing, monkeypatch):
+    monkeypatch.setenv("COILARRAY_THREADS", "1")
+    monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
+    monkeypatch.setattr("coilarray.report.page.board_page", lambda design: None)
+    short, long = written("short", 9), written("long", 12)
+    steps = []
+    reports = write_beside([short, long], tmp_path, lambda *step: steps.append(step))
+    assert [report.page for report in reports] == [tmp_path / name / "report.html" for name in ("short", "long")]
+    assert steps[-1][0] == steps[-1][1]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<h3>Inductance</h3>") == page.count("<h3>Board</h3>") == 2
+    assert 'href="long/report.html"' in page
+    change = reports[1].data["coils"][0]["open_inductance_H"] / reports[0].data["coils"][0]["open_inductance_H"] - 1
+    assert f"<td>+{100 * change:.1f} %</td>" in page
+    assert "coils.one.lines_mm" in page[page.index("Inputs that differ") :]
+    own = reports[0].page.read_text(encoding="utf-8")
+    assert "revision B · A. Person" in own
+    with pytest.raises(DesignError, match="different names; both are short"):
+        write_beside([short, short], tmp_path)
+
+
+def test_a_pdf_needs_a_browser(monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(MissingDependencyError, match="needs Chromium, Chrome or Edge, and none is installed"):
+        pdf.browser()
+
+
+@pytest.mark.slow
+def test_a_page_is_printed(tmp_path):
+    page = tmp_path / "report.html"
+    page.write_text("<p>A page.</p>", encoding="utf-8")
+    try:
+        program = pdf.browser()
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    assert pdf.write_pdf(page, program).read_bytes().startswith(b"%PDF")
