@@ -144,6 +144,7 @@ def cards(summary: Table, design: Design) -> list[Card]:
             "Coupling", "" if k is None else f"|k| ≤ {span([k], _PLAIN, 2)}" if k >= _KNOWN else f"|k| < {_KNOWN:.4f}",
             _remark(summary, "largest |k|"),
         ),
+        Card("Link efficiency", shown("link efficiency", PERCENT, 3), _remark(summary, "link efficiency")),
         Card("Response δ", shown("peak δ", change, 2), peak),
         Card("Target δ", shown("δ of target", change, 2), shown("range of", MM, 2, "range ")),
         Card("Position σ_x", shown("σ of x, half", length, 2, after=" median"), parts),

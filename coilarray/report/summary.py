@@ -48,13 +48,15 @@ def summary_table(
     without: xr.Dataset | None = None,
     target: xr.Dataset | None = None,
     bounds: xr.Dataset | None = None,
+    links: xr.Dataset | None = None,
 ) -> Table:
     """Return the least and largest values of the decisive quantities.
 
-    `without` is the scan without plates. Of `bounds` it has the least σ of x over the coils, the
+    `without` is the scan without plates, and `links` are the solved ports. Of `bounds` it has the least σ of x over the coils, the
     values that half and 95 % of their area do not exceed, and the share where x is not determined.
     """
-    found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
+    found = [*_rows(coupling, scan, margins, response), *_link_rows(links), *_position_rows(bounds)]
+    found += _metal_rows(scan, without, target)
     spread = any(most != "" for _, _, most, *_ in found)
     least = Column("least", "" if spread else "value", "1")
     columns = (Column("quantity"), least, Column("most", unit="1"), Column("unit"), Column("where"))
@@ -111,6 +113,14 @@ def _rows(
         yield ("tightest fabrication rule", worst.margin, "", "m", where)
     if response is not None:
         yield _peak_row(response.delta.where(readable_of(response)).isel(depth=-1))
+
+
+def _link_rows(links: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
+    """Row of the efficiencies at the link's frequency."""
+    if links is not None and "efficiency" in links:
+        at = links.efficiency.sel(frequency=links.attrs["link_frequency_Hz"]).transpose("source", "load")
+        names = [f"{source} to {load}" for source in at["source"].values for load in at["load"].values]
+        yield _row("link efficiency", names, at.values.ravel(), _PERCENT)
 
 
 def tightest(margins: Sequence[Margin]) -> Margin | None:

@@ -147,7 +147,7 @@ def write_report(
         sections = [made[title] for title in ORDER if title in made]
         summary = summary_table(
             results.coupling.result(), results.scan, results.margins, results.shown_or_none, results.bare.result(),
-            results.target_or_none, results.bounds,
+            results.target_or_none, results.bounds, None if results.linking.exception() else results.linking.result(),
         )  # fmt: skip
         broken = verdicts(results.scan, results.margins, results.target_or_none, results.shown_or_none)
         reading = verdicts(results.scan, (), results.target_or_none, results.shown_or_none)

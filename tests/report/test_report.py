@@ -134,6 +134,7 @@ def test_the_causes_are_those_of_the_distortion(made):
 def test_page_needs_no_other_file(page, made):
     assert "link" not in page.tags
     assert page.sources
+    assert len(made.page.read_bytes()) < 1.5e6  # six coils; a rendered picture is another 90 kB
     assert all(source.startswith(("data:image/png;base64,", "#")) for source in page.sources)
     own = re.sub(r"(?s)<script.*?</script>", "", made.page.read_text(encoding="utf-8"))  # the scene: test_page
     assert not re.search(r"@import|url\((?!#)", own)

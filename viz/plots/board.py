@@ -109,7 +109,7 @@ def plot_dimensions(array: Array, ax: Axes | None = None) -> Axes:
         level = y_max + rim
         if abs(near[0] - centres[0, 0]) > _ALONG * apart.max():
             _measure(ax, (centres[0, 0], level), (near[0], level), float(centres[0, 1]))
-    ax.set(xlim=limits[0], ylim=limits[1])
+    ax.set(xlim=limits[0], ylim=limits[1], xlabel="", ylabel="")
     ax.set_axis_off()
     return ax
 
@@ -121,7 +121,7 @@ def _bands(line: FloatArray, coil: Coil) -> list[shapely.Polygon]:
     return list(shapely.get_parts(path.buffer(-closed, join_style="mitre").simplify(coil.trace_width / 4)))
 
 
-def _measure(ax: Axes, start: Sequence[float], end: Sequence[float], edge: float) -> None:
+def _measure(ax: Axes, start: tuple[float, float], end: tuple[float, float], edge: float) -> None:
     """Draw an arrow in mm with its length, and thin lines to the edge that it measures."""
     upright = start[0] == end[0]
     for x, y in (start, end):

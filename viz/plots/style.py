@@ -306,7 +306,8 @@ def described_axes(figure: Figure, box: Bbox) -> list[dict[str, Any]]:
     """
     found = []
     for ax in figure.axes:
-        lines = [line for line in ax.lines if not str(line.get_label()).startswith("_") and len(line.get_xydata()) > 2]
+        named = (line for line in ax.lines if not str(line.get_label()).startswith("_"))
+        lines = [line for line in named if np.size(line.get_xdata()) > _FEWEST]
         maps = [one for one in ax.collections if isinstance(one, QuadMesh)]
         for k, line in enumerate(lines):
             line.set_gid(f"curve-{figure.axes.index(ax)}-{k}")
@@ -324,6 +325,7 @@ def described_axes(figure: Figure, box: Bbox) -> list[dict[str, Any]]:
     return found
 
 
+_FEWEST = 2  # points of a line that is a mark
 VALUES: WeakKeyDictionary[Axes, dict[str, Any]] = WeakKeyDictionary()
 """Values of maps that are drawn as bands, from `map_values`."""
 _MOST_VALUES = 40  # along an edge of a map, of six maps
@@ -344,11 +346,11 @@ def map_values(
 
 def _mesh_values(mesh: QuadMesh) -> dict[str, Any]:
     """Values of the cells of a mesh at their middles."""
-    corners = mesh.get_coordinates()
+    corners = np.asarray(mesh.get_coordinates(), dtype=np.float64)
     middles = (corners[:-1, :-1] + corners[1:, 1:]) / 2
-    values = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=np.float64), np.nan).reshape(middles.shape[:2])
-    bar = mesh.colorbar
-    return map_values(middles[0, :, 0], middles[:, 0, 1], values, "" if bar is None else bar.ax.get_ylabel())
+    values: Any = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=np.float64), np.nan)
+    label = "" if mesh.colorbar is None else mesh.colorbar.ax.get_ylabel()
+    return map_values(middles[0, :, 0], middles[:, 0, 1], values.reshape(middles.shape[:2]), label)
 
 
 def logarithmic_ticks(axis: Axis, decades: float) -> None:
