@@ -52,8 +52,9 @@ def summary_table(
 ) -> Table:
     """Return the least and largest values of the decisive quantities.
 
-    `without` is the scan without plates, and `links` are the solved ports. Of `bounds` it has the least σ of x over the coils, the
-    values that half and 95 % of their area do not exceed, and the share where x is not determined.
+    `without` is the scan without plates, and `links` are the solved ports. Of `bounds` it has the
+    least σ of x over the coils, the values that half and 95 % of their area do not exceed, and the
+    share where x is not determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_link_rows(links), *_position_rows(bounds)]
     found += _metal_rows(scan, without, target)
