@@ -18,7 +18,7 @@ from coilarray import viz
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, number_text, value_text
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Table, text_table
+from coilarray.compute.table import Table, Value, text_table
 from coilarray.errors import DesignError, ElastomerError, GeometryError, OutputError
 from coilarray.report.drawing import drawing_beside
 from coilarray.report.pdf import browser as pdf_browser
@@ -319,15 +319,20 @@ def impedance(
 def _limit_lines(limits: Table, scan: xr.Dataset, design: Design) -> list[str]:
     """Name the broken limits of the converter."""
     chip = design.readout.converter
-    lines = [
-        f"{chip}, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
-        for state, limit, value, low, high, kept in limits.rows
-        if not kept
-    ]
+    broken: dict[tuple[Value, ...], list[tuple[str, float]]] = {}
+    for state, limit, value, low, high, kept in limits.rows:
+        if not kept:
+            broken.setdefault((limit, low, high), []).append((str(state), float(value)))
+    lines = []
+    for (limit, low, high), found in broken.items():
+        values = dict.fromkeys(f"{value:.4g}" for value in (min(v for _, v in found), max(v for _, v in found)))
+        allowed = f"at least {low:g}" if high == "" else f"{low:g} to {high:g}"
+        which = found[0][0] if len(found) == 1 else f"{found[0][0]} and {len(found) - 1} more"
+        lines.append(f"✖ {chip}, {which}: {limit} is {' to '.join(values)}, allowed {allowed}")
     if limits.rows and not lines:
         without = " without the target (coilarray target has it with)" if design.target else ""
         so_far = "as far as these numbers go, " if scan.attrs["left_out"] else ""
-        lines = [f"{chip}: {so_far}all limits are kept{without}"]
+        lines = [f"✔ {chip}: {so_far}all limits are kept{without}"]
     return lines
 
 

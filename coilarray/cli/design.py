@@ -92,6 +92,7 @@ _NO_FAB = (
     "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
     "board house."
 )
+_MANY_LAYERS = 8  # of copper, above which boards are special orders
 _MET = 5e-3  # of the wanted inductance: as near as is not worth a word
 _HELPS = {
     ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
@@ -249,6 +250,7 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     import numpy as np
 
     from coilarray.circuit.coupling import design_inductance, scan_design
+    from coilarray.electromagnetics.inductance import coupling_matrix
     from coilarray.electromagnetics.resistance import dc_resistance
     from coilarray.geometry.array import copper_words
     from coilarray.studies.create import Choices, broken_limits, is_standard, neighbour_coupling
@@ -259,7 +261,8 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     turns, trace, gap, on = (
         values[f"{coil}.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm", "winding_layers")
     )
-    L = np.diag(design_inductance(design, accuracy="screen")[0]) * 1e6
+    matrix = design_inductance(design, accuracy="screen")[0]
+    L = np.diag(matrix) * 1e6
     span = f"{L.min():.4g}" if L.max() - L.min() < 5e-4 * L.max() else f"{L.min():.4g} to {L.max():.4g}"
     asked = ""
     if "inductance_uH" in chosen:
@@ -279,8 +282,9 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
     if len(design.array.names) > 1:
         near = neighbour_coupling(design)
         worst = near[np.abs(near).argmax()]
-        k = number_text(worst, 4, "+")
-        lines.append(f"pitch: {values['array.pitch_mm']:g} mm; largest coupling of neighbours {k}")
+        among = np.triu(coupling_matrix(matrix), 1).ravel()
+        k, of_all = (number_text(value, 4, "+") for value in (worst, among[np.abs(among).argmax()]))
+        lines.append(f"pitch: {values['array.pitch_mm']:g} mm; largest k of neighbours {k}, of any two coils {of_all}")
     low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
     f = low if low == high else f"{low} to {high}"
     C, beside_q = values["circuit.capacitance_pF"], design.circuit.switches.beside_q
@@ -296,6 +300,8 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
         f"board: {x_max - x_min:.4g} × {y_max - y_min:.4g} mm, {len(design.array.stackup.names)} copper layers; "
         f"every limit of {values['fab.profile']} is kept"
     )
+    if (count := len(design.array.stackup.names)) > _MANY_LAYERS:
+        lines.append(f"⚠ few board houses make {count} copper layers: ask for the price before you order")
     left_out = scan.attrs["left_out"]
     converter = _read_by_converter(broken_limits(scan), len(scan.state), whole=not left_out)
     return [*lines, *shared.left_out_lines(left_out), converter]
@@ -314,12 +320,12 @@ def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whol
     """Describe whether an LDC1614 can read the coils."""
     if not broken:
         kept = "every limit of an LDC1614 is kept"
-        return f"converter: {kept if whole else f'as far as these numbers go, {kept}'}"
+        return f"✔ converter: {kept if whole else f'as far as these numbers go, {kept}'}"
     state, limit = broken[0]
     too = "low" if limit.value < limit.low else "high"
     which = state if states == 1 else f"{len({name for name, _ in broken})} of {states} coils, as {state}"
     helps = _HELPS.get((limit.name.partition(" (")[0], too), "")
-    return f"WARNING: an LDC1614 cannot read {which}: {limit.words}{helps}"
+    return f"✖ an LDC1614 cannot read {which}: {limit.words}{helps}"
 
 
 def _import(

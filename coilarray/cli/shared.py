@@ -322,7 +322,7 @@ def open_page(path: Path) -> None:
 
 def wrote_map(out: Path | None, result: xr.Dataset) -> str:
     """Say how many values of δ are written."""
-    return f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"
+    return f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {', '.join(result.delta.dims)}"
 
 
 def draw(path: Path | None, plot: Callable[[], Figure | Axes]) -> None:

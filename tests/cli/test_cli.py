@@ -175,9 +175,7 @@ def test_init_warns_of_coils_that_the_converter_cannot_read(capsys):
     coil = ("--coils", "1", "--shape", "circle", "--no-elastomer", "--capacitance-pF")
     assert "coil1 has no resonance" in refused(capsys, "init", "slow", *coil, "1e6")
     lines = good(capsys, "init", "slow", *coil, "1e4").splitlines()
-    words = (
-        r"WARNING: an LDC1614 cannot read coil1: R_p is .* it must be 1 kΩ .*; larger coils, more inductance or less"
-    )
+    words = r"✖ an LDC1614 cannot read coil1: R_p is .* it must be 1 kΩ .*; larger coils, more inductance or less"
     assert re.match(words, lines[-2])
     assert load_design("slow.toml").circuit.capacitance == pytest.approx(1e-8)
 

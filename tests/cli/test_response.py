@@ -107,7 +107,7 @@ def test_the_table_and_every_value_as_csv(capsys, expected):
     out = good(capsys, *SMALL, "--out", "r.csv")
     title, header, *rows, last = out.splitlines()
     assert (title, header.split("  ")[0]) == ("Response", "depth (mm)")
-    assert last == "wrote r.csv: 1 × 1 × 2 × 3 values over ('depth', 'y', 'x', 'state')"
+    assert last == "wrote r.csv: 1 × 1 × 2 × 3 values over depth, y, x, state"
     cells = [row.split() for row in rows]
     assert [row[1] for row in cells] == ["coil1", "coil2", "coil3"]
     shown = [float(row[2].replace("−", "-")) for row in cells]

@@ -2,15 +2,18 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import pytest
 
-from coilarray import load_design
+from coilarray import Array, Design, Spiral, load_design
 from coilarray.design.model import build_design_file
 from coilarray.design.vary import vary
+from coilarray.design.write import as_file
 from coilarray.errors import GoalError
+from coilarray.report.studies import Chosen, target_missed
 from coilarray.studies.optimize.derive import NAMES, adjusted, derive_goal, parse_bound
-from coilarray.studies.optimize.goal import Axis, Goal, axes_of, changes_of, parse_goal, start_parameters
+from coilarray.studies.optimize.goal import Axis, Goal, Trial, axes_of, changes_of, parse_goal, start_parameters
 from coilarray.studies.optimize.run import study_name
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
@@ -286,3 +289,24 @@ def test_what_the_command_line_gives_takes_the_place_of_the_derived():
 def test_goals_that_a_design_has_not(wishes, file, message):
     with pytest.raises(GoalError, match=message):
         derive_goal(wishes, file)
+
+
+def test_a_missed_target_names_the_rule_that_holds_it():
+    """Two squares on the same copper: nearer to k = 0 they would overlap, and only layers of their own free them."""
+    file = as_file(Design(Array.row(Spiral(4, 12e-3, 8, 0.2e-3, 0.2e-3), 2, 13e-3), name="pair"))
+    goal = derive_goal(["decouple"], file, []).goal
+    key = goal.objectives[0].quantity
+
+    def trial(place, pitch, k, off):
+        return Trial("search", place, {"array.pitch_mm": pitch}, {key: k}, (abs(k),), {"fab_margin_mm": off})
+
+    start, best, refused_one = trial(0, 13.0, -0.03, 0.0), trial(1, 12.5, -0.02, 0.0), trial(2, 9.0, 0.001, 2.0)
+    result = SimpleNamespace(goal=goal, start=start, trials=(best, refused_one), file=file, design=file.design)
+    chosen = Chosen("best", best, file.design)
+    stops, why, freed = target_missed(result, chosen)
+    assert stops == f"{key} stops at −0.02, beside its target 0."
+    assert "It would be 0.001 at array.pitch_mm = 9, which is refused: The copper of coil1 and coil2 overlaps" in why
+    assert "coil1 and coil2 share copper. array.layers with layers of their own" in freed
+    result.trials = (best,)
+    assert "Neighbours lie on the same copper, so they cannot overlap." in target_missed(result, chosen)[1]
+    assert target_missed(result, Chosen("best", trial(3, 9.0, 1e-5, 0.0), file.design)) == []

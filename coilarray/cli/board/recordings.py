@@ -112,7 +112,7 @@ def info(
             shared.write_numbers(out, dataset, lambda: (series_csv if as_series else response_csv)(dataset))
             what = "the time series" if as_series else "the response"
             shape = " × ".join(str(n) for n in dataset.delta.shape)
-            wrote = [f"wrote {out}: {what}, {shape} values over {dataset.delta.dims}"]
+            wrote = [f"wrote {out}: {what}, {shape} values over {', '.join(dataset.delta.dims)}"]
             board = summary["sessions"][0]["board"]
             if (known := dataset.attrs.get("calibration_board", board)) != board:
                 wrote.append(f"the calibration is for the board “{known}”, the recording is of “{board}”")
