@@ -16,9 +16,9 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.compute.display_units import PER_MILLION, number_text, value_text
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit, number_text, value_text
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Table, Value, text_table
+from coilarray.compute.table import Card, Column, Group, Table, Value, Warn, plain_text, text_table
 from coilarray.errors import DesignError, ElastomerError, GeometryError, OutputError
 from coilarray.report.drawing import drawing_beside
 from coilarray.report.pdf import browser as pdf_browser
@@ -28,11 +28,10 @@ Match = Literal["L", "SS", "SP", "PS", "PP"]
 Series = Literal["E12", "E24", "E96"]
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     import xarray as xr
 
     from coilarray.design.model import Design
+    from coilarray.report.write import Report
     from coilarray.response.map import Imperfections, Reach
 
 
@@ -79,6 +78,8 @@ def report(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Also print report.pdf, by an installed Chromium, Chrome or Edge.")
     ] = False,
+    open_it: Annotated[bool, typer.Option("--open", help="Open the report in the browser.")] = False,
+    every: shared.Every = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -87,7 +88,7 @@ def report(
     Writes report.html, and the folder report with its numbers as CSV, JSON, netCDF and LaTeX tables. Of two designs
     it writes a page that compares them, and the report of each into a folder of its name.
 
-    Example: coilarray report gast2020 --out results
+    Example: coilarray report gast2020 --out results --open
 
     Example: coilarray report a.toml b.toml --pdf
     """
@@ -96,39 +97,70 @@ def report(
         raise DesignError(f"a report is of one design or of two; got {len(designs or ())}.")
     program = pdf_browser() if pdf else ""  # before the work
     if len(designs or ()) == 2:
-        _report_beside(designs or [], out, (distortion, link), program, as_json=as_json, allow=allow_violations)
+        results = distortion, link
+        _report_beside(designs or [], out, results, program, open_it=open_it, as_json=as_json, allow=allow_violations)
         return
     design = designs[0] if designs else None
     with compiling_beside(), drawing_beside():
         from coilarray.compute.netcdf import read_checked
         from coilarray.paper.distortion import DISTORTION
+        from coilarray.report.sections import SECTIONS
         from coilarray.report.write import write_report
         from coilarray.studies.link import LINK
 
         opened = shared.open_design_file(design, allow_violations=allow_violations, boards=True)
         causes = None if distortion is None else read_checked(distortion, DISTORTION)
         motion = None if link is None else read_checked(link, LINK)
-        with shared.progress_bar(f"report of {opened.design.name}") as progress:
+        with shared.progress_bar("report", [*(title.lower() for title in SECTIONS), "page"]) as progress:
             made = write_report(opened, out, distortion=causes, link=motion, progress=progress)
     printed = f", {write_pdf(made.page, program)}" if pdf else ""
     if made.rendering_problem is not None:
-        typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
+        shared.say(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:
         shared.print_json(made.data)
-        return
-    typer.echo(f"wrote {made.page}{printed} and the data in {made.folder}{os.sep}")
-    for line in made.verdicts:
-        typer.echo(line)
-    if made.summary is not None:
-        typer.echo(made.summary.text(shared.terminal_width(), title=False))
-        if opened.assumed:
-            typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
-        typer.echo("")
-    typer.echo(_summary(opened.design.centres, made.coupling).text(shared.terminal_width()))
+    else:
+        _print_report(opened.design, made, every=every)
+        shared.say(f"wrote {made.page}{printed} and the data in {made.folder}{os.sep}")
+    if open_it:
+        shared.open_page(made.page)
+
+
+_MARKS = {"ok": "✔", "bad": "✖", "warn": "⚠"}
+_FEW = 12  # coils, whose numbers are printed one by one
+
+
+def _print_report(design: Design, made: Report, *, every: bool) -> None:
+    """Print what the first page of a report answers, and the coils."""
+    from coilarray.report.tables import neighbour_table
+
+    shared.say(f"{design.name}  {design.title}".rstrip())
+    for block in made.first_page:
+        if isinstance(block, Warn):
+            shared.say(f"{_MARKS[block.kind]} {plain_text(block.text)}")
+        elif isinstance(block, Group) and block.kind == "cards":
+            cards = [(one.name, one.value, one.remark) for one in block.blocks if isinstance(one, Card)]
+            shared.say("")
+            shared.say(text_table(("", "", ""), cards))
+    tables = [made.summary] if every and made.summary is not None else []
+    coils = _coils(design, made.coupling)
+    if len(coils.rows) > _FEW and not every:
+        tables += [coils.without("neighbours").alike(), neighbour_table(design, made.coupling).table]
+    else:
+        tables.append(coils)
+    for table in tables:
+        shared.say("")
+        shared.say(table)
 
 
 def _report_beside(
-    designs: list[str], out: Path, results: tuple[Path | None, ...], program: str, *, as_json: bool, allow: bool
+    designs: list[str],
+    out: Path,
+    results: tuple[Path | None, ...],
+    program: str,
+    *,
+    open_it: bool,
+    as_json: bool,
+    allow: bool,
 ) -> None:
     """Write the report of two designs."""
     if any(results):
@@ -144,28 +176,31 @@ def _report_beside(
     if as_json:
         shared.print_json({file.design.name: report.data for file, report in zip(opened, made, strict=True)})
         return
-    typer.echo(f"wrote {page}{printed}, {' and '.join(str(report.page) for report in made)}")
+    shared.say(f"wrote {page}{printed}, {' and '.join(str(report.page) for report in made)}")
+    if open_it:
+        shared.open_page(page)
 
 
-def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> Table:
-    """Short table of the coils."""
+def _coils(design: Design, coupling: xr.Dataset) -> Table:
+    """Short table of the coils, without a tank only L and k."""
     import numpy as np
 
-    names = coupling.coil.values.tolist()
+    names, centres = coupling.coil.values.tolist(), design.centres
     distance = np.linalg.norm(centres[:, None] - centres, axis=2)
     np.fill_diagonal(distance, np.inf)
-    columns = (
-        (coupling.open_inductance, 1e6, 3), (coupling.effective_inductance, 1e6, 3), (coupling.frequency, 1e-6, 4),
-        (coupling.ideal_effective_inductance, 1e6, 3),
-    )  # fmt: skip
+    four = DisplayUnit("µH", 1e6)  # four digits of the largest, as L is known to 1e-4
+    columns = [Column("coil"), Column("open_inductance", "L", "H", four)]
+    if design.is_tuned:
+        columns += [Column("effective_inductance", "L_eff", "H", four), Column("frequency", "f", "Hz")]
+    columns.append(Column("neighbours", "k to the neighbours"))
     rows = []
     for a, name in enumerate(names):
         # neighbours: the coils at the least distance, to a twentieth
         near = np.flatnonzero(np.isfinite(distance[a]) & (distance[a] <= 1.05 * distance[a].min()))
-        numbers = [f"{float(values[a]) * factor:.{digits}f}" for values, factor, digits in columns]
+        numbers = [float(coupling[column.name][a]) for column in columns[1:-1]]
         neighbours = ", ".join(f"{names[b]} {number_text(float(coupling.coupling[a, b]), 4, '+')}" for b in near)
-        rows.append([name, *numbers, neighbours or "none"])
-    return text_table(("coil", "L (µH)", "L_eff (µH)", "f (MHz)", "L_eff ideal (µH)", "k to the neighbours"), rows)
+        rows.append((name, *numbers, neighbours or "none"))
+    return Table("", "", tuple(columns), tuple(rows))
 
 
 _FILES = r"\.(nc|csv|cir|sub|inp|s\d+p)"
@@ -210,14 +245,16 @@ def impedance(
         Path | None,
         shared.plot_option("L, R and Q over frequency, with both resonances, or S and efficiency of the ports"),
     ] = None,
+    every: shared.Every = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Compute inductances, couplings, resonances and impedances.
 
-    Prints the matrices of L, M and k (of more than 24 coils the strongest couplings), and for each
+    Prints the matrices of L, M and k, of more than 12 coils k by kind of neighbour, and for each
     state of the scan the circuit with AC resistance, winding capacitance and switches, with the
-    limits of the converter.
+    limits of the converter. Coils that are alike share a row. --all prints every row, and of up to
+    24 coils the matrices.
 
     With --noise it prints every cause of noise instead: its noise in one scan, its drift per
     kelvin, its change since L_0 was read, and the source of the value. Values and settings are in
@@ -256,10 +293,12 @@ def impedance(
     if suffix == ".inp" and opened.plates:
         raise OutputError(f"--out .inp cannot hold [[plate]], which {opened.name} has; write .cir or .sNp.")
     import numpy as np
+    import xarray as xr
 
     from coilarray.circuit import coupling as circuit
     from coilarray.circuit.board_circuit import board_circuit
     from coilarray.circuit.network import checked_network
+    from coilarray.electromagnetics.inductance import coupling_matrix
     from coilarray.report import tables
 
     with shared.progress_bar("inductance matrix") as progress:
@@ -311,8 +350,14 @@ def impedance(
     if opened.circuit.ports:
         lines.append(f"ports of {', '.join(port.coil for port in opened.circuit.ports)}: coilarray impedance --ports")
     lines = [*filter(None, lines), *shared.left_out_lines(scan.attrs["left_out"])]
-    matrices = tables.matrix_tables(list(opened.coil_names), inductance)
-    shown = [*matrices, states, windings, *([drives] if drives.rows else [])]
+    shown = [states, windings, drives] if opened.is_tuned else [windings]
+    shown = [one for one in (shown if every else [one.alike() for one in shown]) if one.rows]
+    if len(inductance) > _FEW and not every:
+        k = ("coil", "other"), coupling_matrix(inductance)
+        of_names = xr.Dataset({"coupling": k}, {"coil": list(opened.coil_names)})
+        shown.insert(0, tables.neighbour_table(opened, of_names).table)
+    else:
+        shown[:0] = tables.matrix_tables(list(opened.coil_names), inductance)
     shared.print_result(data, as_json=as_json, tables=shown, lines=lines, files=(out, plot))
 
 

@@ -91,6 +91,7 @@ AllowViolations = Annotated[
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.", is_eager=True)
 ]
+Every = Annotated[bool, typer.Option("--all", help="Print every row, also of coils that are alike.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
 Accuracy = Annotated[
     Literal["full", "screen"], typer.Option("--accuracy", help="Accuracy of the inductances; screen is much faster.")

@@ -258,6 +258,8 @@ class Table:
                     [text] if numeric[k] and n else _wrapped(text, max(w, 1)) or [""]
                     for text, w, k in zip(texts, widths, block, strict=True)
                 ]
+                if n == 0 and not any(texts):
+                    continue
                 if n == 0:  # the last lines of headings stand beside each other
                     wrapped = [[""] * (max(map(len, wrapped)) - len(parts)) + parts for parts in wrapped]
                 marked = n > 0 and bool(self.mark) and self.mark in rows[n - 1]
@@ -472,6 +474,15 @@ def html_text(text: str) -> str:
 def _subscripts(text: str) -> str:
     """Escape a text for HTML, with subscripts of single letters."""
     return re.sub(r"(?<![\w/])([A-Za-zδσ])_(\w+)(?![\w/.])", r"\1<sub>\2</sub>", escape(text))
+
+
+def plain_text(text: str) -> str:
+    """Return a paragraph's text without marks and links.
+
+    >>> plain_text("**3** limits, see [docs](https://a.b)")
+    '3 limits, see docs'
+    """
+    return re.sub(r"\[([^\]]+)\]\([^)\s]+\)", r"\1", text.replace("**", ""))
 
 
 def fill(text: str, width: int | None) -> str:

@@ -469,6 +469,11 @@ class Design:
         given = enumerate(self.boards, start=2)
         return tuple(f"board{number}" if board.name is None else board.name for number, board in given)
 
+    @property
+    def is_tuned(self) -> bool:
+        """Whether a converter reads the coils with tanks, or at least no ports take their place."""
+        return self.readout.is_judged or not self.circuit.ports
+
     @cached_property
     def coil_names(self) -> tuple[str, ...]:
         """Names of the coils of all boards, such as receiver/coil1."""

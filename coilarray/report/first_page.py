@@ -16,6 +16,7 @@ from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.report import page, tables
+from coilarray.report.port_tables import link_table
 from coilarray.report.sections import Results
 from coilarray.report.summary import CHECKED_WITHOUT, tightest
 
@@ -48,7 +49,7 @@ def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block
     `reading` are the lines of `coilarray.report.summary.verdicts` about the converter.
     """
     blocks: list[Block] = [*verdict_lines(r.file, r.margins, summary, reading)]
-    blocks.append(Group("cards", tuple(cards(summary, r.design))))
+    blocks.append(Group("cards", (*link_cards(r), *cards(summary, r.design))[:_CARDS]))
     for board in named_boards(r.design):
         own = board is r.design.placed[0]
         which = f" of the board {board.name}" if board.name else ""
@@ -137,7 +138,7 @@ def cards(summary: Table, design: Design) -> list[Card]:
     stackup = design.array.stackup
     peak = next((str(row[0]) for row in summary.rows if str(row[0]).startswith("peak δ")), "").removeprefix("peak δ, ")
     found = [
-        Card("Inductance", shown("L", H, 3), shown("L_eff", H, 3, "L_eff ")),
+        Card("Inductance", shown("L", H, 3), shown("L_eff", H, 3, "L_eff ") if design.is_tuned else ""),
         Card("Frequency", shown("f with the tank", Hz, 4), f"tank {tank}"),
         Card("Q of the coil", shown("Q of", _PLAIN, 2), shown("R_p of", KILOHM, 2, "R_p ")),
         Card(
@@ -151,7 +152,18 @@ def cards(summary: Table, design: Design) -> list[Card]:
         Card("Self-resonance", shown("self-resonance", Hz, 2), "of the coils with their leads"),
         Card("Board", f"{size} mm", f"{len(stackup.names)} layers, {MM.text(stackup.thickness, '.3')}"),
     ]  # fmt: skip
-    return [card for card in found if card.value][:_CARDS]
+    hidden = () if design.is_tuned else ("Frequency", "Q of the coil")  # of a tank that is not there
+    return [card for card in found if card.value and card.name not in hidden][:_CARDS]
+
+
+def link_cards(r: Results) -> list[Card]:
+    """Return the efficiencies from sources to loads."""
+    if r.linking.exception() or (solved := r.linking.result()) is None:
+        return []
+    return [
+        Card("Efficiency", PERCENT.text(row[2], ".3"), f"{row[0]} to {row[1]}, kQ {float(row[5]):.2g}")
+        for row in link_table(solved).rows
+    ]
 
 
 _CARDS = 6  # side by side on paper

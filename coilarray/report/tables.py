@@ -233,6 +233,7 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+_LAST = 4  # digits of L after the first, as it is known to 1e-4
 _MOST_COILS, _MOST_PAIRS = 24, 20  # coils of a printed matrix, and printed pairs of more coils
 
 
@@ -243,7 +244,7 @@ def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
     if len(names) == 1:
         return [Table("L", "Inductance", (Column("coil"), Column("L", unit="H")), ((names[0], inductance[0, 0]),))]
     coupling = coupling_matrix(inductance)
-    plain = DisplayUnit(digits=5)
+    plain = DisplayUnit(digits=4)
     if len(names) > _MOST_COILS:
         first, second = np.triu_indices(len(names), 1)
         order = np.argsort(-np.abs(coupling[first, second]), kind="stable")
@@ -253,8 +254,10 @@ def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
         low, high = display_unit("H").texts([np.diag(inductance).min(), np.diag(inductance).max()])
         notes = (f"L of {len(names)} coils: {low} to {high} µH", f"… and {len(order) - len(pairs)} more (--json)")
         return [Table("pairs", "Strongest couplings", of_pairs, pairs, notes=notes)]
-    tables = []
-    for name, unit, values in (("L and M", display_unit("H"), inductance), ("k", plain, coupling)):
+    tables, micro = [], display_unit("H")
+    largest = float(np.abs(micro.of(inductance)).max())
+    micro = replace(micro, digits=max(_LAST - math.floor(math.log10(largest)), 0))
+    for name, unit, values in (("L and M", micro, inductance), ("k", plain, coupling)):
         columns = (Column("coil"), *(Column(one, one, "1", replace(unit, symbol="")) for one in names))
         rows = tuple((one, *row) for one, row in zip(names, values.tolist(), strict=True))
         tables.append(Table(name, unit.label(name), columns, rows))
@@ -306,12 +309,11 @@ def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
     if not pairs:
         return ""
     one, other, distance = pairs[0]
-    closest = "even alike" if distance < _ALIKE else f"the closest with {100 * distance:.2g} %"
-    which = f"{len(pairs)} pairs of states are closer" if len(pairs) > 1 else "one pair of states is closer"
+    closest = "coincide" if distance < _ALIKE else f"by {100 * distance:.2g} %"
+    which = f"{len(pairs)} pairs of states are" if len(pairs) > 1 else "one pair of states are"
     return (
-        "The converter measures one state after another, so that states may have equal frequencies. Only if several "
-        f"converters measured at the same time would they need {100 * CLOSE_CHANNELS:g} % between them; {which}, "
-        f"{one} and {other} {closest}."
+        f"The resonances of {which} closer than {100 * CLOSE_CHANNELS:g} % ({one} and {other} {closest}); "
+        "this matters only with several converters that measure at the same time."
     )
 
 
