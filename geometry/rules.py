@@ -429,6 +429,8 @@ def _clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) ->
 
 def _leads_at(array: Array, found: Margin) -> str:
     """Names of the two coils that have the place outside their winding."""
+    if found.x is None or found.y is None:
+        return ""
     near = KEPT_WITHIN + max(found.value, 0.0)
     place, nets = shapely.Point(found.x, found.y), found.feature.split(" – ")
     windings = {one.name: shapely.Polygon(one.to_board(one.coil.outline)) for one in array.placements}

@@ -16,7 +16,6 @@ from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.report import page, tables
-from coilarray.report.port_tables import link_table
 from coilarray.report.sections import Results
 from coilarray.report.summary import CHECKED_WITHOUT, tightest
 
@@ -49,7 +48,7 @@ def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block
     `reading` are the lines of `coilarray.report.summary.verdicts` about the converter.
     """
     blocks: list[Block] = [*verdict_lines(r.file, r.margins, summary, reading)]
-    blocks.append(Group("cards", (*link_cards(r), *cards(summary, r.design))[:_CARDS]))
+    blocks.append(Group("cards", tuple(cards(summary, r.design))))
     for board in named_boards(r.design):
         own = board is r.design.placed[0]
         which = f" of the board {board.name}" if board.name else ""
@@ -138,6 +137,7 @@ def cards(summary: Table, design: Design) -> list[Card]:
     stackup = design.array.stackup
     peak = next((str(row[0]) for row in summary.rows if str(row[0]).startswith("peak δ")), "").removeprefix("peak δ, ")
     found = [
+        Card("Link efficiency", shown("link efficiency", PERCENT, 3), _remark(summary, "link efficiency")),
         Card("Inductance", shown("L", H, 3), shown("L_eff", H, 3, "L_eff ") if design.is_tuned else ""),
         Card("Frequency", shown("f with the tank", Hz, 4), f"tank {tank}"),
         Card("Q of the coil", shown("Q of", _PLAIN, 2), shown("R_p of", KILOHM, 2, "R_p ")),
@@ -145,7 +145,6 @@ def cards(summary: Table, design: Design) -> list[Card]:
             "Coupling", "" if k is None else f"|k| ≤ {span([k], _PLAIN, 2)}" if k >= _KNOWN else f"|k| < {_KNOWN:.4f}",
             _remark(summary, "largest |k|"),
         ),
-        Card("Link efficiency", shown("link efficiency", PERCENT, 3), _remark(summary, "link efficiency")),
         Card("Response δ", shown("peak δ", change, 2), peak),
         Card("Target δ", shown("δ of target", change, 2), shown("range of", MM, 2, "range ")),
         Card("Position σ_x", shown("σ of x, half", length, 2, after=" median"), parts),
@@ -154,16 +153,6 @@ def cards(summary: Table, design: Design) -> list[Card]:
     ]  # fmt: skip
     hidden = () if design.is_tuned else ("Frequency", "Q of the coil")  # of a tank that is not there
     return [card for card in found if card.value and card.name not in hidden][:_CARDS]
-
-
-def link_cards(r: Results) -> list[Card]:
-    """Return the efficiencies from sources to loads."""
-    if r.linking.exception() or (solved := r.linking.result()) is None:
-        return []
-    return [
-        Card("Efficiency", PERCENT.text(row[2], ".3"), f"{row[0]} to {row[1]}, kQ {float(row[5]):.2g}")
-        for row in link_table(solved).rows
-    ]
 
 
 _CARDS = 6  # side by side on paper
