@@ -64,10 +64,10 @@ def parts_of(scene):
 
 def test_sheets_are_lifted_off_the_board_unless_other_things_are_shown(design):
     parts = parts_of(scene_of_design(design, View(show=("board", "elastomer"))))
-    assert {"board", "barrels", "risers", "sheet base", "sheet magnetic"} <= set(parts)
+    assert {"board", "barrels", "sheet base", "sheet magnetic"} <= set(parts)
     assert parts["sheet base"].mesh.bounds[4] > 5.0
     assert set(parts_of(scene_of_design(design))) == set(parts) - {
-        "risers", "sheet base", "sheet magnetic", "edges of sheet base", "edges of sheet magnetic",
+        "sheet base", "sheet magnetic", "edges of sheet base", "edges of sheet magnetic",
     }  # fmt: skip
     parts = parts_of(scene_of_design(design, View(show=("board", "elastomer"), layers=("L1",))))
     assert parts["sheet base"].mesh.bounds[4:] == pytest.approx((0.0, 3.0))

@@ -34,7 +34,6 @@ Box = tuple[float, float, float, float]
 _HIGH = 0.15  # height of boards over their length from which z has a ruler
 _LIFT = 0.5  # of the lowest sheet, over the lift that clears the board in an oblique view
 _GLASS = 0.12  # opacity of a sheet
-_RISER = "#BBBBBB"
 _SMOOTH = 97  # points of a bent edge of a board
 _COPPER, _LAMINATE = "copper ", "laminate"
 
@@ -62,18 +61,9 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     sheets : sequence of Sheet
         Elastomer sheets on it, the lowest first.
     """
-    x_min, y_min, x_max, y_max = array.bounds
-    lift = _LIFT * (y_max - y_min) * math.tan(math.radians(ANGLES["oblique"][0]))
+    lift = _LIFT * (array.bounds[3] - array.bounds[1]) * math.tan(math.radians(ANGLES["oblique"][0]))
     above = scene_of_sheets(array, sheets, lift, lift / 3)
-    scene = above + scene_of_board(array)
-    if not above.parts:
-        return scene
-    from coilarray.viz.extra_3d import pyvista
-
-    # upright lines from the board's far corners to the lifted sheets
-    far = _as_bent(array, np.array([(x, y_max, 0.0) for x in (x_min, x_max)]))
-    lines = pyvista.line_segments_from_points(np.repeat(far, 2, axis=0) + np.outer((0, 1, 0, 1), (0, 0, lift)) * 1e3)
-    return scene + Scene((Part("risers", lines, colour=_RISER, lit=False),))
+    return above + scene_of_board(array)
 
 
 def scene_of_board(
@@ -200,20 +190,8 @@ def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, nam
     board = cut_upright(meshes.board_mesh(solids), box)
     if board.n_cells:
         # Copper may share a face with the board, so the board is drawn just behind it.
-        parts.append(
-            Part(
-                "board",
-                board,
-                _LAMINATE,
-                LAMINATE,
-                opacity=0.35,
-                ambient=0.35,
-                diffuse=0.75,
-                sunk=True,
-                shadow=True,
-                upright=array.form is not None,
-            )
-        )
+        look: dict[str, Any] = {"opacity": 0.35, "ambient": 0.35, "diffuse": 0.75, "sunk": True, "shadow": True}
+        parts.append(Part("board", board, _LAMINATE, LAMINATE, upright=array.form is not None, **look))
     if box is not None:
         return Scene(tuple(parts))
     if board.n_cells:
@@ -222,12 +200,8 @@ def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, nam
         parts.append(_edges("edges of board", board, _LAMINATE, LAMINATE, array, span))
     heights = np.broadcast_to(np.asarray(name_heights, dtype=np.float64), len(array.names))
     places = _as_bent(array, np.column_stack((array.centres, heights))).tolist()
-    names = [
-        Text(name, (x, y, z), 24.0, bold=True)
-        for name, (x, y, z) in zip(array.names, places, strict=True)
-        if math.isfinite(z)
-    ]
-    return Scene(tuple(parts), tuple(names))
+    names = (Text(name, (x, y, z), 24.0, bold=True) for name, (x, y, z) in zip(array.names, places, strict=True))
+    return Scene(tuple(parts), tuple(text for text in names if math.isfinite(text.position[2])))
 
 
 def _tones(layers: Sequence[str]) -> dict[str, str]:

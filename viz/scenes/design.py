@@ -133,27 +133,22 @@ def scene_of_coils(design: Design, view: View, track: Tracker | None = None) -> 
     """
     if "target" in view.show:
         raise GeometryError("a page has one slider: show the target with a single coil.")
-    alike = scene_of_design(design, replace(view, show=("board",)), track) if "board" in view.show else Scene()
-    names = {part.name for part in alike.parts if "currents" not in view.show or "copper" not in part.name}
     scenes: list[Scene] = []
-    coupling: dict[str, xr.Dataset] = {}
+    known: dict[str, xr.Dataset] = {}
     for coil in design.coil_names:
         making = _Making(design, replace(view, coil=coil), track or (lambda text: None))
-        vars(making).update(coupling)  # computed once for all coils
+        vars(making).update(known)  # the couplings, which are the same for all coils
         scenes.append(making.scene())
-        coupling = {name: value for name, value in vars(making).items() if name == "_coupling"}
-    scales: dict[str, Scale] = {}
-    for scale in (scale for scene in scenes for scale in scene.scales):
-        widest = scales.setdefault(scale.array, scale)
-        if scale.high - scale.low > widest.high - widest.low:
-            scales[scale.array] = scale
-    parts = [part for part in scenes[0].parts if part.name in names]
+        known = {name: value for name, value in vars(making).items() if name == "_coupling"}
+    scales = sorted((one for scene in scenes for one in scene.scales), key=lambda scale: scale.high - scale.low)
+    widest = {scale.array: scale for scale in scales}
+    parts = [one for one in scenes[0].parts if one.scale is None and not one.name.startswith(("arrows", "contours"))]
+    alike = {part.name for part in parts}
     for step, (coil, scene) in enumerate(zip(design.coil_names, scenes, strict=True)):
-        parts += [
-            replace(part, name=f"{part.name}, {coil}", scale=part.scale and scales[part.scale.array], step=step)
-            for part in scene.parts
-            if part.name not in names
-        ]
+        for part in scene.parts:
+            if part.name not in alike:
+                scale = part.scale and widest[part.scale.array]
+                parts.append(replace(part, name=f"{part.name}, {coil}", scale=scale, step=step))
     first = design.coil_names.index(view.coil or design.array.middle_coil)
     slider = Slider("measured coil", tuple(design.coil_names), tuple(scene.notes for scene in scenes), first)
     return Scene(tuple(parts), scenes[0].texts, slider=slider)

@@ -46,13 +46,7 @@ NIGHT = "#14181d"
 """Background of pictures for dark pages."""
 
 
-Panel = tuple[float, float]
-"""Width and height of a panel at the top left, over the sides of the picture."""
-
-
-def draw(
-    scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", panel: Panel | None = None, dark: bool = False
-) -> None:
+def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", dark: bool = False) -> None:
     """Draw a whole scene on white, or on dark paper.
 
     Parameters
@@ -65,8 +59,6 @@ def draw(
     side : {"oblique", "top", "front", "right", "cut"}
         Side from which it is seen, "cut" is into the open quarter of a dent. Oblique views are in
         perspective.
-    panel : tuple of float, optional
-        Size of a panel that stands in place of the legend.
     dark : bool
         Draw for a dark page, with light letters.
     """
@@ -76,10 +68,10 @@ def draw(
     size = (view.window_size[0], view.window_size[1])
     pixel = pixel_of(size)
     scene = replace(scene, notes=_wrapped(scene, size))
-    camera = camera_of(scene, size, side, panel)
+    camera = camera_of(scene, size, side)
     texts = [text for text in scene.texts if side not in text.hidden_from]
     draw_parts(replace(scene, texts=legible(texts, camera, size)), plotter, pixel)
-    if panel is None and scene.groups:
+    if scene.groups:
         _legend(view, scene)
     for place, scale in enumerate(scene.scales):
         _bar(view, scale, place)
@@ -226,7 +218,7 @@ def text_name(text: Text) -> str:
     return f"texts {text.group} {text.height:g}{' bold' if text.bold else ''}{' always' if text.always else ''}"
 
 
-def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
+def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique") -> Camera:
     """Camera that shows all of a scene, in perspective if oblique."""
     angle = 0.0 if side in ("top", "front", "right") else _ANGLE
     meshes = [part.mesh for part in scene.parts if part.mesh.n_points]
@@ -239,7 +231,7 @@ def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel
     camera = aim(points, size, side, bottom=bottom, angle=angle)
     if not scene.groups:
         return camera
-    width, height = legend_size(scene, size) if panel is None else panel
+    width, height = legend_size(scene, size)
     seen = np.unique(np.round(seen_from(camera, points, size), 2), axis=0)
     covered = shapely.MultiPoint(seen).convex_hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0))
     return aim(points, size, side, left=width, bottom=bottom, angle=angle) if covered else camera
@@ -257,7 +249,7 @@ def _wrapped(scene: Scene, size: tuple[int, int]) -> tuple[str, ...]:
     return tuple(line for note in scene.notes for line in textwrap.wrap(note, max(round(free / (_NOTE * 0.55)), 30)))
 
 
-def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
+def legend_size(scene: Scene, size: tuple[int, int]) -> tuple[float, float]:
     """Size of a scene's legend over the picture."""
     pixel = pixel_of(size)
     longest = max((len(group) for group in scene.groups), default=0)

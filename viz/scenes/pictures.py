@@ -12,7 +12,7 @@ import sys
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from importlib import import_module
@@ -30,7 +30,7 @@ from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.viz.datasets.meshes import VTK_SUFFIXES, vtk_text
 from coilarray.viz.offscreen import rendering_problem, require_pyvista, silent_screen, window_problem, without_screen
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.draw import actor_of, bar_of, draw, draw_parts, font_file, gradient, pixel_of, text_name
+from coilarray.viz.scenes.draw import actor_of, bar_of, draw, draw_parts, gradient, pixel_of
 from coilarray.viz.scenes.scene import SIDES, Scale, Scene, Side, aim
 
 Image = npt.NDArray[np.uint8]
@@ -220,16 +220,14 @@ def _write_mp4(path: Path, pictures: Iterator[Image], rate: float) -> None:
 
 
 _WINDOW = (1280, 800)  # pixels
-_BOX, _STEP, _RIM = 20, 29, 20  # size of a switch, distance to the next, and to the edge of the window, in pixels
-_LETTER = 8.5  # width of a letter beside a switch in pixels
 
 
 def show(scene: Scene, *, side: Side = "oblique") -> None:
     """Open a window with a scene, or show its page in a notebook.
 
-    Every group of the `scene` has a switch, and it is seen from `side` ("oblique", "top", "front"
-    or "right"). The function returns when the user closes the window. In a notebook it turns in the
-    browser, which needs no screen. Raises MissingDependencyError if no window can be opened or this
+    The `scene` is seen from `side` ("oblique", "top", "front" or "right"). The function returns
+    when the user closes the window. In a notebook the page turns in the browser, with a switch for
+    every group, and needs no screen. Raises MissingDependencyError if no window can be opened or this
     machine cannot render.
     """
     if getattr(getattr(sys.modules.get("IPython"), "get_ipython", bool)(), "kernel", None) is not None:
@@ -247,10 +245,7 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
         plotter.close()
         raise MissingDependencyError(silent_screen())
     plotter.enable_anti_aliasing("ssaa")
-    longest = max((len(group) for group in scene.groups), default=0)
-    panel = ((_RIM + 2 * _BOX + _LETTER * longest) / _WINDOW[0], (_RIM + len(scene.groups) * _STEP) / _WINDOW[1])
-    draw(scene, plotter, side=side, panel=panel)
-    add_switches(scene, plotter)
+    draw(scene, plotter, side=side)
     plotter.show()
 
 
@@ -259,31 +254,6 @@ def check_window() -> None:
     problem = window_problem()
     if problem is not None:
         raise MissingDependencyError(problem)
-
-
-def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
-    """Put a switch for every group into a window."""
-    from matplotlib.colors import to_rgb
-
-    height = plotter.window_size[1]
-    switches: dict[str, Callable[[bool], None]] = {}
-    for place, (group, colours) in enumerate(scene.groups.items()):
-        names = [part.name for part in scene.parts if part.group == group]
-        names += [f"{text_name(text)}-labels" for text in scene.texts if text.group == group]
-
-        def switch(shown: bool, actors: Sequence[Any] = tuple(plotter.actors[name] for name in names)) -> None:
-            for actor in actors:
-                actor.SetVisibility(shown)
-            plotter.render()
-
-        switches[group] = switch
-        y = height - _RIM - _BOX - place * _STEP
-        strongest = min(colours, key=lambda colour: sum(to_rgb(colour)))  # white is off, and zero on some scales
-        box = {"size": _BOX, "border_size": 2, "color_on": strongest, "color_off": "white"}
-        plotter.add_checkbox_button_widget(switch, value=True, position=(_RIM, y), **box)
-        letters = {"font_size": 7, "color": INK, "font_file": font_file()}  # PyVista's points have two pixels
-        plotter.add_text(group, position=(_RIM + 1.5 * _BOX, y), name=f"name of switch {group}", **letters)
-    return switches
 
 
 _SIZE = (1600, 900)  # size of the picture to which line widths refer

@@ -351,14 +351,8 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
         surface = surface_of(plane)
         if not surface.n_cells:  # the whole plane is in metal
             continue
-        look: dict[str, Any] = {
-            "scale": scale,
-            "opacity": _SEE_THROUGH,
-            "fade": True,
-            "lit": False,
-            "upright": not level,
-        }
-        parts.append(Part(f"plane {k}", surface, group, **look))
+        look: dict[str, Any] = {"opacity": _SEE_THROUGH, "fade": True, "lit": False, "upright": not level}
+        parts.append(Part(f"plane {k}", surface, group, scale=scale, **look))
         lines = surface.contour(levels[(levels > scale.low) & (levels < scale.high)].tolist(), scalars=AMOUNT)
         if lines.n_cells:
             parts.append(Part(f"contours {k}", lines, group, INK, opacity=0.7, lit=False, line_width=1.5))
@@ -395,6 +389,5 @@ def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: S
     both = tubes.append_polydata(*heads)
     ends = f"{closed} close, the others leave the picture" if closed < lines.n_cells else "all close"
     note = f"Lines of B, in each half-plane with equal flux between them: {ends}."
-    return Scene(
-        (Part("field lines", both, "lines of B", scale=scale, ambient=0.45, diffuse=0.6, upright=True),), notes=(note,)
-    )
+    part = Part("field lines", both, "lines of B", scale=scale, ambient=0.45, diffuse=0.6, upright=True)
+    return Scene((part,), notes=(note,))
