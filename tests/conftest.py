@@ -66,9 +66,9 @@ def pytest_terminal_summary(terminalreporter, config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config):
-    """Two more than there are cores, as many of the slow tests only wait; each has to read all files of tests."""
+    """One more than there are cores, as some slow tests only wait; reading all files takes each some 10 s."""
     alone = config.option.markexpr or not hasattr(os, "sched_getaffinity")
-    return None if alone else len(os.sched_getaffinity(0)) + 2
+    return None if alone else len(os.sched_getaffinity(0)) + 1
 
 
 @pytest.fixture(scope="session", autouse=True)
