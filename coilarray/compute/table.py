@@ -191,14 +191,14 @@ class Table:
         """Return the table and its notes as HTML, with digits that are known."""
         notes = "".join(f"<p>{html_text(note)}</p>" for note in self.notes)
         more = [k for k, column in enumerate(self.columns) if self.main and column.name not in self.main]
-        columns = tuple(replace(column, shown=_known(column.unit_shown)) for column in self.columns)
-        known = replace(self, columns=columns, row_units=tuple(map(_known, self.row_units)))
+        known = self._with_known_digits()
         shown = html_table(known.headers, known.cells(), self.mark, caption=self.title, more=more)
         return f'<div class="wide" data-file="{self.name}">{shown}</div>{notes}'
 
     def latex(self) -> str:
         """Return the table for LaTeX, of its main columns, with booktabs."""
-        table = self.without(*(one.name for one in self.columns if self.main and one.name not in self.main))
+        known = self._with_known_digits()
+        table = known.without(*(one.name for one in self.columns if self.main and one.name not in self.main))
         lines = [" & ".join(map(_latex, texts)) + r" \\" for texts in (table.headers, *table.cells())]
         aligned = "".join("r" if isinstance(value, float) else "l" for value in table.rows[0])
         return "\n".join([
@@ -295,6 +295,10 @@ class Table:
             if not (nothing or repeats):
                 kept.append(k)
         return self._with_columns(kept)
+
+    def _with_known_digits(self) -> Table:
+        columns = tuple(replace(column, shown=_known(column.unit_shown)) for column in self.columns)
+        return replace(self, columns=columns, row_units=tuple(map(_known, self.row_units)))
 
     def _with_columns(self, kept: Sequence[int]) -> Table:
         rows = tuple(tuple(row[k] for k in kept) for row in self.rows)

@@ -63,7 +63,7 @@ def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block
                 "" if setup is None else setup.indenter.name, width=page.HALF,
             ),
         )))  # fmt: skip
-    return [*blocks, Details("How far the numbers are known", (_known(r.design, summary),))]
+    return [*blocks, Details("How far the numbers are known", (_known(r.design, summary),), open=True)]
 
 
 def verdict_lines(file: DesignFile, margins: Sequence[Margin], summary: Table, reading: Sequence[str]) -> list[Warn]:

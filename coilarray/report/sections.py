@@ -227,9 +227,6 @@ def _coils(r: Results) -> Section:
             f"All inductances include the flat magnetic sheets on the board, which make "
             f"{' to '.join(shares)}\u00a0% of L{pairs}."
         )
-    if 1 < len(r.design.coil_names) <= _MOST_MATRIX:
-        caption = "Inductance of each coil with all others open, and with the others as terminated."
-        blocks.append(r.plot("plot_effective_inductance", "effective_inductance", caption, coupling))
     return Section("Coils", tuple(blocks), (full, r.pairs))
 
 
@@ -237,11 +234,11 @@ def _coupling(r: Results) -> Section | None:
     if not r.several:
         return None
     coupling = r.coupling.result()
-    kinds = tables.neighbour_table(r.design, coupling)
+    middle, kinds = tables.neighbour_table(r.design, coupling)
     if len(r.design.coil_names) > _MOST_MATRIX:
-        caption = f"Coupling coefficients k = M/√(L L) of {kinds.first} with the other coils."
+        caption = f"Coupling coefficients k = M/√(L L) of {middle} with the other coils."
         names = dict(zip(r.design.coil_names, r.outlines, strict=True))
-        pictures = [r.plot("plot_neighbours", "coupling", caption, coupling, names, kinds.first)]
+        pictures = [r.plot("plot_neighbours", "coupling", caption, coupling, names, middle)]
     else:
         pictures = [
             r.plot("plot_coupling", "coupling", "Coupling coefficients k = M/√(L L).", coupling, width=page.HALF),
@@ -251,7 +248,7 @@ def _coupling(r: Results) -> Section | None:
             ),
         ]  # fmt: skip
     return Section("Coupling", (
-        Group("two", tuple(pictures)), kinds.table, Details("All pairs", (r.pairs.brief(),)),
+        Group("two", tuple(pictures)), kinds, Details("All pairs", (r.pairs.brief(),)),
     ), (r.pairs,))  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -95,16 +95,8 @@ def pair_table(coupling: xr.Dataset) -> Table:
     return replace(table, rows=tuple(row for row in table.rows if row[0] != row[1]))
 
 
-@dataclass(frozen=True)
-class Neighbours:
-    """Table of k by kind of neighbour, and the coil that has them."""
-
-    first: str
-    table: Table
-
-
-def neighbour_table(design: Design, coupling: xr.Dataset) -> Neighbours:
-    """Return the couplings by kind of neighbour, the strongest first.
+def neighbour_table(design: Design, coupling: xr.Dataset) -> tuple[str, Table]:
+    """Return the middle coil, and the couplings by kind of neighbour, the strongest first.
 
     Pairs are of one kind if one coil lies as far from the other in x, y and z, whatever the signs, and kinds of one
     distance are joined if their k agree.
@@ -136,7 +128,7 @@ def neighbour_table(design: Design, coupling: xr.Dataset) -> Neighbours:
         Column("least_k", "least k", "1", _FOUR), Column("most_k", "largest k", "1", _FOUR),
     )  # fmt: skip
     middle = names[int(np.linalg.norm(places - (places.min(axis=0) + places.max(axis=0)) / 2, axis=1).argmin())]
-    return Neighbours(middle, Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows)))
+    return middle, Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows))
 
 
 _ALIKE_K = 2e-4  # of k, as M is known to 10⁻⁴ of L

@@ -144,9 +144,9 @@ def test_page_has_every_part(page):
     text = " ".join(page.text)
     parts = "Coils Coupling Field Circuit Indentation Position Copper Fabrication Design Provenance assumed"
     assert all(part in text for part in parts.split())
-    # sizes, stack, board, 4 layers of copper, k, L_eff, currents, line, two maps, L and R over frequency, force, dent,
+    # sizes, stack, board, 4 layers of copper, k, currents, line, two maps, L and R over frequency, force, dent,
     # responses, bell curve, σ of the position, ellipses over δ, two of them, error of x, what moves x0
-    assert page.tags.count("figure") == page.tags.count("svg") == 25
+    assert page.tags.count("figure") == page.tags.count("svg") == 24
     assert "What moves x0" in text
     assert "two standard deviations of the calibration" in text
     assert "could not render it in three dimensions" in text

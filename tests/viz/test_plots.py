@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib import pyplot
-from matplotlib.collections import PathCollection, QuadMesh
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_rgb
 from matplotlib.patches import PathPatch
 from support import plot_results as results
@@ -76,21 +76,6 @@ def test_matrices_are_written_pair_by_pair():
         ax = draw(alone)
         ax.figure.draw_without_rendering()
         assert not ax.texts
-
-
-def test_effective_inductance_shows_both_values_and_the_change():
-    before, after = np.array([20e-6, 20e-6, 25e-6]), np.array([19e-6, 18e-6, 25.5e-6])
-    single, changes = ("coil",), {"termination": ("coil", ["short", "short", "short"])}
-    changes |= {"open_effective_inductance": (single, before, {"units": "H"}), "effective_inductance": (single, after)}
-    coupling = xr.Dataset(changes, {"coil": list(NAMES)})
-    ax = viz.plot_effective_inductance(coupling)
-    dots = [c.get_offsets() for c in ax.collections if isinstance(c, PathCollection)]
-    np.testing.assert_allclose(dots[0], np.column_stack((before * 1e6, range(3))))
-    np.testing.assert_allclose(dots[1], np.column_stack((after * 1e6, range(3))))
-    assert [text.get_text() for text in ax.texts] == ["−5.00 %", "−10.00 %", "+2.00 %"]
-    assert "not start at zero" in ax.get_xlabel()
-    for others, text in ((None, "others grounded"), (["short", "short", "open"], "others as terminated")):
-        assert legend(viz.plot_effective_inductance(results.coupling(others))) == ["others open", text]
 
 
 def test_currents_are_written_as_magnitude_and_phase():

@@ -49,7 +49,7 @@ ARGUMENTS = {
     "plot_coupling": lambda: (results.coupling(),), "plot_coupling_sweep": lambda: (results.pitch_sweep(),),
     "plot_currents": lambda: (results.coupling(),), "plot_dent": lambda: (results.dents(), Hemisphere(2.5e-3)),
     "plot_distortion": lambda: (results.distortion(), "coil1"),
-    "plot_effective_inductance": lambda: (results.coupling(),), "plot_evidence": lambda: (results.calibration(),),
+    "plot_evidence": lambda: (results.calibration(),),
     "plot_ellipse_parameters": lambda: (*results.ellipses(), "coil1"), "plot_ellipses": lambda: (BELLS,),
     "plot_field_lines": lambda: ({"open": results.field(LINE, [0.0])},),
     "plot_field_map": lambda: (results.field(LINE, PLANE),), "plot_force_depth": lambda: (results.dents(),),

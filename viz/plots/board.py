@@ -92,10 +92,14 @@ def plot_dimensions(array: Array, ax: Axes | None = None) -> Axes:
         width, height = (high - low for low, high in limits)
         ax = new_axes(_ACROSS, _ACROSS * min(height / width, _HIGHEST))
     colours = cycled(LAYERS, array.stackup.names)
-    drawn: list[tuple[shapely.Polygon, str]] = []
-    for place in array.placements:
-        for line, layer in zip(place.coil.lines, place.layers, strict=True):
-            drawn += [(band, colours[layer]) for band in _bands(place.to_board(line), place.coil)]
+    bands = [
+        (array.stackup.index(layer), band)
+        for place in array.placements
+        for line, layer in zip(place.coil.lines, place.layers, strict=True)
+        for band in _bands(place.to_board(line), place.coil)
+    ]
+    bands.sort(key=itemgetter(0), reverse=True)  # the uppermost layer last
+    drawn = [(band, colours[array.stackup.names[layer]]) for layer, band in bands]
     _draw_board(array, drawn, [one for one in drills(array) if one.drilled], set(array.names), "", ax, alpha=_SHEER)
     corners = MM.of(array.placements[0].to_board(array.placements[0].coil.outline))
     (x_left, y_low), (x_right, _) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()

@@ -15,18 +15,15 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text, true_minus
+from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text
 from coilarray.viz.palette import (
-    BLUE,
     GREY,
     INK,
     ON_DARK,
     ON_MAP,
-    PALE,
     SEQUENTIAL,
     SHADE,
     UNKNOWN,
-    VERMILLION,
     curve_look,
     signed_colours,
 )
@@ -105,43 +102,13 @@ def plot_neighbours(
         ax.add_patch(Polygon(shapes[name], closed=True, facecolor=fill, edgecolor=ON_MAP, linewidth=0.8))
         if name == coil or distance[name] < _NEAR * nearest:
             text = coil if name == coil else number_text(k[name], 4, "+")
-            style.write_name(ax, *middle[name].tolist(), text, fontsize=8)
+            x, y = middle[name].tolist()
+            style.write_name(ax, x, y, text, fontsize=8)
     (x_min, y_min), (x_max, y_max) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
     rim = 0.02 * (x_max - x_min + y_max - y_min)
     ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim))
     style.plan_axes(ax)
     style.colour_bar(ax, shade, f"k with {coil}")
-    return ax
-
-
-@style.styled
-def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the effective inductance of each coil.
-
-    All other coils are open, and as terminated. The change in per cent is written beside them. Dots
-    are used rather than bars, because the axis does not start at zero. `coupling` is as in
-    `plot_coupling`.
-    """
-    names = coupling.coil.values.tolist()
-    before, after = coupling.open_effective_inductance.values, coupling.effective_inductance.values
-    shown = style.axis_unit(np.concatenate((before, after)), str(coupling.open_effective_inductance.attrs["units"]))
-    ax = ax or style.new_axes(6.0, min(1.3 + 0.35 * len(names), _LARGEST))
-    rows = np.arange(len(names))
-    closed = "grounded" if (coupling.termination.values == "short").all() else "as terminated"
-    ax.hlines(rows, shown.of(before), shown.of(after), color=PALE, linewidth=3, zorder=1)
-    ax.scatter(shown.of(before), rows, s=45, color=BLUE, label="others open", zorder=2)
-    ax.scatter(shown.of(after), rows, s=45, color=VERMILLION, marker="D", label=f"others {closed}", zorder=2)
-    lower, change = shown.of(np.minimum(before, after)), 100 * (after / before - 1)
-    for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
-        look: dict[str, Any] = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
-        look["fontsize"] = min(9.0, 280.0 / len(names))
-        ax.annotate(true_minus(f"{percent:+.2f} %"), (low, row), **look)
-    ax.set_yticks(rows, names, fontsize=min(9.0, 280.0 / len(names)))
-    ax.margins(x=0.25)
-    style.faint_grid(ax, "x")
-    label = f"{shown.label('inductance')}; the axis does not start at zero"
-    ax.set(ylim=(len(names) - 0.5, -0.5), xlabel=label, title="Effective inductance")
-    style.legend_above(ax, 2)
     return ax
 
 
