@@ -63,7 +63,10 @@ def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block
                 "" if setup is None else setup.indenter.name, width=page.HALF,
             ),
         )))  # fmt: skip
-    return [*blocks, Details("How far the numbers are known", (_known(r.design, summary),), open=True)]
+    return [
+        *blocks,
+        Details("How far the numbers are known", (Group("text", (_known(r.design, summary),)),), open=True),
+    ]
 
 
 def verdict_lines(file: DesignFile, margins: Sequence[Margin], summary: Table, reading: Sequence[str]) -> list[Warn]:
@@ -163,7 +166,7 @@ def _known(design: Design, summary: Table) -> Table:
     rows = [
         ("L, M and k", "10⁻⁴ of L", "24 measured boards: 0.3 to 0.7 % (rms)"),
         ("f", "half the error of L, and of the tank", "winding capacitance: 3 %, of few turns 15 %"),
-        ("R, Q and R_p", "1 % for the given copper", "as its thickness and temperature"),
+        ("R and Q", "1 % for the given copper", "as its thickness and temperature"),
     ]
     if _of(summary, "peak δ"):
         rows.append(("δ of a dent", "1 %", "as the elastomer's modulus and permeability"))

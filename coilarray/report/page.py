@@ -314,7 +314,7 @@ def _page_svg(svg: str, name: str, alt: str) -> str:
     width = round(float(size[1]) * 96 / 72)
     svg = svg.replace(
         size[0],
-        f'role="img" aria-label="{escape(alt)}" font-family="sans-serif" style="width: {width}px"',
+        f'role="img" aria-label="{escape(alt)}" font-family="sans-serif" style="--w: {width}px; width: {width}px"',
         1,
     )
     return re.sub(r">\s+<", "><", svg)
