@@ -18,7 +18,7 @@ from coilarray import viz
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, number_text, value_text
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Card, Column, Group, Table, Value, Warn, plain_text, text_table
+from coilarray.compute.table import Card, Column, Group, Table, Warn, plain_text, text_table
 from coilarray.errors import DesignError, ElastomerError, GeometryError, OutputError
 from coilarray.report.drawing import drawing_beside
 from coilarray.report.pdf import browser as pdf_browser
@@ -253,8 +253,7 @@ def impedance(
 
     Prints the matrices of L, M and k, of more than 12 coils k by kind of neighbour, and for each
     state of the scan the circuit with AC resistance, winding capacitance and switches, with the
-    limits of the converter. Coils that are alike share a row. --all prints every row, and of up to
-    24 coils the matrices.
+    limits of the converter. Coils that are alike share a row. --all prints every row.
 
     With --noise it prints every cause of noise instead: its noise in one scan, its drift per
     kelvin, its change since L_0 was read, and the source of the value. Values and settings are in
@@ -344,7 +343,7 @@ def impedance(
             "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
             "sweep": of_sweep.records(),
         }
-    lines = [*shared.plate_error_lines(errors), *_limit_lines(limits, scan, opened)]
+    lines = [*shared.plate_error_lines(errors), *_limit_lines(scan, opened)]
     without = tables.converter_line(opened)
     lines += [without] if without else [tables.close_line(close), tables.pulling_line(opened, close)] if close else []
     if opened.circuit.ports:
@@ -361,24 +360,16 @@ def impedance(
     shared.print_result(data, as_json=as_json, tables=shown, lines=lines, files=(out, plot))
 
 
-def _limit_lines(limits: Table, scan: xr.Dataset, design: Design) -> list[str]:
+def _limit_lines(scan: xr.Dataset, design: Design) -> list[str]:
     """Name the broken limits of the converter."""
-    chip = design.readout.converter
-    broken: dict[tuple[Value, ...], list[tuple[str, float]]] = {}
-    for state, limit, value, low, high, kept in limits.rows:
-        if not kept:
-            broken.setdefault((limit, low, high), []).append((str(state), float(value)))
-    lines = []
-    for (limit, low, high), found in broken.items():
-        values = dict.fromkeys(f"{value:.4g}" for value in (min(v for _, v in found), max(v for _, v in found)))
-        allowed = f"at least {low:g}" if high == "" else f"{low:g} to {high:g}"
-        which = found[0][0] if len(found) == 1 else f"{found[0][0]} and {len(found) - 1} more"
-        lines.append(f"✖ {chip}, {which}: {limit} is {' to '.join(values)}, allowed {allowed}")
-    if limits.rows and not lines:
-        without = " without the target (coilarray target has it with)" if design.target else ""
-        so_far = "as far as these numbers go, " if scan.attrs["left_out"] else ""
-        lines = [f"✔ {chip}: {so_far}all limits are kept{without}"]
-    return lines
+    from coilarray.report.summary import verdicts
+
+    if not design.readout.is_judged:
+        return []
+    without = " without the target (coilarray target has it with)" if design.target else ""
+    so_far = "as far as these numbers go, " if scan.attrs["left_out"] else ""
+    kept = f"✔ {design.readout.converter}: {so_far}all limits are kept{without}"
+    return [f"✖ {line}" for line in verdicts(scan.assign_attrs(left_out=""), ())] or [kept]
 
 
 def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:

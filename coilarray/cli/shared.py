@@ -437,7 +437,7 @@ def drop_output() -> None:
 
 
 @contextmanager
-def progress_bar(text: str, steps: Sequence[str] = ()) -> Iterator[Progress]:
+def progress_bar(text: str, steps: Sequence[str] = ()) -> Iterator[Callable[..., None]]:
     """Show a progress bar on a terminal, with the step that runs."""
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -450,9 +450,9 @@ def progress_bar(text: str, steps: Sequence[str] = ()) -> Iterator[Progress]:
         first = f"{text}: {steps[0]}" if steps else text
         task = bar.add_task(first, total=None)
 
-        def update(done: int, total: int) -> None:
-            step = f"{text}: {steps[done]}" if done < len(steps) else text
-            bar.update(task, completed=done, total=total, description=step)
+        def update(done: int, total: int, step: str = "") -> None:
+            step = step or (steps[done] if done < len(steps) else "")
+            bar.update(task, completed=done, total=total, description=f"{text}: {step}" if step else text)
 
         yield update
 

@@ -341,17 +341,11 @@ def _lines(result: Optimization) -> list[str | Table]:
 @contextmanager
 def _progress(goal: Goal) -> Iterator[SearchProgress]:
     """Show a progress bar with the best result."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task, first = bar.add_task("", total=None), goal.objectives[0].quantity
+    first = goal.objectives[0].quantity
+    with shared.progress_bar("search") as show:
 
         def progress(done: int, total: int, best: Trial | None) -> None:
-            text = "" if best is None else f"best {first} {best.quantities[first]:.5g}"
-            bar.update(task, completed=done, total=total, description=text)
+            show(done, total, "" if best is None else f"best {first} {best.quantities[first]:.5g}")
 
         yield progress
 

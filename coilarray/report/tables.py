@@ -226,26 +226,16 @@ def _plain(value: object) -> str:
 
 
 _LAST = 4  # digits of L after the first, as it is known to 1e-4
-_MOST_COILS, _MOST_PAIRS = 24, 20  # coils of a printed matrix, and printed pairs of more coils
 
 
 def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
-    """Return L, M (H) and k, or of many coils strongest pairs."""
+    """Return the matrices of L and M (H), and of k."""
     from coilarray.electromagnetics.inductance import coupling_matrix
 
     if len(names) == 1:
         return [Table("L", "Inductance", (Column("coil"), Column("L", unit="H")), ((names[0], inductance[0, 0]),))]
     coupling = coupling_matrix(inductance)
     plain = DisplayUnit(digits=4)
-    if len(names) > _MOST_COILS:
-        first, second = np.triu_indices(len(names), 1)
-        order = np.argsort(-np.abs(coupling[first, second]), kind="stable")
-        of_pairs = (Column("pair"), Column("M", unit="H"), Column("k", unit="1", shown=plain))
-        strongest = ((int(first[n]), int(second[n])) for n in order[:_MOST_PAIRS])
-        pairs = tuple((f"{names[i]} – {names[j]}", inductance[i, j], coupling[i, j]) for i, j in strongest)
-        low, high = display_unit("H").texts([np.diag(inductance).min(), np.diag(inductance).max()])
-        notes = (f"L of {len(names)} coils: {low} to {high} µH", f"… and {len(order) - len(pairs)} more (--json)")
-        return [Table("pairs", "Strongest couplings", of_pairs, pairs, notes=notes)]
     tables, micro = [], display_unit("H")
     largest = float(np.abs(micro.of(inductance)).max())
     micro = replace(micro, digits=max(_LAST - math.floor(math.log10(largest)), 0))
