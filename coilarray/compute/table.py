@@ -574,7 +574,7 @@ def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
 def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int], list[int]]]:
     """Return blocks of columns that fit, with their widths."""
     full = [max(map(len, texts)) for texts in columns]
-    words = [[len(word) for text in texts for word in text.split()] for texts in columns]
+    words = [[len(word) for text in texts for word in _UNIT.sub("\u00a0", text).split(" ")] for texts in columns]
     least = [max([min(most, _NARROWEST), *lengths]) for most, lengths in zip(full, words, strict=True)]
     keys = 1 if not columns or len(set(columns[0])) == len(columns[0]) else 2
     blocks = [list(range(min(keys, len(columns))))]

@@ -202,7 +202,7 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
     assert "coils must be as 1, 6 (a row)" in out
     assert "size must be a width, as 16, or width and height, as 20x12; got 'wide'" in out
     assert "size must be one number for a square; got 20 × 12 mm" in out
-    assert "size must be positive and finite; got -5 mm" in out
+    assert "size must be positive and finite; got −5 mm" in out
     assert "inductance must be positive and finite; got nan µH" in out
     assert "pitch must be positive and finite; got 0 mm" in out
     assert "could not convert string to float: '8.5 mm'" in out

@@ -39,7 +39,7 @@ def test_files_and_json_are_the_numbers_of_the_library(capsys):
     expected = link(load_design("reader.toml"), {"tag": poses}, frequency=1e6)
     out = good(capsys, *UP, "--frequency-MHz", "1", "--out", "link.nc", "--plot", "link.svg")
     assert out.splitlines()[0].split()[:3] == ["z", "(mm)", "k"]  # of the only pair; the coordinate with its unit
-    assert "M (µH)" in out
+    assert "U (V/A)" in out
     with xr.open_dataset("link.nc", engine="h5netcdf") as saved:
         xr.testing.assert_allclose(saved.load(), expected, rtol=1e-12)
     assert Path("link.svg").read_text(encoding="utf-8").startswith("<?xml")

@@ -35,7 +35,7 @@ def test_the_budget_is_that_of_the_design_in_words_and_numbers(capsys):
     assert all(cause["source"] for cause in reported["causes"])
     text = good(capsys, "starter")
     assert "assumed, not verified on a board: resolution of the converter" in text
-    assert "plain counting would resolve 9.5e-07 of f" in text
+    assert "plain counting would resolve 0.95·10⁻⁶ of f" in text
 
 
 def test_a_reference_coil_takes_the_drift_out_of_the_budget(capsys):
