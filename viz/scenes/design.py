@@ -389,9 +389,10 @@ class Touch:
         below = _BELOW * float(np.ptp(array.placements[0].coil.outline[:, 1]))
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
             where = true_minus(f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {self.depth * 1e3:g} mm deep")
+            shown = [round(value, digits) if math.isfinite(value) else value for value in (delta * factor).tolist()]
             numbers = tuple(
-                Text(true_minus(f"{value * factor:+.{digits}f}"), (across * 1e3, (along - below) * 1e3, 0.0), 16.0)
-                for value, (across, along) in zip(delta.tolist(), array.centres.tolist(), strict=True)
+                Text(true_minus(f"{value:+.{digits}f}" if value else "0"), (x_c * 1e3, (y_c - below) * 1e3, 0.0), 16.0)
+                for value, (x_c, y_c) in zip(shown, array.centres.tolist(), strict=True)
                 if math.isfinite(value)
             )
             coils = boards.recoloured(self._board[0], boards.CoilColours(delta, scale))

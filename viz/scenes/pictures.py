@@ -173,6 +173,7 @@ def _pictures(
     if first is None:
         raise OutputError("a film must have at least one picture; got none.")
     draw(still + first, plotter, side=side)
+    plotter.remove_actor("shadow", render=False)  # whose greys are more than a GIF has
     for scene in chain((None,), following):
         if scene is not None:
             draw_parts(scene, plotter, pixel_of(plotter.window_size))

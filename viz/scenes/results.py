@@ -64,7 +64,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
             texts.append(Text(true_minus(f"{value:+.3f}"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
     left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
     notes = (f"Arcs: coupling k; between ±{least:.1g} it is left out.",) if left_out else ()
-    part = Part("coupling", tubes, "coupling", scale=scale, ambient=0.35, diffuse=0.7)
+    part = Part("coupling", tubes, "coupling", scale=scale, ambient=0.35, diffuse=0.7, upright=True)
     return Scene((part,), tuple(texts), notes)
 
 

@@ -120,10 +120,9 @@ def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
 # K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009. It is made for lit
 # surfaces on white, on which the white centre of the plots' map would be lost.
 _DIVERGING = "coolwarm"
-_ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # ends of scales that round ticks divide
+_ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # ends of scales, and steps of their ticks
 DECADE = (1.0, 2.0, 5.0, 10.0)
 """Ends of logarithmic scales, times powers of ten."""
-_STEPS = (1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # between round ticks
 _EQUAL = 1e-6  # relative rounding of an end or step
 _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
@@ -162,10 +161,10 @@ class Scale:
         """Values at equal steps of colour from end to end, round numbers if the ends are."""
         if self.logarithmic:
             return self.values(round(np.log10(self.high / self.low)) + 1)
-        for count in (4, 5, 3, 6, 2):
+        for count in (4, 5, 3, 2):
             step = float(f"{(self.high - self.low) / count:.6e}")
             mantissa = step / 10.0 ** np.floor(np.log10(step))
-            if np.isclose(_STEPS, mantissa).any() and abs(self.low / step - round(self.low / step)) < _EQUAL:
+            if np.isclose(_ROUND, mantissa).any() and abs(self.low / step - round(self.low / step)) < _EQUAL:
                 return self.values(count + 1)
         return self.values(5)
 
