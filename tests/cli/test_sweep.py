@@ -174,7 +174,7 @@ sys.exit(main(sys.argv[1:]))
 def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch):
     """With two processes; tests/compute/test_under_load.py has all commands with one."""
     vary = [f"{12 + k / 8:g}" for k in range(60)]
-    arguments = ["--vary", f"array.pitch_mm={','.join(vary)}", "--quantity", "worst_k", "--out", "s.csv"]
+    arguments = ["--vary", f"array.pitch_mm={','.join(vary)}", *SPAN, "--out", "s.csv"]
     command = [sys.executable, "-c", START, "sweep", "starter", *arguments, "--workers", "2"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes, start_new_session=True) as process:
@@ -195,10 +195,10 @@ def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch)
     assert rest == f"of 60 points are kept in {Path('cache').resolve()}; the same command continues from there"
     assert not Path("s.csv").exists()
     computed = []
-    made_up = {"worst_k": 0.25, "fab_broken": 0.0}
+    made_up = {"span_mm": 0.25, "fab_broken": 0.0}
     monkeypatch.setattr("coilarray.studies.sweep.evaluate", lambda *_, **__: computed.append(1) or made_up)
     good(capsys, *arguments, "--workers", "1")  # in this process
     assert len(computed) == 60 - done
     assert len(kept()) == 60
-    values = [float(row["worst_k"]) for row in csv.DictReader(Path("s.csv").read_text().splitlines())]
+    values = [float(row["span_mm"]) for row in csv.DictReader(Path("s.csv").read_text().splitlines())]
     assert values.count(0.25) == 60 - done
