@@ -531,12 +531,12 @@ def _margin_table(margins: Sequence[Margin], title: str) -> Table:
     """Numbered margins with their places in one column."""
     from coilarray.report.tables import rules_table
 
-    named = [replace(one, rule=f"{one.rule}, at most") if one.at_most else one for one in margins]
+    named = [replace(one, rule=f"{'✖ ' * (not one.kept)}{one.rule}{', at most' * one.at_most}") for one in margins]
     rows = []
-    for number, (*numbers, _, x, y, kept) in enumerate(rules_table(named).cells(), start=1):
-        rows.append((str(number), *numbers, f"{x},\u00a0{y}" if x else "", "" if kept == "yes" else "✖"))
-    headers = ("no.", "rule", "layer", "feature", "value", "limit", "margin", "at x, y", "")
-    return replace(text_table(headers, rows, title), mark="✖").without_empty_columns()
+    for number, (*numbers, _, x, y, _) in enumerate(rules_table(named).cells(), start=1):
+        rows.append((str(number), *numbers, f"{x},\u00a0{y}" if x else ""))
+    headers = ("no.", "rule", "layer", "feature", "value", "limit", "margin", "at x, y")
+    return replace(text_table(headers, rows, title), mark="✖")
 
 
 _CLEARANCE = (Column("board"), Column("other"), Column("clearance", unit="m"))

@@ -143,7 +143,7 @@ class Table:
     """Table with a name for files and a title.
 
     `row_units` are shown in the column "unit", and apply to the pure numbers before it. Rows with a
-    cell of the text `mark` stand out. `notes` are sentences below the table. A page shows the
+    cell that begins with the word `mark` stand out. `notes` are sentences below the table. A page shows the
     columns named in `main` first and folds the others, if any are named.
     """
 
@@ -262,7 +262,7 @@ class Table:
                     continue
                 if n == 0:  # the last lines of headings stand beside each other
                     wrapped = [[""] * (max(map(len, wrapped)) - len(parts)) + parts for parts in wrapped]
-                marked = n > 0 and bool(self.mark) and self.mark in rows[n - 1]
+                marked = n > 0 and bool(self.mark) and any(one.split(" ")[0] == self.mark for one in rows[n - 1])
                 for parts in itertools.zip_longest(*wrapped, fillvalue=""):
                     placed = zip(parts, widths, block, strict=True)
                     line = (" " * _GAP).join(part.rjust(w) if numeric[k] else part.ljust(w) for part, w, k in placed)

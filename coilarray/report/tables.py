@@ -260,7 +260,11 @@ def winding_table(scan: xr.Dataset) -> Table:
         "coil", "ac_resistance_frequency", "ac_resistance", "resistance_model", "winding_capacitance",
         "self_resonance", "bare_winding_capacitance", "elastomer_delta", "dent_delta_bound",
     )  # fmt: skip
-    shown = dict.fromkeys(("elastomer_delta", "dent_delta_bound"), PER_MILLION)
+    few = (("F", "pF", 1e12), ("Hz", "MHz", 1e-6), ("1", "10⁻⁶", 1e6))  # as capacitances are known to 3 % and more
+    three = {unit: DisplayUnit(symbol, factor, 3, significant=True) for unit, symbol, factor in few}
+    shown = dict.fromkeys(("elastomer_delta", "dent_delta_bound"), three["1"])
+    shown |= dict.fromkeys(("winding_capacitance", "bare_winding_capacitance"), three["F"])
+    shown["self_resonance"] = three["Hz"]
     scan = scan.assign(ac_resistance_frequency=frequency)
     return dataset_table("windings", "Windings", scan, [name for name in names if name in scan], shown)
 
@@ -274,7 +278,12 @@ def state_table(scan: xr.Dataset) -> Table:
         "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
     )  # fmt: skip
     scan, read = with_reasons(scan)
-    return dataset_table("states", "States", scan, (*names, *read), {"parallel_resistance": KILOHM})
+    return dataset_table(
+        "states", "States", scan, (*names, *read), {"parallel_resistance": KILOHM, "effective_inductance": _MICROHENRY}
+    )
+
+
+_MICROHENRY = DisplayUnit("µH", 1e6)  # four digits of the largest
 
 
 def converter_line(design: Design) -> str:

@@ -23,7 +23,7 @@ good, answer = successes("check")
 
 def rows_of(out):
     """Rows of the printed table by their number: rule, layer and the rest."""
-    lines = ([cell.strip() for cell in line.split("  ") if cell.strip()] for line in out.splitlines())
+    lines = ([cell.strip() for cell in line.replace("✖ ", "").split("  ") if cell.strip()] for line in out.splitlines())
     return {int(cells[0]): cells[1:] for cells in lines if len(cells) > 3 and cells[0].isdigit()}
 
 
