@@ -13,6 +13,7 @@ import xarray as xr
 from support.command_line import mistakes, runner, successes
 
 from coilarray import couple_design, load_design, load_design_file, new_design
+from coilarray.cli.compute import _print_report
 from coilarray.cli.help import find_page
 from coilarray.cli.main import COMMANDS, GROUPS, program, summary
 from coilarray.cli.shared import lengths
@@ -21,6 +22,7 @@ from coilarray.compute.table import text_table
 from coilarray.design.bundled import read
 from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
 from coilarray.report.tables import matrix_tables
+from coilarray.report.write import Report
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner()
@@ -253,6 +255,21 @@ def test_matrices_have_the_digits_that_are_known():
     L_and_M, k = matrix_tables(["a", "b"], np.array([[93.1391e-6, -0.1118e-6], [-0.1118e-6, 93.64312e-6]]))
     assert L_and_M.cells() == [["a", "93.139", "−0.112"], ["b", "−0.112", "93.643"]]
     assert k.cells()[0] == ["a", "1.0000", "−0.0012"]
+
+
+@pytest.mark.slow
+def test_of_many_coils_the_couplings_are_by_kind_of_neighbour(capsys, monkeypatch):
+    monkeypatch.setattr("coilarray.cli.compute._FEW", 2)
+    short = "impedance", "starter", "--points", "2"
+    out = good(capsys, *short)
+    assert "Coupling by kind of neighbour" in out
+    assert "L and M" not in out
+    assert "L and M" in good(capsys, *short, "--all")
+    design = load_design("starter")
+    made = Report(Path("report.html"), Path("report"), couple_design(design), {}, None)
+    for every in (False, True):
+        _print_report(design, made, every=every)
+        assert ("kind of neighbour" in capsys.readouterr().out) is not every
 
 
 def test_a_fasthenry_file_has_no_plates(capsys):
