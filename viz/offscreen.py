@@ -63,9 +63,14 @@ def rendering_problem() -> str | None:
         One line that names the packages to install. With the environment variable
         ``COILARRAY_NO_RENDERING=1`` it names this variable, and nothing is tested.
     """
-    if os.environ.get(NO_RENDERING, "") not in ("", "0"):
-        return f"3-D rendering is switched off by the environment variable {NO_RENDERING}; unset it to render."
-    return _answer().problem
+    return switched_off() or _answer().problem
+
+
+def switched_off() -> str | None:
+    """Explain that the environment forbids rendering, or None."""
+    if os.environ.get(NO_RENDERING, "") in ("", "0"):
+        return None
+    return f"3-D rendering is switched off by the environment variable {NO_RENDERING}; unset it to render."
 
 
 def window_problem() -> str | None:

@@ -85,7 +85,7 @@ def html_card(title: str, *parts: str) -> str:
 
 
 def data_url(image: bytes, kind: str = "png") -> str:
-    """Return a PNG or JPEG file as a data URL."""
+    """Return a PNG, JPEG or SVG file as a data URL."""
     return f"data:image/{kind};base64,{base64.b64encode(image).decode('ascii')}"
 
 

@@ -219,19 +219,12 @@ def still(page):
     """Wait until the scene is drawn and smooth."""
     heard(page)
     page.wait_for_selector("#scene[data-rests=true]")
-    # the picture follows that word, sometimes twice
-    page.evaluate("window.steady = {}")
-    page.wait_for_function(
-        "() => { const src = document.querySelector('#scene img')?.src, now = performance.now();"
-        " if (steady.src !== src) window.steady = { src, since: now };"
-        " return src && now - steady.since > 300 }"
-    )
 
 
 def drawn(page):
     """Wait until the scene is drawn and smooth; return its picture."""
     still(page)
-    return page.locator("#scene img").first.screenshot()
+    return page.locator("#board").screenshot()
 
 
 def redrawn(page, before):
@@ -386,7 +379,7 @@ def steady_board(request, link):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.viz.studio import design, numbers, server, view
+    from coilarray.viz.studio import design, numbers, server
     from coilarray.viz.studio.server import serve
     from coilarray.viz.studio.services import LOOPBACK, Address, Services, bind
     from coilarray.viz.studio.work import Shelf, work_on
@@ -406,7 +399,6 @@ def main():
     # on a busy machine pages may be slow to connect and to answer, and are there all the same
     server._UNUSED = server._HEARTBEAT = 3600.0  # s
     server._MOST_PAGES = given.pages
-    view._SAMPLES = 2  # pictures at rest cost as many times the processor
     numbers.circuit_of = browser.ideal_circuit
     design.make_design = browser.quick_new
 

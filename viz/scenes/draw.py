@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from coilarray.compute.display_units import PLAIN, true_minus
@@ -193,24 +194,40 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
 
 
 def _surface(part: Part) -> pyvista.PolyData:
+    surface, colours, on_cells = coloured_surface(part)
+    if colours is not None:
+        (surface.cell_data if on_cells else surface.point_data)[_COLOURS] = colours
+    return surface
+
+
+def coloured_surface(part: Part) -> tuple[pyvista.PolyData, npt.NDArray[np.uint8] | None, bool]:
+    """Bare surface of a part, its colours if any, and whether they are of cells.
+
+    The colours (n, 3) are red, green and blue, or (n, 4) with the opacity. Points of a smooth part
+    have normals.
+    """
     mesh: Any = surface_of(part.mesh)
     surface: pyvista.PolyData = mesh.copy(deep=False)
     surface.clear_data()
     surface.points = np.asarray(mesh.points, dtype=np.float32)  # as graphics cards take them
+    colours, on_cells = None, part.scale is not None and part.scale.array in mesh.cell_data
     if part.scale is not None:
-        on_cells = part.scale.array in mesh.cell_data
         values = (mesh.cell_data if on_cells else mesh.point_data)[part.scale.array]
-        target = surface.cell_data if on_cells else surface.point_data
         colours = part.scale.colours_of(values)
         if part.fade:
             strength = np.searchsorted(part.scale.values(256), np.asarray(values)) / 256
             colours = np.column_stack((colours, np.rint(255 * (_FAINTEST + (1 - _FAINTEST) * strength))))
-        target[_COLOURS] = np.ascontiguousarray(colours, dtype=np.uint8)
+        colours = np.ascontiguousarray(colours, dtype=np.uint8)
     if part.smooth:
+        target = surface.cell_data if on_cells else surface.point_data
+        if colours is not None:
+            target[_COLOURS] = colours
         surface = surface.compute_normals(
             cell_normals=False, split_vertices=True, feature_angle=_SHARP, auto_orient_normals=False
         )
-    return surface
+        if colours is not None:
+            colours = np.asarray((surface.cell_data if on_cells else surface.point_data)[_COLOURS])
+    return surface, colours, on_cells
 
 
 def text_name(text: Text) -> str:

@@ -19,9 +19,16 @@ from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.geometry.arcs import SIDES
 from coilarray.studies.create.plan import Choices, Shape, read_arrangement, read_size
 from coilarray.viz.studio import structure
+from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session
-from coilarray.viz.studio.work import MOST_COILS, Work, entries_of, number_of, text_of, work_on
+from coilarray.viz.studio.work import MOST_COILS, Work, entries_of, feasible_range, number_of, text_of, work_on
+
+_FORMATS = {
+    "kicad": "KiCad project", "gerber": "Gerber and drill files, for the board house", "dxf": "DXF drawing",
+    "step": "STEP solid, for mechanical design", "svg": "SVG drawing",
+}  # fmt: skip
+"""Formats of boards in words."""
 
 
 class DesignPanel(Panel):
@@ -34,11 +41,14 @@ class DesignPanel(Panel):
             "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "array_words": "", "changed": False,
             "shelf": [], "save_name": "", "save_title": "", "save_over": "", "open_over": "", "opening": "",
             "file_problem": "", "file_note": "", "open_dialog": False, "save_dialog": False, "report_url": "",
-            "can_report": session.setup.services.write_report is not None, "formats": list(SUFFIXES),
+            "can_report": session.setup.services.write_report is not None, "feasible": {},
+            "formats": [{"value": name, "title": _FORMATS.get(name, name)} for name in SUFFIXES],
         }  # fmt: skip
+        self._entered = ""  # key of the field that was changed last
         super().__init__(
             session, values, "file_problem", enter=self._enter, look_at_shelf=self._look, open_design=self._open,
             save_design=self._save, write_report=self._report, export_board=self._export,
+            find_feasible=self._find_feasible,
         )  # fmt: skip
 
     def show(self, work: Work, *, typed: bool) -> None:
@@ -58,6 +68,22 @@ class DesignPanel(Panel):
         state.array_words = boards_words(work.design)
         state.trame__title = f"{work.file} – coilarray studio"
         state.report_url = ""
+        # the range of an entry does not depend on its own value
+        state.feasible = {key: ends for key, ends in state.feasible.items() if typed and key == self._entered}
+
+    def _find_feasible(self, key: str) -> None:
+        """Find the values of an entry with which there is a board."""
+        session, work = self._session, self._session.work
+        entry = next((one for one in entries_of(work.opened) if one.key == key), None)
+
+        def show(ends: tuple[float, float]) -> None:
+            if session.is_current(work.design):
+                with self._state as state:
+                    state.feasible = {**state.feasible, key: ends}
+
+        if entry is not None:
+            step = Step("feasible", lambda: feasible_range(work, entry), show, lambda _: None)
+            session.slow.ask([step])
 
     def _enter(self, key: str, text: str) -> None:
         session, errors = self._session, self._state.errors
@@ -70,6 +96,7 @@ class DesignPanel(Panel):
             changed = work.document_with({key: number_of(key, text)})
             return structure.on_its_layers(changed) if key.endswith(".winding_layers") else changed
 
+        self._entered = key
         session.change(made, entry=key)
 
     def _look(self) -> None:
@@ -214,7 +241,7 @@ class BuildPanel(Panel):
             "build_edges": ["none", *SIDES], "build_houses": list(fabs.names()),
         }  # fmt: skip
         session.state.client_only("placing")
-        super().__init__(session, values, build=self._build)
+        super().__init__(session, values, build=self._build, move_coil=self._move)
 
     def show(self, work: Work) -> None:
         """Show the structure of a design."""
@@ -247,6 +274,14 @@ class BuildPanel(Panel):
         function = structure.STEPS.get(step)
         if function is not None:
             self._session.change(lambda work: function(work.opened.document, work.design, *arguments), "build_problem")
+
+    def _move(self, name: str, x_mm: float, y_mm: float, drag: str) -> None:
+        """Put a coil at a place, where all places of a drag are one step of undo."""
+
+        def made(work: Work) -> Document:
+            return structure.move_coil(work.opened.document, work.design, name, x_mm, y_mm)
+
+        self._session.change(made, "build_problem", joined=drag)
 
 
 def _rounded(value: float) -> str:

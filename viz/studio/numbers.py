@@ -5,9 +5,9 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,10 @@ if TYPE_CHECKING:
 
 _DARK = 0.42  # luminance below which text on a colour is white
 _SHOWN_MARGINS = 40
+_MARKED = 60  # broken places in the picture
+_NEAR = 3  # neighbours in the words beside a coil
+_EQUAL = 1e-9  # relative difference that is rounding
+_LATER = 1.5  # s without a change before the saved design is computed
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
 _MOST_IN_DIGITS = 8  # largest number of coils whose matrix has numbers in its cells from the start
 _LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 3), DisplayUnit(digits=4, significant=True)
@@ -73,21 +77,38 @@ def circuit_of(design: Design) -> Circuit:
     return Circuit(design_circuit(design), couple_design(design))
 
 
-def margins_of(design: Design) -> tuple[Margin, ...]:
+def worst_margins(margins: Sequence[Margin]) -> tuple[Margin, ...]:
     """Worst margin of every rule on every layer."""
     worst: dict[tuple[str, str], Margin] = {}
-    for margin in check_boards(design):
+    for margin in margins:
         worst.setdefault((margin.rule, margin.layer), margin)
     return tuple(worst.values())[:_SHOWN_MARGINS]
 
 
-def matrix_cells(numbers: Numbers, kind: str) -> tuple[list[list[dict[str, str]]], str]:
+def marks_of(design: Design, margins: Sequence[Margin]) -> list[dict[str, Any]]:
+    """Places of broken limits in mm with their sentences, the worst first."""
+    marks = []
+    for margin in margins:
+        if margin.kept or margin.x is None or margin.y is None or len(marks) == _MARKED:
+            continue
+        layer = margin.layer
+        board = next((one for one in design.placed if one.name and layer.startswith(one.name)), design.placed[0])
+        flat = np.array([[margin.x, margin.y, 0.0]])
+        bent = flat if board.array.form is None else board.array.form.surface(flat)
+        x, y, z = (board.pose.apply(bent)[0] * 1e3).tolist()
+        marks.append({"x": x, "y": y, "z": z, "rule": margin.rule, "text": broken_rules([margin])[0]})
+    return marks
+
+
+def matrix_cells(numbers: Numbers, kind: str, before: Numbers | None = None) -> tuple[list[list[dict[str, str]]], str]:
     """Cells of k, or of L and M in µH for "L".
 
-    The second result is the largest magnitude of two coils. A cell has its rounded `text`, all
-    digits with name and unit, `full`, and the colours of the cell and of its `ink`.
+    The second result is the largest magnitude of two coils. A cell has its rounded `text`, its
+    `change` against `before`, all digits with name and unit, `full`, and the colours of the cell
+    and of its `ink`.
     """
-    names, matrix = numbers.names, numbers.inductance if kind == "L" else coupling_matrix(numbers.inductance)
+    names, matrix = numbers.names, _matrix(numbers, kind)
+    old = matrix if before is None or before.names != names else _matrix(before, kind)
     alone = np.eye(len(matrix), dtype=bool)
     most = float(np.abs(matrix[~alone]).max(initial=0.0))
     shades = colormaps[DIVERGING]((matrix / (most or 1.0) + 1) / 2)[..., :3]
@@ -97,11 +118,13 @@ def matrix_cells(numbers: Numbers, kind: str) -> tuple[list[list[dict[str, str]]
 
     def cell(i: int, j: int) -> dict[str, str]:
         value, (red, green, blue) = float(matrix[i, j]), codes[i][j]
-        text, name, unit = number_text(value, 4, "+"), "k", ""
+        text, name, unit, factor, digits = number_text(value, 4, "+"), "k", "", 1.0, 4
         if kind == "L":
-            text, name, unit = number_text(value * 1e6, 3), "L" if i == j else "M", " H"
+            text, name, unit, factor, digits = number_text(value * 1e6, 3), "L" if i == j else "M", " H", 1e6, 3
+        change = number_text((value - float(old[i, j])) * factor, digits, "+")
         return {
             "text": text, "full": f"{name}({names[i]}, {names[j]}) = {value!r}{unit}",
+            "change": change if change.strip("+−0.") else "",
             "colour": f"#{red:02X}{green:02X}{blue:02X}", "ink": "#FFFFFF" if dark[i, j] else "#202020",
         }  # fmt: skip
 
@@ -109,40 +132,112 @@ def matrix_cells(numbers: Numbers, kind: str) -> tuple[list[list[dict[str, str]]
     return cells, f"{most * 1e6:.3f} µH" if kind == "L" else f"{most:.4f}"
 
 
+def _matrix(numbers: Numbers, kind: str) -> FloatArray:
+    return numbers.inductance if kind == "L" else coupling_matrix(numbers.inductance)
+
+
+_COILS = {
+    "coil": "coil", "open_inductance": "L", "effective_inductance": "L_eff", "inductance_change": "change",
+    "resistance": "R_dc", "quality_factor": "Q", "frequency": "f", "ideal_effective_inductance": "L_eff ideal",
+}  # fmt: skip
+"""Quantities of the table of coils, with their signs."""
+
+
 def coil_table(coupling: xr.Dataset) -> Table:
     """Coils alone, and with their neighbours as terminated."""
-    names = (
-        "coil", "open_inductance", "effective_inductance", "inductance_change", "resistance", "quality_factor",
-        "frequency", "ideal_effective_inductance",
-    )  # fmt: skip
-    return dataset_table("coils", "", coupling, names, {"inductance_change": PERCENT}).brief()
+    table = dataset_table("coils", "", coupling, tuple(_COILS), {"inductance_change": PERCENT}).brief()
+    named = (replace(one, label=_COILS[one.name], meaning=one.label) for one in table.columns)
+    return replace(table, columns=tuple(named))
+
+
+def coil_facts(coupling: xr.Dataset) -> dict[str, list[str]]:
+    """Lines about every coil, for a word beside it."""
+    facts = {}
+    table = coil_table(coupling)
+    names = coupling.coil.values.tolist()
+    for k, (name, *cells) in enumerate(table.cells()):
+        lines = [f"{header}: {text}" for header, text in zip(table.headers[1:], cells, strict=True) if text]
+        row = np.where(np.arange(len(names)) == k, 0.0, coupling.coupling.values[k])
+        near = [j for j in np.argsort(-np.abs(row))[:_NEAR] if j != k]
+        facts[name] = [*lines, *(f"k with {names[j]}: {number_text(float(row[j]), 4, '+')}" for j in near)]
+    return facts
 
 
 def margin_table(margins: Sequence[Margin]) -> Table:
     """Values, limits and margins of the rules."""
-    rows: list[tuple[Value, ...]] = []
-    for m in margins:
-        unit = _LENGTH if m.unit else _NUMBER
-        rows.append((m.rule, m.layer or "board", m.feature, *map(unit.text, (m.value, m.limit, m.margin)), m.kept))
-    columns = map(Column, ("rule", "layer", "of", "value", "limit", "margin", "kept"))
-    return Table("margins", "", tuple(columns), tuple(rows), mark="no")
+    rows = tuple(
+        (m.rule, m.layer or "board", m.feature, m.value, m.limit, m.margin, "m" if m.unit else "", m.kept)
+        for m in margins
+    )
+    columns = (
+        *map(Column, ("rule", "layer", "of")), *(Column(name, unit="1") for name in ("value", "limit", "margin")),
+        Column("unit"), Column("kept"),
+    )  # fmt: skip
+    units = tuple(_LENGTH if m.unit else _NUMBER for m in margins)
+    return Table("margins", "", columns, rows, units, mark="no")
+
+
+def with_changes(table: Table, before: Table | None, keys: int = 1) -> dict[str, Any]:
+    """Table for the page, each number with its change against an earlier table.
+
+    Rows and columns belong together by their first `keys` cells and by their names.
+    """
+    known = {} if before is None else {row[:keys]: row for row in before.rows}
+    places = {} if before is None else {column.name: k for k, column in enumerate(before.columns)}
+    numbers = [k for k, column in enumerate(table.columns) if column.unit]
+    rows = []
+    for row in table.rows:
+        old, line = known.get(row[:keys]), list[Value](row)
+        for k in numbers:
+            now, at = row[k], places.get(table.columns[k].name)
+            was = old[at] if old is not None and at is not None else ""
+            known_both = isinstance(now, float | int) and isinstance(was, float | int)
+            line[k] = float(now) - float(was) if known_both and not math.isclose(now, was, rel_tol=_EQUAL) else ""
+        rows.append(tuple(line))
+    shown, changes = table.cells(), replace(table, rows=tuple(rows)).cells()
+    return {
+        "head": [{"text": one.header, "means": one.meaning} for one in table.columns],
+        "rows": [
+            {
+                "name": str(row[0]), "mark": bool(table.mark) and table.mark in texts,
+                "cells": [
+                    {"text": text, "change": _change_text(now, difference, change) if k in numbers else ""}
+                    for k, (text, now, difference, change) in enumerate(zip(texts, row, line, cells, strict=True))
+                ],
+            }
+            for row, line, texts, cells in zip(table.rows, rows, shown, changes, strict=True)
+        ],
+    }  # fmt: skip
+
+
+def _change_text(now: Value, difference: Value, text: str) -> str:
+    """Change with its sign, and in per cent where it is a share of something."""
+    if not isinstance(difference, float) or isinstance(now, str):
+        return ""
+    was = float(now) - difference
+    share = f" ({number_text(100 * difference / abs(was), 1, '+')} %)" if abs(was) > abs(difference) * _EQUAL else ""
+    return f"{'+' if difference > 0 else ''}{text}{share}"
 
 
 class NumbersPanel(Panel):
-    """Panel with the numbers of the design."""
+    """Panel with the numbers of the design, and their changes against the saved."""
 
     def __init__(self, session: Session, solved: Callable[[str], None]) -> None:
         self._solved = solved  # called with the circuit, with the problem if it cannot be solved
         self._numbers: tuple[Design, Numbers] | None = None
         self._circuit: tuple[Design, Circuit] | None = None
         self._response: tuple[str, xr.Dataset] | None = None  # response of the design with this digest
+        self._last: dict[str, tuple[Design, Any]] = {}  # last results by name
+        self._saved: dict[str, Any] = {}  # results of the saved design
+        nothing = {"head": [], "rows": []}
         values = {
             "matrix_of": "k", "matrix": {"names": [], "of": "k", "cells": [], "most": "", "dense": False},
-            "matrix_digits": False, "coil_table": "", "margins": "", "broken": [], "saved_table": "", "saved_line": "",
-            "can_compare": True, "summary": {"table": "", "verdicts": [], "converter": True}, "summary_lacks": False,
+            "matrix_digits": False, "coil_table": nothing, "coil_facts": {}, "margins": nothing, "broken": [],
+            "marks": [], "saved_line": "", "can_compare": True, "verdicts": [], "converter": True,
+            "summary": nothing, "summary_lacks": False,
             "can_summarize": session.setup.services.summarize is not None,
         }  # fmt: skip
-        super().__init__(session, values, compare=self._compare, respond=self._respond)
+        super().__init__(session, values, respond=self._respond)
 
     @property
     def circuit(self) -> Circuit | None:
@@ -151,9 +246,17 @@ class NumbersPanel(Panel):
         return circuit if design is self._session.work.design else None
 
     def show(self, work: Work) -> None:
-        """Remove the numbers of the saved design."""
-        self._state.can_compare, self._state.saved_table = bool(work.kept), ""
-        self._state.saved_line = "" if work.kept else f"{work.file} is not saved yet"
+        """Compare with another saved design."""
+        self._state.can_compare = bool(work.kept)
+        known = {name: value for name, (design, value) in self._last.items() if design is work.design}
+        self._saved = {} if work.changed else known
+        if work.changed and work.kept:
+            self._session.slow.ask([Step("saved", partial(saved_results, work), self._compare, lambda _: None, _LATER)])
+
+    def say_changes(self, work: Work) -> None:
+        """Say what the changes are counted from."""
+        known = f"small: change against {work.file} as saved" if work.changed else ""
+        self._state.saved_line = known if work.kept else f"{work.file} is not saved yet"
 
     def steps(self, design: Design) -> list[Step]:
         """Compute quick numbers, and at rest margins and full numbers."""
@@ -165,19 +268,54 @@ class NumbersPanel(Panel):
         def show_margins(margins: Sequence[Margin]) -> None:
             with self._state as state:
                 self._session.arrived("rules", design)
-                state.margins, state.broken = margin_table(margins).html(), broken_rules(margins)
+                marks = marks_of(design, margins)
+                worst: dict[str, Margin] = {}
+                for margin in margins:
+                    if not margin.kept and (margin.rule not in worst or margin.margin < worst[margin.rule].margin):
+                        worst[margin.rule] = margin
+                places = [mark["text"] for mark in marks]
+                lines = [broken_rules([margin])[0] for margin in worst.values()]
+                state.broken = [
+                    {"text": line, "mark": places.index(line) if line in places else None} for line in lines
+                ]
+                state.marks = marks
+                self._note("margins", design, margin_table(worst_margins(margins)))
 
         fail_rules = partial(self._session.failed, "rules", design)
-        rules = Step("rules", lambda: margins_of(design), show_margins, fail_rules, rest=_REST)
+        rules = Step("rules", lambda: check_boards(design), show_margins, fail_rules, rest=_REST)
         return [numbers("rough", "screen", 0.0), rules, numbers("full", "full", _REST)]
 
     def draw(self) -> None:
         """Draw the requested matrix alone, for speed."""
         if self._numbers is not None:
             names, of = list(self._numbers[1].names), self._state.matrix_of
-            cells, most = matrix_cells(self._numbers[1], of)
+            cells, most = matrix_cells(self._numbers[1], of, self._saved.get("numbers"))
             dense = len(names) > _MOST_IN_DIGITS
             self._state.matrix = {"names": names, "of": of, "cells": cells, "most": most, "dense": dense}
+
+    def _note(self, name: str, design: Design, value: Any) -> None:
+        """Keep a result of a design, and show it with its changes."""
+        self._last[name] = design, value
+        work = self._session.work
+        if design is work.design and not work.changed:
+            self._saved[name] = value
+        self._tell(name)
+
+    def _tell(self, name: str) -> None:
+        """Show a result with its changes against the saved."""
+        if name == "numbers":
+            self.draw()
+        elif name in self._last:
+            keys = 3 if name == "margins" else 1
+            self._state[name] = with_changes(self._last[name][1], self._saved.get(name), keys)
+
+    def _compare(self, found: Mapping[str, Any]) -> None:
+        """Show changes against a saved design that was not on show."""
+        if self._session.work.kept is found["kept"]:
+            self._saved = {**found, **self._saved}
+            with self._state:
+                for name in ("numbers", "coil_table", "margins"):
+                    self._tell(name)
 
     def _show(self, design: Design, numbers: Numbers) -> None:
         """Show numbers, and after the full numbers solve the circuit."""
@@ -186,7 +324,10 @@ class NumbersPanel(Panel):
             return
         self._numbers = design, numbers
         with self._state as state:
-            self.draw()
+            if numbers.accuracy == "full":
+                self._note("numbers", design, numbers)
+            else:
+                self.draw()
             state.accuracy = numbers.accuracy if self._session.is_current(design) else "screen"
             self._session.arrived("numbers", design)
         if numbers.accuracy == "full":
@@ -204,7 +345,8 @@ class NumbersPanel(Panel):
         def show(circuit: Circuit) -> None:
             self._circuit = design, circuit
             with self._state as state:
-                state.coil_table = coil_table(circuit.coupling).html()
+                state.coil_facts = coil_facts(circuit.coupling)
+                self._note("coil_table", design, coil_table(circuit.coupling))
                 self._session.arrived("circuit", design)
             self._solved("")
             self._summarize(design, circuit)
@@ -218,22 +360,6 @@ class NumbersPanel(Panel):
         if self._session.is_current(design):
             self._session.slow.ask([Step("circuit", lambda: circuit_of(design), show, fail)])
 
-    def _compare(self) -> None:
-        work, state = self._session.work, self._state
-        if not work.kept:  # a new design has no file
-            return
-        state.saved_line = f"{work.file} as saved: …"
-
-        def show(table: str, line: str = f"{work.file} as saved") -> None:
-            if self._session.work.kept is work.kept:  # still
-                with state:
-                    state.saved_line, state.saved_table = line, table
-
-        def compute() -> str:
-            return coil_table(couple_design(build_design(work.kept, work.design.name))).html()
-
-        self._session.slow.ask([Step("saved", compute, show, partial(show, ""))])
-
     def _summarize(self, design: Design, circuit: Circuit) -> None:
         """Summarize a design, with its response if this is known."""
         summarize = self._session.setup.services.summarize
@@ -245,8 +371,8 @@ class NumbersPanel(Panel):
         def show(summary: Summary) -> None:
             with self._state as state:
                 if self._session.is_current(design):
-                    table, verdicts = summary.table.html(), list(summary.verdicts)
-                    state.summary = {"table": table, "verdicts": verdicts, "converter": summary.converter}
+                    state.verdicts, state.converter = list(summary.verdicts), summary.converter
+                    self._note("summary", design, summary.table)
                     state.summary_lacks = response is None and design.indentation is not None
                 self._session.arrived("summary", design)
 
@@ -264,6 +390,13 @@ class NumbersPanel(Panel):
 
         document, text = session.work.opened.document, f"response of {design.name}"
         session.start_bar("response", text, map_of, document, design.name, done=done)
+
+
+def saved_results(work: Work) -> dict[str, Any]:
+    """Results of the design as saved, for `NumbersPanel`."""
+    design = build_design(work.kept, work.design.name)
+    found = {"kept": work.kept, "margins": margin_table(worst_margins(check_boards(design)))}
+    return {**found, "numbers": numbers_of(design), "coil_table": coil_table(couple_design(design))}
 
 
 def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:

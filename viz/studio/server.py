@@ -26,7 +26,7 @@ from aiohttp import WSMsgType, web
 from trame_client.module import vue3
 
 from coilarray.errors import CoilarrayError, shown
-from coilarray.viz.offscreen import rendering_problem
+from coilarray.viz.offscreen import switched_off
 from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
 from coilarray.viz.studio.live import LivePanel, TouchPanel
 from coilarray.viz.studio.metal import MetalPanel
@@ -48,6 +48,22 @@ _DEFAULTS = {
     "VAlert": {"density": "compact"},
 }
 """Looks of the parts of the page."""
+_LOOKS = {
+    "defaults": _DEFAULTS,
+    "theme": {
+        "themes": {
+            "light": {"dark": False, "colors": {"primary": "#0B5CAD", "error": "#B00020", "warning": "#8A4B00"}},
+            "dark": {
+                "dark": True,
+                "colors": {
+                    "primary": "#7DB7F5", "error": "#FF8A80", "warning": "#FFB74D", "background": "#16181C",
+                    "surface": "#1E2126",
+                },
+            },
+        }
+    },
+}  # fmt: skip
+"""Colours of the page in the light and in the dark, with a contrast of at least 4.5."""
 # Results that a change of the design makes stale.
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 
@@ -71,10 +87,12 @@ class Page(Session):
         self.studies = StudiesPanel(self)
         self.design = DesignPanel(self, self.saved)
         self.new = NewPanel(self)
+        self.state.client_only("theme", "fold")
+        self.state.update({"theme": "light", "fold": {}})
         self.state.tab = "live" if setup.services.alone else "numbers"
         for names, function in (
             (("tab", "scene_sheets", "show_eddies"), self.redraw), (("tab",), self.runs.offer),
-            (("matrix_of",), self.numbers.draw), (("hidden_groups",), self.scene.hide),
+            (("matrix_of",), self.numbers.draw),
             (("live_span", "live_paused"), self.live.draw),
         ):  # fmt: skip
             self.state.change(*names)(lambda function=function, **_: function())
@@ -93,18 +111,16 @@ class Page(Session):
     async def close(self) -> None:
         """End all computations and processes, and the server."""
         from trame.app.core import AVAILABLE_SERVERS
-        from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
         self.runs.close()
         await super().close()
-        self.scene.close()
         await self.server.stop()
         AVAILABLE_SERVERS.pop(self.key, None)
-        HELPERS_PER_SERVER.pop(self.key, None)
 
     def saved(self, work: Work) -> None:
         """Show a saved design, maybe of another name or title."""
         same = work.design is self.work.design
+        self.renamed(self.work, work)
         self.work = replace(self.work, file=work.file)  # no other file is opened
         if not same:
             self._show(work, typed=True)
@@ -121,17 +137,19 @@ class Page(Session):
         self.work = work
         design = work.design
         with self.state:
+            self.numbers.say_changes(work)
             self.state.can_undo, self.state.can_redo = bool(self._before), bool(self._after)
             self.build.show(work)
             self.design.show(work, typed=typed)
             self.switches.show(design, anew=opened)
             self.touch.show(design, anew=other)
             self.metal.show(design, anew=other)
+            self.scene.show(design)
             self.live.show(design)
             self.runs.show(design)
             self.runs.offer()
             self.studies.show(work, anew=other)
-            self.state.accuracy, self.state.scene_rests, self.state.failures = "working", False, {}
+            self.state.accuracy, self.state.failures = "working", {}
             asked = {
                 "scene": self.scene.steps(), "target": self.metal.steps(design),
                 "summary": self.setup.services.summarize is not None,
@@ -170,12 +188,12 @@ class Page(Session):
         def part(found: re.Match[str]) -> str:
             """Part of the page, with a value for its capitals."""
             name, value = found.groups()
-            return self.scene.html if name == "view" else filled(template(name).replace("VALUE", value or ""))
+            return filled(template(name).replace("VALUE", value or ""))
 
         def filled(text: str) -> str:
             return re.sub(r"<!-- (\w+)(?: (\w+))? -->", part, text)
 
-        with VAppLayout(self.server, vuetify_config={"defaults": _DEFAULTS}) as layout:
+        with VAppLayout(self.server, vuetify_config=_LOOKS, theme=("theme", "light")) as layout:
             layout.root.add_child(filled(template("page")))
 
 
@@ -253,13 +271,12 @@ class _Studio:
         app.router.add_post("/open/{tab}", self._open)
         app.router.add_get("/ws/{key}", self._talk)
         app.router.add_get("/reports/{key}", self._report)
+        app.router.add_get("/arrays/{page}/{keys}", self._arrays)
         app.router.add_get("/{path:.+}", self._asset)
         runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_GOODBYE)
         with ThreadPoolExecutor(max_workers=_THREADS) as self._threads:
-            problem = loop.run_in_executor(self._threads, rendering_problem)
             await runner.setup()
             try:
-                self._problem = await problem
                 await web.SockSite(runner, listening).start()
                 host = self._address.host
                 host = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
@@ -299,7 +316,7 @@ class _Studio:
             )
         text = (_CLIENT / "index.html").read_text(encoding="utf-8")
         text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
-        own = "".join(template(name) for name in ("tab", "gone", "keys", "look"))
+        own = "".join(template(name) for name in ("tab", "gone", "keys", "look", "viewer"))
         return web.Response(text=text.replace("<head>", f"<head>{own}", 1), content_type="text/html")
 
     async def _open(self, request: web.Request) -> web.Response:
@@ -309,7 +326,7 @@ class _Studio:
         tab = request.match_info["tab"]
         open_still = [page.work for page in self._pages.values() if page.tab == tab]
         work = open_still[-1] if open_still else self._tabs.get(tab, self._work)
-        setup = Setup(self._shelf, self._services, self._reports, self._threads, self._problem)
+        setup = Setup(self._shelf, self._services, self._reports, self._threads, switched_off())
         try:
             page = Page(setup, work, tab)
         except CoilarrayError as error:
@@ -363,6 +380,14 @@ class _Studio:
             raise web.HTTPNotFound
         return web.FileResponse(path, headers={"Content-Security-Policy": _REPORT_POLICY})
 
+    async def _arrays(self, request: web.Request) -> web.StreamResponse:
+        """Serve arrays of a page's scene."""
+        page = self._pages.get(request.match_info["page"])
+        data = None if page is None else page.scene.arrays(request.match_info["keys"])
+        if data is None:
+            raise web.HTTPNotFound
+        return web.Response(body=data, content_type="application/octet-stream")
+
     async def _asset(self, request: web.Request) -> web.StreamResponse:
         path: str = request.match_info["path"]
         name, _, rest = path.partition("/")
@@ -378,7 +403,7 @@ class _Studio:
         self._tabs[page.tab] = page.work
         await page.close()
         del page
-        gc.collect()  # a page is full of cycles, and each holds a window and threads of VTK
+        gc.collect()  # a page is full of cycles
 
         def end_unused() -> None:
             if not self._pages:

@@ -116,7 +116,7 @@ class Address:
 def check_studio() -> None:
     """Raise MissingDependencyError if a library of the studio is missing."""
     require_pyvista("pages of the studio", "studio")
-    ui = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
+    ui = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify"}
     for module, package in (*ui.items(), ("aiohttp", "aiohttp")):
         import_extra(module, "pages of the studio", package=package, extra="studio")
 

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 _JOINED = 1.0  # s, changes of a slider within it are undone together
 _LONGEST = 200  # designs that can be undone
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
-_DPI = 110
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
 
@@ -54,6 +53,7 @@ class _Change(NamedTuple):
     made: Callable[[Work], Document]
     problem: str
     entry: str
+    joined: str
 
 
 class Session(ABC):
@@ -64,7 +64,7 @@ class Session(ABC):
 
         self.setup = setup
         self.key, self.secret = secrets.token_hex(16), secrets.token_hex(16)  # the client makes letters small
-        self.work, self._changed_at = work, -math.inf
+        self.work, self._changed_at, self._changed_what = work, -math.inf, ""
         self._before: list[Work] = []  # earlier designs, and undone designs, the next one last
         self._after: list[Work] = []
         self._changes: dict[object, _Change] = {}  # waiting changes
@@ -109,28 +109,33 @@ class Session(ABC):
         for job in jobs:
             await asyncio.to_thread(job.close)
 
-    def take(self, work: Work, *, typed: bool = False) -> None:
-        """Show a design, `typed` if it comes from the fields."""
+    def take(self, work: Work, *, typed: bool = False, joined: str = "") -> None:
+        """Show a design, `typed` if it comes from the fields.
+
+        Changes of fields that follow each other soon are one step of undo, and those with the same
+        word `joined`.
+        """
+        what = joined or ("fields" if typed else "")
         if work.file != self.work.file:
-            self._before.clear()
-            self._after.clear()
             self._changes.clear()
-        elif work is not self.work and not (typed and time.monotonic() - self._changed_at < _JOINED):
+        soon = bool(joined) or time.monotonic() - self._changed_at < _JOINED
+        if work is not self.work and not (what and what == self._changed_what and soon):
             self._before.append(self.work)
             del self._before[:-_LONGEST]
             self._after.clear()
-        self._changed_at = time.monotonic() if typed else -math.inf
+        self._changed_at, self._changed_what = time.monotonic(), what
         self._show(work, typed=typed)
 
-    def change(self, made: Callable[[Work], Document], problem: str = "", *, entry: str = "") -> None:
+    def change(self, made: Callable[[Work], Document], problem: str = "", *, entry: str = "", joined: str = "") -> None:
         """Show the design with the document of `made`.
 
         An error is the value `problem` of the state, or the error of the field of an `entry`.
-        Changes are made one after the other, and of several changes of one entry only the last.
+        Changes are made one after the other, and of several of one entry, or `joined` by one word,
+        only the last.
         """
-        change = _Change(made, problem, entry)
-        self._changes.pop(entry, None)
-        self._changes[entry or change] = change
+        change, name = _Change(made, problem, entry, joined), entry or joined
+        self._changes.pop(name, None)
+        self._changes[name or change] = change
         if self._changing is None or self._changing.done():
             self._changing = self.begin(self._make_changes)
 
@@ -159,14 +164,19 @@ class Session(ABC):
                     self.state.routing = False
             same, typed = self.work.opened.document is begun.opened.document, bool(change.entry)
             if same and not (typed and work.design.digest == begun.design.digest):
-                self.take(work.of_file(self.work), typed=typed)
+                self.take(work.of_file(self.work), typed=typed, joined=change.joined)
 
     def _step(self, there: list[Work], back: list[Work]) -> None:
         if there:
             back.append(self.work)
             self._changed_at = -math.inf
             self._changes.clear()
-            self._show(there.pop().of_file(self.work), typed=False)
+            self._show(there.pop(), typed=False)
+
+    def renamed(self, old: Work, saved: Work) -> None:
+        """Let earlier and later designs of a file belong to the file that it is saved as."""
+        for steps in (self._before, self._after):
+            steps[:] = [one.of_file(saved) if one.file == old.file else one for one in steps]
 
     def is_current(self, design: Design) -> bool:
         """Check if a design is the current design."""
@@ -357,9 +367,9 @@ def template(name: str) -> str:
 
 
 def image_of(figure: Figure) -> str:
-    """Figure as an image in a data URL."""
+    """Figure as a drawing, sharp at any size, in a data URL."""
     from coilarray.viz.plots.style import save  # imported late, as Matplotlib loads slowly
 
     buffer = io.BytesIO()
-    save(figure, buffer, format="png", dpi=_DPI)
-    return data_url(buffer.getvalue())
+    save(figure, buffer, format="svg", bbox_inches="tight")
+    return data_url(buffer.getvalue(), "svg+xml")

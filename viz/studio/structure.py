@@ -76,6 +76,13 @@ def place_coil(document: Document, design: Design, name: str, key: str, text: st
     )
 
 
+def move_coil(document: Document, design: Design, name: str, x_mm: float, y_mm: float) -> Document:
+    """Put a coil at a place, to 0.01 mm."""
+    place = {"x_mm": round(x_mm, 2), "y_mm": round(y_mm, 2)}
+    places = [{**one, **place} if one["name"] == name else one for one in _placements(document, design)]
+    return _changed(document, _free(document, places))
+
+
 def set_lattice(document: Document, design: Design, kind: str) -> Document:
     """Lay coils of the first shape on a lattice."""
     places, old = _placements(document, design), document["array"]

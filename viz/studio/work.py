@@ -17,7 +17,7 @@ from coilarray.design.model import Design, DesignFile, build_design_file, load_d
 from coilarray.design.tables import Document
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import file_text
-from coilarray.errors import DesignError, OutputError
+from coilarray.errors import CoilarrayError, DesignError, OutputError
 
 MOST_COILS = 64
 """Largest number of coils of a design in the studio."""
@@ -251,6 +251,37 @@ def _entry(key: Key, dotted: str, label: str, group: str, value: float) -> Entry
         least, most = (float(bound.replace("−", "-").replace("\u202f", "")) for bound in allowed.groups())
         low, high = max(low, least), min(high, most)
     return Entry(dotted, label, key.meaning, unit, group, value, low, high, step)
+
+
+_HALVINGS = 12
+
+
+def feasible_range(work: Work, entry: Entry) -> tuple[float, float]:
+    """Values of an entry's slider with which there is a board, about the present value."""
+    if "connector" in work.opened.document:  # to route its leads takes seconds each time
+        return entry.low, entry.high
+
+    def last(end: float) -> float:
+        """Last value towards an end of the slider."""
+        good, bad = entry.value, end
+        if _is_possible(work, entry.key, end):
+            return end
+        for _ in range(_HALVINGS):
+            middle = round((good + bad) / 2 / entry.step) * entry.step
+            if middle in (good, bad):
+                break
+            good, bad = (middle, bad) if _is_possible(work, entry.key, middle) else (good, middle)
+        return good
+
+    return last(entry.low), last(entry.high)
+
+
+def _is_possible(work: Work, key: str, value: float) -> bool:
+    try:
+        work.with_document(work.document_with({key: value}))
+    except CoilarrayError:
+        return False
+    return True
 
 
 def number_of(key: str, text: str) -> float:
