@@ -16,6 +16,7 @@ from support.browser import bells
 from coilarray import couple_design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
+from coilarray.compute.table import Column, Table
 from coilarray.design import bundled
 from coilarray.design.fabs import load_profile
 from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design_file
@@ -30,15 +31,15 @@ from coilarray.response.dataset import on_board
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
-from coilarray.viz.scenes.design import off_middle
+from coilarray.viz.scenes.design import bare_scene, off_middle
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, runs, structure
 from coilarray.viz.studio.design import choices_of
 from coilarray.viz.studio.live import delta_bars, drawing, location_marks, top_view, touched
 from coilarray.viz.studio.numbers import circuit_of, kept_settings, numbers_of, state_of, unit_fields
 from coilarray.viz.studio.runs import read_runs, run_folders, run_lines, run_of
-from coilarray.viz.studio.view import _legend
-from coilarray.viz.studio.work import MOST_COILS, Shelf, entries_of, number_of, text_of, work_on
+from coilarray.viz.studio.view import _legend, packed, plan_of
+from coilarray.viz.studio.work import MOST_COILS, Shelf, entries_of, feasible_range, number_of, text_of, work_on
 
 WOUND = "coils.hexagon.winding_layers"
 OPENED = load_design_file("starter")
@@ -524,14 +525,82 @@ def test_numbers_are_those_of_the_library(starter, circuit):
 
 
 def test_margins_are_the_worst_of_each_rule(starter):
-    margins, every = numbers.margins_of(starter), check_rules(starter.array, starter.rules)
+    every = check_rules(starter.array, starter.rules)
+    margins = numbers.worst_margins(every)
     assert margins[0] == every[0]
     assert {(m.rule, m.layer) for m in margins} == {(m.rule, m.layer) for m in every}
     for margin in margins:
         assert margin.margin == min(m.margin for m in every if (m.rule, m.layer) == (margin.rule, margin.layer))
-    rows = numbers.margin_table(margins).rows
-    assert [row[6] for row in rows] == [margin.kept for margin in margins]
-    assert rows[0][3].endswith(" mm")
+    table = numbers.margin_table(margins)
+    assert [row[-1] for row in table.rows] == [margin.kept for margin in margins]
+    assert table.cells()[0][3:7] == ["0.125", "0.100", "0.025", "mm"]
+
+
+def test_every_number_has_its_change_and_equal_numbers_have_none():
+    columns = (Column("coil"), Column("inductance", "L", "H"), Column("unit"))
+    before = Table("", "", columns, (("coil1", 3.879e-6, "a"), ("coil2", 2e-6, "a")))
+    now = Table("", "", columns, (("coil1", 4.771e-6, "b"), ("coil2", 2e-6, "a"), ("coil3", 1e-6, "a")))
+    rows = numbers.with_changes(now, before)["rows"]
+    assert [cell["change"] for cell in rows[0]["cells"]] == ["", "+0.8920 (+23.0 %)", ""]
+    assert not any(cell["change"] for row in rows[1:] for cell in row["cells"])
+    assert [cell["text"] for cell in rows[0]["cells"]] == ["coil1", "4.7710", "b"]
+
+
+def test_broken_places_are_marked_where_they_are(starter):
+    design = with_entry(work_on(OPENED, "starter"), "coils.hexagon.gap_mm", "0.05").design
+    margins = check_rules(design.array, design.rules)
+    marks = numbers.marks_of(design, margins)
+    broken = [margin for margin in margins if not margin.kept and margin.x is not None]
+    assert [(mark["x"], mark["y"]) for mark in marks] == [
+        pytest.approx((1e3 * margin.x, 1e3 * margin.y)) for margin in broken
+    ]
+    assert "spacing within net" in marks[0]["text"]
+    assert numbers.marks_of(starter, check_rules(starter.array, starter.rules)) == []
+
+
+def test_a_scene_is_packed_with_every_triangle_line_and_coil(starter):
+    scene = bare_scene(starter, sheets=True)
+    one = packed(scene)
+    meshes = [part.mesh for part in scene.parts]
+    parts = one.words["parts"]
+    triangles = sum(part["count"] // 3 for part in parts if not part["lines"])
+    assert triangles == sum(mesh.n_cells for mesh in meshes if not mesh.n_lines)
+    named = {array["key"] for part in parts for array in part["arrays"].values()}
+    assert named == set(one.arrays)
+    for part in parts:
+        for array in part["arrays"].values():
+            assert array["length"] == len(one.arrays[array["key"]])
+    copper = next(part for part in parts if part["group"] == "copper L1")
+    coils = np.frombuffer(one.arrays[copper["arrays"]["coils"]["key"]], dtype=np.uint8)
+    points = np.frombuffer(one.arrays[copper["arrays"]["points"]["key"]], dtype=np.float32).reshape(-1, 3)
+    assert set(coils) <= {1, 2, 3}
+    for number in set(coils):  # the points are of the coil whose number they have
+        place = starter.array.placements[number - 1]
+        assert np.abs(points[coils == number, 0].mean() - 1e3 * place.x) < 2.0
+    assert one.words["bounds"] == list(scene.bounds)
+
+
+def test_a_plan_has_outlines_where_the_coils_are(starter):
+    plan = plan_of(starter)
+    assert plan["movable"]
+    for coil, place in zip(plan["coils"], starter.array.placements, strict=True):
+        np.testing.assert_allclose(
+            np.array(coil["outline"])[:, :2], place.to_board(place.coil.outline) * 1e3, atol=1e-3
+        )
+        assert coil["name"] == place.name
+    charger = plan_of(load_design_file("charger").design)
+    assert any(coil["name"].startswith("receiver/") for coil in charger["coils"])
+
+
+def test_a_slider_knows_where_the_board_becomes_impossible():
+    work = work_on(OPENED, "starter")
+    entry = next(one for one in entries_of(OPENED) if one.key == "coils.hexagon.turns_per_layer")
+    low, high = feasible_range(work, replace(entry, high=60.0))
+    assert low == entry.low
+    assert entry.value < high < 60.0
+    with_entry(work, entry.key, text_of(high))
+    with pytest.raises(DesignError):
+        with_entry(work, entry.key, text_of(high + entry.step))
 
 
 def test_settings_name_a_state_and_coils_in_series_add_with_their_coupling(starter):

@@ -27,7 +27,7 @@ _STOPS = 24  # colours of a bar
 _KEPT = 3  # scenes whose arrays a page may still ask for
 _GLOSS = 0.16  # of solid copper
 _BEHIND = 2e-4  # by which a sunk surface lies behind, of the picture's depth
-_WIDE = 1.8  # width over height of a board that has its results below it
+_WIDE = 1.25  # width over height of a board that has its results below it
 _COILS = 255  # largest number of coils that a byte counts
 
 
