@@ -379,7 +379,7 @@ def steady_board(request, link):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.viz.studio import design, numbers, server
+    from coilarray.viz.studio import design, live, numbers, server
     from coilarray.viz.studio.server import serve
     from coilarray.viz.studio.services import LOOPBACK, Address, Services, bind
     from coilarray.viz.studio.work import Shelf, work_on
@@ -400,6 +400,7 @@ def main():
     server._UNUSED = server._HEARTBEAT = 3600.0  # s
     server._MOST_PAGES = given.pages
     numbers.circuit_of = browser.ideal_circuit
+    live.coarse_table = lambda design, _: browser.bells(load_design_file(design.name).document, design.name)
     design.make_design = browser.quick_new
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator", summary_of_circuit)

@@ -16,6 +16,7 @@ from support.browser import bells
 from coilarray import couple_design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
+from coilarray.compute.netcdf import save_dataset
 from coilarray.compute.table import Column, Table
 from coilarray.design import bundled
 from coilarray.design.fabs import load_profile
@@ -33,12 +34,13 @@ from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
 from coilarray.viz.scenes.design import bare_scene, off_middle
 from coilarray.viz.scenes.scene import Part, Scale, Scene
-from coilarray.viz.studio import metal, numbers, runs, structure
+from coilarray.viz.studio import metal, numbers, structure, studies
 from coilarray.viz.studio.design import choices_of
 from coilarray.viz.studio.live import delta_bars, drawing, location_marks, top_view, touched
 from coilarray.viz.studio.numbers import circuit_of, kept_settings, numbers_of, state_of, unit_fields
 from coilarray.viz.studio.runs import read_runs, run_folders, run_lines, run_of
 from coilarray.viz.studio.view import _legend, packed, plan_of
+from coilarray.viz.studio.words import preview, words
 from coilarray.viz.studio.work import MOST_COILS, Shelf, entries_of, feasible_range, number_of, text_of, work_on
 
 WOUND = "coils.hexagon.winding_layers"
@@ -190,8 +192,8 @@ def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
 @pytest.mark.parametrize(
     ("key", "values", "target", "name", "found"),
     [
-        ("k[a,b]", (-0.03, 0.04), 0.0, "|k[a,b]|", "None is better than the start, which has |k[a,b]| 0.03."),
-        ("q", (30.1, 30.4), 30.6, "|q − 30.6|", "The best has |q − 30.6| 0.2, the start 0.5."),
+        ("k[a,b]", (-0.03, 0.04), 0.0, "|k[a,b]|", "None is better than the start, with 0.03."),
+        ("q", (30.1, 30.4), 30.6, "|q − 30.6|", "Best quality factor less 30.6: 0.2; at the start 0.5."),
     ],
 )
 def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key, values, target, name, found):
@@ -205,8 +207,8 @@ def test_a_run_names_its_score_and_says_whether_it_has_found_a_better_board(key,
     assert run.objectives == (name,)
     assert run.values(name) == [abs(value - target) for value in values]
     lines = run_lines(run)
-    assert lines[:2] == ["3 points computed, 1 of them to refine the best; 2 keep all bounds", found]
-    assert lines[2].startswith(f"{key}: ")
+    assert lines[:2] == ["3 points computed, 1 of them to refine the best; 2 keep all limits", found]
+    assert lines[-1].startswith(f"{words(key)}: ")
 
 
 @pytest.mark.slow
@@ -235,7 +237,7 @@ def test_runs_are_read_as_they_were_written(searched):
 @pytest.mark.slow
 def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, monkeypatch):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
-    monkeypatch.setattr(runs, "_SENT_EVERY", 0.0)
+    monkeypatch.setattr(studies, "_SENT_EVERY", 0.0)
     told = []
 
     def link(*progress):
@@ -243,15 +245,15 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
 
     link.send = told.append
     axes = ["array.pitch_mm=12,-1,6", "array.columns=2,3"]
-    found = runs.sweep_entries(OPENED.document, "starter", axes, ["span_mm"], link)
+    found = studies.sweep_entries(OPENED.document, "starter", axes, ["span_mm"], link)
     assert [one for one in told if isinstance(one, tuple)][-1] == (6, 6)
-    head, rows = runs.sweep_rows(found)
-    assert head == ["array.pitch_mm", "array.columns", "span_mm", "fab_broken"]
+    head, rows = studies.sweep_rows(found)
+    assert head == ["pitch (mm)", "columns", "extent of the coils along x (mm)", "broken limits of the board house"]
     assert [row["point"] for row in rows] == [0, 1, None, None, 4, 5]  # no pitch is negative
     assert all(row["reason"] and row["cells"][2] == "–" for row in rows[2:4])
     assert [row["broken"] for row in rows] == [False, False, False, False, True, True]  # at 6 mm copper overlaps
     assert rows[4]["reason"] == "it breaks fabrication rules"
-    partial = [runs.sweep_rows(one)[1] for one in told if isinstance(one, runs.SweepResult)]
+    partial = [studies.sweep_rows(one)[1] for one in told if isinstance(one, studies.SweepResult)]
     assert [len(some) for some in partial] == [1, 2, 3, 4, 5, 6]
     work = work_on(OPENED, "starter")
     for row in (rows[0], rows[5]):
@@ -259,8 +261,55 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
         span = evaluate(taken.design, ["span_mm"])["span_mm"]
         assert float(row["cells"][2]) == pytest.approx(span, rel=1e-5)  # shown with six digits
     for entry in entries_of(OPENED):
-        axis = parse_axis(f"{entry.key}={runs.axis_text(entry)}")  # what is offered can be read
+        axis = parse_axis(studies._swept({"key": entry.key, **studies.axis_of(entry)}))  # what is offered can be read
         assert min(axis.values) <= entry.value <= max(axis.values)
+
+
+def test_a_sweep_that_was_kept_is_found_again(tmp_path):
+    found = studies.sweep_entries(
+        OPENED.document, "starter", ["array.pitch_mm=12,13", "array.columns=2,3"], ["span_mm"], lambda *_: None
+    )
+    save_dataset(found.values, tmp_path / "kept.nc")
+    again = studies.read_study(tmp_path / "kept.nc")
+    assert studies.points_of(again) == found.points
+    assert studies.sweep_rows(studies.SweepResult(found.points, again)) == studies.sweep_rows(found)
+    (tmp_path / "text.nc").write_text("no study", encoding="utf-8")
+    with pytest.raises(DesignError, match=r"text\.nc is no kept sweep or tolerance study"):
+        studies.read_study(tmp_path / "text.nc")
+
+
+def test_a_design_is_compared_with_its_limits_before_it_is_taken_over():
+    work = work_on(OPENED, "starter")
+    before, after = {"worst_k": 0.0257, "board_area_mm2": 1035.0}, {"worst_k": 0.0149, "board_area_mm2": 1310.0}
+    limits = {"board_area_mm2 <= 1300": 10.0}
+    shown = preview(work, {"array.pitch_mm": 13.5}, before, after, limits)
+    rows = {row["words"]: row for row in shown["rows"]}
+    assert (rows["board"]["before"], rows["board"]["after"]) == ("41.90 × 24.70 mm", "46.90 × 24.70 mm")
+    assert (rows["pitch"]["before"], rows["pitch"]["after"]) == ("11 mm", "13.5 mm")
+    assert rows["board area"]["limit"] == "board area at most 1300 mm²"
+    assert rows["board area"]["broken"]
+    assert rows["largest |k| of two coils"]["after"] == "0.0149 (−42.0 %)"
+    assert len(shown["plan"]["coils"]) == 3
+
+
+def test_a_search_says_which_limit_holds_it():
+    point = {
+        "objectives": [{"quantity": "k[coil1,coil2]", "direction": None, "target": 0.0}], "kind": "search",
+        "reason": "", "accuracy": "full", "start": False, "quantities": {},
+    }  # fmt: skip
+    points = [
+        {**point, "place": 1, "changes": {"array.pitch_mm": 12.0}, "scores": [0.02],
+         "violations": {"fab_margin_mm >= -0.001": -1.0}},
+        {**point, "place": 2, "changes": {"array.pitch_mm": 9.0}, "scores": [0.001],
+         "violations": {"fab_margin_mm >= -0.001": 2.0}},
+        {**point, "place": 3, "changes": {"array.pitch_mm": 4.0}, "scores": [], "violations": {},
+         "reason": "coils lie on each other"},
+    ]  # fmt: skip
+    text = " ".join(run_lines(run_of("mine", points)))
+    assert "tightest margin of the board house at least −0.001 mm holds it" in text
+    assert "reaches 0.001 with pitch 9 mm" in text
+    assert "copper layers of their own" in text
+    assert "1 point gave no board, most often: coils lie on each other" in text
 
 
 def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
@@ -272,9 +321,9 @@ def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
         "sample_yield": ("limit", [0.875]),
     }
     coords = {"output": ["worst_k", "span_mm"], "contributor": ["etch.L1", "etch.L2"], "limit": ["worst_k ≤ 0.1"]}
-    assert [row["cells"] for row in runs.tolerance_rows(xr.Dataset(two, coords))[1]] == [
-        ["worst_k", "−0.08", "7.11·10⁻⁵", "0.0123", "etch.L2 (75 %)"],
-        ["span_mm", "5", "0", "0", "no error"],
+    assert [row["cells"] for row in studies.tolerance_rows(xr.Dataset(two, coords))[1]] == [
+        ["largest |k| of two coils", "−0.08", "7.11·10⁻⁵", "0.0123", "etch.L2 (75 %)"],
+        ["extent of the coils along x (mm)", "5", "0", "0", "no error"],
         ["worst_k ≤ 0.1", "", "", "", "yield 87.5 %"],
     ]
 
@@ -490,7 +539,7 @@ def test_choices_of_a_new_design_are_read_from_their_texts():
     choices = choices_of(texts)
     assert (choices["layers"], choices["pitch"], choices["size"]) == (4, pytest.approx(20.5e-3), pytest.approx(16e-3))
     assert (choices["elastomer"], "connector" in choices) == (False, False)
-    for key, text, words in (
+    for key, text, line in (
         ("layers", "2.5", "must be a whole number; got 2.5"), ("layers", "two", "must be a number; got"),
         ("coils", "20x20", "must be at most 64"), ("size", "wide", "must be a width"),
     ):  # fmt: skip

@@ -327,7 +327,7 @@ def _is_text(coordinate: xr.DataArray) -> bool:
 
 
 def _label(array: xr.DataArray) -> str:
-    name = str(array.name)
+    name = str(array.attrs.get("long_name", array.name))
     if len(name) > _LONGEST:  # the options of a quantity on a line of their own
         name = name.replace("[", "\n[", 1)
     return f"{name} ({unit})" if (unit := _unit(array)) else name

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from typing import Any, NamedTuple, TypeGuard
@@ -19,6 +19,7 @@ import numpy.typing as npt
 import xarray as xr
 from matplotlib.ticker import MaxNLocator
 
+from coilarray.circuit.network import Network
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import number_text, true_minus
 from coilarray.design.model import Design
@@ -27,6 +28,7 @@ from coilarray.localize.forward import ForwardModel, forward_model, table_grid
 from coilarray.localize.inverse import Location, locate, location_lines
 from coilarray.localize.presses import Press, baseline_text
 from coilarray.response.dataset import on_board
+from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import indentation_of
 from coilarray.viz.datasets.results import uncertainty_ellipse
 from coilarray.viz.palette import INK, coil_colours
@@ -34,7 +36,7 @@ from coilarray.viz.scenes.board import VEILED, scene_of_dent
 from coilarray.viz.scenes.design import dent_of_design, off_middle
 from coilarray.viz.scenes.results import CONFIDENCE, colours_of_delta, scene_of_location
 from coilarray.viz.scenes.scene import Scene
-from coilarray.viz.studio.job import ZERO, Outcome
+from coilarray.viz.studio.job import ZERO, Outcome, Step
 from coilarray.viz.studio.services import BoardFrame, BoardRequest
 from coilarray.viz.studio.session import Panel, Session
 from coilarray.viz.studio.view import BoardParts, delta_by_coil
@@ -49,6 +51,7 @@ _BORDER = 0.02  # width of the rim over the width of the board
 _LETTER = 0.035  # largest height of letters over the width of the drawing
 _LETTER_OF_PITCH = 0.22  # and over the distance of neighbours, so that names of six letters do not overlap
 _NAME = 'text-anchor="middle" dominant-baseline="central" fill="#202020" stroke="#fff" paint-order="stroke"'
+_COARSE = 0.7  # distance of the places of a first map, in thicknesses of the sheets
 _SHOWN = 1e-5  # m, last digit of a place on the page, as a place at the edge may be rounded beyond it
 _LEAST = 0.5  # mm, radius of a drawn indenter
 
@@ -175,20 +178,24 @@ def touched(model: ForwardModel, x: float, y: float, depth: float) -> Touched:
 class TouchPanel(Panel):
     """Panel with the indenter on the board."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, network: Callable[[], Network | None]) -> None:
+        self._network = network  # of the current design, if it is known
         self._tables: dict[str, xr.Dataset] = {}  # responses by the digest of their design
+        self._coarse: set[str] = set()  # digests of designs with a first map only
         self._model: ForwardModel | None = None  # of the current design
         self._touched: Touched | None = None
         self._dent: tuple[Design, float, xr.Dataset] | None = None
         values = {
             "touch": drawing(session.work.design, {}), "bars": [], "located": [], "touch_note": "",
-            "touch_ready": False, "touch_work": "", "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
+            "touch_ready": False, "touch_coarse": False, "touch_work": "",
+            "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
             "can_touch": False, "pressing": False,
         }  # fmt: skip
         session.state.client_only("pressing")
         super().__init__(
-            session, values, "place_error", compute_table=self._compute, press=self._press, press_at=self._press_at
-        )
+            session, values, "place_error", compute_table=self._compute, press=self._press, press_at=self._press_at,
+            press_on=self._press_on,
+        )  # fmt: skip
 
     def show(self, design: Design, *, anew: bool) -> None:
         """Show a design's board, `anew` for other files or coils."""
@@ -199,12 +206,35 @@ class TouchPanel(Panel):
             self._take_table(table)
             return
         self._model = self._touched = None
-        state.touch_ready, state.touch, state.bars, state.located = False, drawing(design, {}), [], []
+        state.touch_ready = state.touch_coarse = False
+        state.touch, state.bars, state.located = drawing(design, {}), [], []
         note = "The design has changed: its response is to be computed anew." if self._tables and not anew else ""
         if design.indentation is None:
             note = "Nothing presses on this board: the design has no [indenter] and [indentation]. "
             note += "A sheet that Build lays on the board brings both."
         state.touch_note = note
+
+    def begin(self) -> None:
+        """Compute a coarse map at once for the open tab, and then the full map."""
+        session, network = self._session, self._network()
+        design = session.work.design
+        known = design.digest in self._tables or design.digest in self._coarse
+        if session.state.tab != "touch" or known or network is None or design.indentation is None:
+            return
+
+        def show(table: xr.Dataset) -> None:
+            if session.work.design.digest == design.digest and design.digest not in self._tables:
+                with self._state:
+                    self._take_table(table, coarse=True)
+                session.redraw()
+                self._compute()
+
+        def fail(problem: str) -> None:
+            session.say(problem, "touch_note")
+
+        self._coarse.add(design.digest)
+        self._state.touch_note = "A coarse map is computed first."
+        session.slow.ask([Step("touch", lambda: coarse_table(design, network), show, fail)])
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Scene of the touch or None, made in a thread."""
@@ -235,23 +265,30 @@ class TouchPanel(Panel):
             else:
                 note("The design has changed since: its response is to be computed anew.")
 
-        def note(text: str = "Cancelled.") -> None:
+        def note(text: str = "") -> None:
             self._state.touch_note = text
 
         document, text = session.work.opened.document, f"response of {design.name}"
         if session.start_bar("table", text, table_of, document, design.name, done=done, cancelled=note):
-            note("")
+            note()
 
-    def _take_table(self, table: xr.Dataset) -> None:
+    def _take_table(self, table: xr.Dataset, *, coarse: bool = False) -> None:
         setup = indentation_of(self._session.work.design)
+        before = None if self._touched is None else self._touched.place.tolist()
         self._model = forward_model(on_board(table))
-        self._state.touch_ready, self._state.touch_note = True, ""
-        self._put(*off_middle(setup), max(setup.depths))
+        self._state.touch_ready, self._state.touch_coarse, self._state.touch_note = True, coarse, ""
+        self._put(*(before or (*off_middle(setup), max(setup.depths))))
 
     def _press(self, across: float, down: float) -> None:
         if self._touched is not None:
             x, y = top_view(self._session.work.design).place(across, down)
             self._put(x, y, float(self._touched.place[2]))
+            self._session.redraw()
+
+    def _press_on(self, x_mm: float, y_mm: float) -> None:
+        """Press at a place of the picture."""
+        if self._touched is not None:
+            self._put(x_mm * 1e-3, y_mm * 1e-3, float(self._touched.place[2]))
             self._session.redraw()
 
     def _press_at(self, x: str, y: str, depth: str) -> None:
@@ -285,6 +322,14 @@ class TouchPanel(Panel):
         state.located = location_lines(touch.location)
         state.place_error = ""
         state.place = {name: place_text(value) for name, value in zip(("x", "y", "depth"), (x, y, depth), strict=True)}
+
+
+def coarse_table(design: Design, network: Network) -> xr.Dataset:
+    """Response at few depths and places, with a circuit that is already solved."""
+    spacing = _COARSE * sum(sheet.thickness for sheet in design.sheets)
+    depths, x, y = table_grid(design, spacing=spacing)
+    solved = Imperfections(network=network)
+    return response_map(design, depths=depths[[len(depths) // 2 - 1, -1]], x=x, y=y, imperfections=solved)
 
 
 def touch_work(design: Design) -> str:

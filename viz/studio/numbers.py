@@ -409,6 +409,8 @@ def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
 
 SETTINGS = ("measure", "ground", "open")
 """Connections of a coil."""
+FIELDS = ("as switched", "of the measured coils alone", "what the neighbours add")
+"""Fields that the tab of the field shows."""
 SPACING = 1e-3
 """Distance in m of the points on the field's plane."""
 
@@ -444,14 +446,15 @@ def state_of(settings: Mapping[str, str]) -> ScanState:
     return ScanState(name, measured, others="ground", exceptions=dict.fromkeys(opened, "open"))
 
 
-def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
-    """B of every coil on a plane of limited points."""
+def unit_fields(design: Design, spacing: float = SPACING, height: float | None = None) -> UnitFields:
+    """B of every coil on a plane of limited points, at the `height` in m or that of the design."""
     x, y, z = field_planes(design, design.array.middle_coil, spacing)[0]
+    level = z.low if height is None else height
     conductors = design.conductors()
     require_memory(x.count * y.count * len(conductors), f"a spacing of {spacing * 1e3:g} mm")
-    points = grid_points(x.points, y.points, z.low)
+    points = grid_points(x.points, y.points, level)
     fields = np.stack([magnetic_field([conductor], points) for conductor in conductors])
-    return UnitFields(x.points, y.points, z.low, fields)
+    return UnitFields(x.points, y.points, level, fields)
 
 
 def reading_table(result: Resonance) -> Table:
@@ -470,14 +473,21 @@ class SwitchesPanel(Panel):
     def __init__(self, session: Session, numbers: NumbersPanel) -> None:
         self._numbers = numbers
         self._result: Resonance | None = None
-        self._fields: tuple[Design, UnitFields] | None = None
-        values = {"settings": {}, "switched": "", "currents": [], "switch_problem": ""}
+        self._fields: tuple[Design, float, UnitFields] | None = None
+        values = {
+            "settings": {}, "switched": "", "currents": [], "switch_problem": "", "fields_of": list(FIELDS),
+            "field_of": FIELDS[0], "field_height": 0.0, "field_heights": [0.0, 0.0],
+        }  # fmt: skip
         super().__init__(session, values, switch=self._switch)
 
     def show(self, design: Design, *, anew: bool) -> None:
         """Show another design, `anew` for another file."""
-        self._state.settings = kept_settings(design, {} if anew else self._state.settings)
+        state = self._state
+        state.settings = kept_settings(design, {} if anew else state.settings)
         self._result = None
+        if anew or not state.field_height:
+            height = round(field_planes(design, design.array.middle_coil, SPACING)[0][2].low * 1e3, 2)
+            state.field_height, state.field_heights = height, [0.2, max(10.0, 2 * height)]
 
     def solve(self) -> None:
         """Solve the state with the current circuit."""
@@ -492,7 +502,7 @@ class SwitchesPanel(Panel):
         rows = []
         for name, current in zip(self._state.settings, found.currents.tolist(), strict=True):
             angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0
-            rows.append({"name": name, "amount": f"{abs(current):.4f}", "phase": true_minus(f"{angle:+.0f}°")})
+            rows.append({"name": name, "amount": f"{abs(current) * 1e3:.1f}", "phase": true_minus(f"{angle:+.0f}°")})
         with self._state as state:
             state.switched, state.switch_problem, state.currents = reading_table(found).html(), "", rows
 
@@ -510,13 +520,18 @@ class SwitchesPanel(Panel):
         scene = board.coloured(colours_of_currents(result.currents, names.index(result.state.measured[0][0])))
         if design.plates:  # beside which the fields differ at every frequency
             return scene + Scene(notes=("B beside plates is shown by coilarray view --show board,field.",))
-        if self._fields is None or self._fields[0] is not design:
-            self._fields = design, unit_fields(design)
-        fields = self._fields[1]
-        plane = fields.plane(result.currents.real * 1e-3)
+        height, shown = float(self._state.field_height) * 1e-3, str(self._state.field_of)
+        if self._fields is None or self._fields[0] is not design or self._fields[1] != height:
+            self._fields = design, height, unit_fields(design, height=height)
+        fields, alone = self._fields[2], np.zeros(len(names))
+        for name, sign in result.state.measured:
+            alone[names.index(name)] = sign
+        weights = {FIELDS[0]: (1.0, 0.0), FIELDS[1]: (0.0, 1.0), FIELDS[2]: (1.0, -1.0)}
+        switched, without = weights.get(shown, weights[FIELDS[0]])
+        plane = fields.plane((switched * result.currents.real + without * alone) * 1e-3)
         if np.asarray(plane.point_data[AMOUNT]).max(initial=0.0) > 0:
             scene += scene_of_slices([plane], scale_of_field([plane]))
-        note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; 1 mA."
+        note = f"B in phase, {shown}, {fields.height * 1e3:.3g} mm above the board, without elastomer; 1 mA."
         return scene + Scene(notes=(note,))
 
     def _switch(self, name: str, setting: str) -> None:

@@ -1,43 +1,43 @@
-"""Tab of runs: searches, sweeps and tolerance studies."""
+"""Tab of runs: searches for better designs."""
 
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-import xarray as xr
-from typing_extensions import TypedDict
-
-from coilarray.compute.display_units import DisplayUnit, value_text
-from coilarray.compute.netcdf import save_dataset
-from coilarray.compute.store import open_store
+from coilarray.compute.display_units import value_text
 from coilarray.compute.threads import Progress
-from coilarray.design.keys import entry_unit
-from coilarray.design.model import Design, build_design_file
+from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.errors import CoilarrayError, DesignError
-from coilarray.studies.optimize.derive import NAMES, unfit_goals
+from coilarray.studies.optimize.derive import NAMES, adjusted, derive_goal, unfit_goals
 from coilarray.studies.optimize.goal import Trial, unbeaten
 from coilarray.studies.optimize.run import FILE, read_studies
-from coilarray.studies.quantities import QUANTITIES
-from coilarray.studies.sweep import RULES, parse_axis, plan_sweep, run_sweep
-from coilarray.studies.tolerance import analyse, load_tolerances
-from coilarray.studies.tolerance.analysis import default_quantities
-from coilarray.viz.studio.job import Link, Step
+from coilarray.studies.quantities import QUANTITIES, evaluate
+from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session, image_of
-from coilarray.viz.studio.work import Entry, Work, entries_of, number_of, text_of
+from coilarray.viz.studio.words import (
+    MOST_SHOWN,
+    NO_PREVIEW,
+    axis_label,
+    limit_words,
+    preview,
+    quantity_of,
+    unit_of,
+    with_unit,
+    words,
+)
+from coilarray.viz.studio.work import number_of, text_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_MOST_SHOWN = 200  # rows of a table
 _EVERY = 3.0  # s between two looks for new points
 _REST = 0.3  # s without a change before goals are offered
 _MOST_TRIALS = 10_000
@@ -55,6 +55,7 @@ class Run:
     tried: int  # number of all points
     refined: int = 0  # number of points that the local solver tried about the best point
     start: int | None = None  # index of the possible board at the start
+    refused: tuple[str, ...] = ()  # reasons of the points without a board
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -82,48 +83,53 @@ class Run:
         return tuple(k for k in unbeaten(scores, signs) if k != self.start)
 
 
-def axis_label(name: str) -> str:
-    """Label with unit of a quantity, distance or entry.
-
-    >>> axis_label("array.pitch_mm"), axis_label("worst_k"), axis_label("|effective_inductance_uH[coil2] − 18|")
-    ('array.pitch_mm (mm)', 'worst_k', '|effective_inductance_uH[coil2] − 18| (µH)')
-    """
-    bare = _quantity(name)
-    known = QUANTITIES.get(bare.partition("[")[0])
-    unit = known.unit if known is not None else entry_unit(bare.rpartition(".")[2])
-    return name if unit == "1" else f"{name} ({unit})"
-
-
 def run_lines(run: Run) -> list[str]:
     """Describe a run in words."""
     kept = sum(point.feasible for point in run.points)
     points = f"{run.tried} point{'' if run.tried == 1 else 's'} computed"
     refined = f", {run.refined} of them to refine the best" if run.refined else ""
-    lines = [f"{points}{refined}; {kept} keep{'s' if kept == 1 else ''} all bounds"]
+    lines = [f"{points}{refined}; {kept} keep{'s' if kept == 1 else ''} all limits"]
     start = None if run.start is None else run.points[run.start]
     if len(run.objectives) > 1:
         lines.append(f"{len(run.front)} on the front." if run.front else "None is better than the start.")
     else:
         name = run.objectives[0]
         of_start = "" if start is None else f" {value_text(start.scores[0])}"
-        broken = "" if start is None or start.feasible else ", which breaks a bound"
+        broken = "" if start is None or start.feasible else ", which breaks a limit"
         if run.front:
             best = value_text(run.points[run.front[0]].scores[0])
-            lines.append(f"The best has {name} {best}" + (f", the start{of_start}{broken}." if of_start else "."))
+            lines.append(f"Best {words(name)}: {best}" + (f"; at the start{of_start}{broken}." if of_start else "."))
         elif kept:
-            lines.append("None is better than the start" + (f", which has {name}{of_start}." if of_start else "."))
+            lines.append("None is better than the start" + (f", with{of_start}." if of_start else "."))
         elif run.points:
-            lines.append("None keeps all bounds.")
+            lines.append("None keeps all limits.")
+        lines += held_lines(run)
     for name in run.objectives:
-        quantity = _quantity(name)
-        base = quantity.partition("[")[0]
+        base = quantity_of(name).partition("[")[0]
         if base in QUANTITIES:
-            lines.append(f"{quantity}: {QUANTITIES[base].says}.")
+            lines.append(f"{words(quantity_of(name))}: {QUANTITIES[base].says}.")
     return lines
 
 
-def _quantity(name: str) -> str:
-    return name.strip("|").partition(" − ")[0]
+def held_lines(run: Run) -> list[str]:
+    """Say which limits hold a search back, and what would free it."""
+    sign = -1 if run.maximized[0] else 1
+    kept = [sign * point.scores[0] for point in run.points if point.feasible]
+    better = [one for one in run.points if not one.feasible and (not kept or sign * one.scores[0] < min(kept))]
+    lines = []
+    if better:
+        nearest = min(better, key=lambda point: sign * point.scores[0])
+        held = [limit_words(limit) for limit, broken in nearest.violations.items() if broken > 0]
+        lines.append(
+            f"{' and '.join(held)} holds it: without this limit {words(run.objectives[0])} reaches "
+            f"{value_text(nearest.scores[0])} with {_list(nearest.changes)}."
+        )
+        if any(limit.startswith("fab_margin_mm") for limit, broken in nearest.violations.items() if broken > 0):
+            lines.append("What would free it: copper layers of their own for neighbours, or vias over fewer layers.")
+    if run.refused and (better or not kept or run.objectives[0].startswith("|k[")):
+        reason, count = Counter(run.refused).most_common(1)[0]
+        lines.append(f"{count} point{'' if count == 1 else 's'} gave no board, most often: {reason}")
+    return lines
 
 
 def run_folders(folder: Path) -> list[str]:
@@ -151,21 +157,44 @@ def run_of(name: str, points: Sequence[Mapping[str, Any]]) -> Run:
     trials = [Trial(**{one.name: point[one.name] for one in fields(Trial)}) for point in possible]
     start = next((k for k, point in enumerate(possible) if point["start"]), None)
     refined = sum(point["kind"] == "polish" for point in points)
-    return Run(name, tuple(names), tuple(maximized), tuple(trials), len(points), refined, start)
+    refused = tuple(point["reason"] for point in points if point["reason"])
+    return Run(name, tuple(names), tuple(maximized), tuple(trials), len(points), refined, start, refused)
 
 
-def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
+def limits_of(file: DesignFile, goal: str) -> list[dict[str, str]]:
+    """Limits of a named goal, each with the present value."""
+    found = derive_goal([goal], file).goal.constraints
+    now = evaluate(file.design, [one.quantity for one in found])
+    rows = []
+    for one in found:
+        for side, value in (("at_least", one.at_least), ("at_most", one.at_most)):
+            if value is not None:
+                rows.append({
+                    "quantity": one.quantity, "words": words(one.quantity), "side": side, "value": text_of(value),
+                    "unit": unit_of(one.quantity), "now": with_unit(one.quantity, now[one.quantity]),
+                })  # fmt: skip
+    return rows
+
+
+def search_goal(
+    document: Document,
+    name: str,
+    goal: str,
+    trials: int,
+    limits: Sequence[Mapping[str, Any]],
+    folder: Path,
+    progress: Progress,
+) -> str:
     """Search as ``coilarray optimize`` does, into a folder."""
-    from coilarray.studies.optimize.derive import derive_goal
     from coilarray.studies.optimize.run import optimize_design, write_optimization
 
     file = build_design_file(document, name)
-    wanted = derive_goal([goal], file).goal
+    wanted = adjusted(derive_goal([goal], file), (), limits).goal
     wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
     found = optimize_design(file, wanted, folder, progress=lambda done, total, _: progress(done, total))
     write_optimization(found, folder)
     better = len(found.front)
-    return f"{goal}: {better or 'no'} better design{'' if better == 1 else 's'} than this one"
+    return f"{NAMES[goal]}: {better or 'no'} better design{'' if better == 1 else 's'} than this one"
 
 
 class RunsPanel(Panel):
@@ -182,10 +211,11 @@ class RunsPanel(Panel):
             "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
             "run_y": "", "run_picture": "", "run_lines": [], "run_of": "", "run_front": [], "run_scores": [],
             "runs_problem": "", "run_goals": _offered({}), "run_goal": next(iter(NAMES)), "run_trials": "40",
+            "run_limits": [], "preview": NO_PREVIEW,
         }  # fmt: skip
         super().__init__(
-            session, values, "runs_problem", read_runs=self._read, show_run=self._show, take_point=self._take,
-            start_run=self._start,
+            session, values, "runs_problem", read_runs=self._read, show_run=self._show, preview_point=self._preview,
+            take_point=self._take, start_run=self._start,
         )  # fmt: skip
 
     def offer(self) -> None:
@@ -205,16 +235,33 @@ class RunsPanel(Panel):
 
         if work.design.digest != self._offered:
             session.scenes.ask([Step("goals", lambda: unfit_goals(work.opened), show, session.say, rest=_REST)])
+            self.limit()
+
+    def limit(self) -> None:
+        """Offer the limits of the chosen goal."""
+        session, work, goal = self._session, self._session.work, str(self._session.state.run_goal)
+        if session.state.tab != "runs" or goal not in NAMES:
+            return
+
+        def show(limits: list[dict[str, str]]) -> None:
+            if session.is_current(work.design) and session.state.run_goal == goal:
+                with session.state as state:
+                    state.run_limits = limits
+
+        session.state.run_limits = []
+        step = Step("limits", lambda: limits_of(work.opened, goal), show, lambda _: None, rest=_REST)
+        session.slow.ask([step])
 
     def show(self, design: Design) -> None:
         """Mark shown runs that belong to another design."""
         state = self._session.state
+        state.preview = NO_PREVIEW
         of = str(state.run_name).rpartition("-")[0]
         digest = design.digest if self._folder is None else self._started.get(self._folder, design.digest)
         changed = " – of the design before it was changed" if digest != design.digest else ""
         state.run_of = changed if of in ("", design.name) else " – of another design"
 
-    def _start(self, goal: str, trials: str) -> None:
+    def _start(self, goal: str, trials: str, limits: list[dict[str, str]]) -> None:
         """Begin or continue a search, and show its points."""
         session, design = self._session, self._session.work.design
         folder = session.setup.shelf.folder / f"{design.name}-{goal}"
@@ -227,9 +274,12 @@ class RunsPanel(Panel):
             self.offer()
             session.begin(self._read, folder.name)
 
-        item = (session.work.opened.document, design.name, goal, count, folder)
-        stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
-        if session.start_bar("search", f"{goal} of {design.name}", search_goal, *item, done=ended, cancelled=stopped):
+        bounds = [{"quantity": one["quantity"], one["side"]: number_of(one["words"], one["value"])} for one in limits]
+        item = (session.work.opened.document, design.name, goal, count, bounds, folder)
+        stopped = partial(ended, f"{NAMES[goal]}: stopped; the points are kept, and Start goes on from them")
+        if session.start_bar(
+            "search", f"{NAMES[goal]}: {design.name}", search_goal, *item, done=ended, cancelled=stopped
+        ):
             self._state.runs_problem = ""
             self._started[folder] = design.digest
             self._follow(folder)
@@ -284,34 +334,49 @@ class RunsPanel(Panel):
         first, second = x if x in axes else usual[0], y if y in axes else usual[-1]
         picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
         with self._state as state:
-            state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
-            state.run_picture, state.run_lines, state.run_scores = picture, run_lines(run), list(run.objectives)
+            state.run_name, state.run_x, state.run_y = run.name, first, second
+            state.run_axes = [{"value": one, "title": axis_label(one)} for one in axes]
+            state.run_picture, state.run_lines = picture, run_lines(run)
+            state.run_scores = [axis_label(one) for one in run.objectives]
             state.run_front = [
                 {
                     "name": point.name, "scores": [value_text(score) for score in point.scores],
                     "entries": _list(point.changes), "quantities": _list(point.quantities),
                 }
-                for point in (run.points[k] for k in run.front[:_MOST_SHOWN])
+                for point in (run.points[k] for k in run.front[:MOST_SHOWN])
             ]  # fmt: skip
             self.show(self._session.work.design)
 
+    def _point(self, name: str) -> tuple[Run, Trial] | None:
+        runs = (run for run in self._runs if run.name == self._state.run_name)
+        return next(((run, point) for run in runs for point in run.points if point.name == name), None)
+
+    async def _preview(self, name: str) -> None:
+        """Show a run's point beside the design, before it is taken over."""
+        if (found := self._point(name)) is not None:
+            run, point = found
+            before = {} if run.start is None else run.points[run.start].quantities
+            item = self._session.work, point.changes, before, point.quantities, point.violations
+            shown = await asyncio.to_thread(preview, *item)
+            with self._state as state:
+                state.preview = {**NO_PREVIEW, **shown, "name": name, "trigger": "take_point", "point": name}
+
     def _take(self, name: str) -> None:
         """Set the design's entries to a run's point."""
-        points = (point for run in self._runs if run.name == self._state.run_name for point in run.points)
-        if (point := next((one for one in points if one.name == name), None)) is not None:
-            entries = point.changes
+        if (found := self._point(name)) is not None:
+            entries = found[1].changes
             self._session.change(lambda work: work.document_with(entries), "runs_problem")
 
 
 def _list(values: Mapping[str, object]) -> str:
-    return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())
+    return ", ".join(f"{words(key)} {with_unit(key, value)}" for key, value in values.items())
 
 
 def _offered(unfit: Mapping[str, str]) -> list[dict[str, Any]]:
-    items = {name: {"subtitle": says, "disabled": False, "lines": "two"} for name, says in NAMES.items()}
+    items = {name: {"subtitle": "", "disabled": False, "lines": "one"} for name in NAMES}
     for name, why in unfit.items():
         items[name] = items.pop(name) | {"subtitle": why, "disabled": True, "lines": "three"}
-    return [{"value": name, "title": name, "props": props} for name, props in items.items()]
+    return [{"value": name, "title": NAMES[name], "props": props} for name, props in items.items()]
 
 
 def _stamp(folder: Path) -> int:
@@ -331,229 +396,3 @@ def _picture(run: Run, x: str, y: str) -> str:
         start=None if run.start is None else values[run.start], stairs=stairs, ax=new_axes(*_SIZE),
     )  # fmt: skip
     return image_of(cast("Figure", axes.figure))
-
-
-_SENT_EVERY = 1.0  # s between two results of a running sweep
-_STEPS = 5  # number of offered values
-_NEAR = 0.2  # range of the offered values to both sides, over the present value
-_THREE = DisplayUnit(digits=3, significant=True)
-
-
-class Axis(TypedDict):
-    """Axis of a sweep as on the page."""
-
-    number: int
-    key: str | None
-    values: str
-
-
-PLAIN = tuple(name for name, quantity in QUANTITIES.items() if not any(one.required for one in quantity.options))
-"""Names of the quantities that need no options."""
-
-
-@dataclass(frozen=True, eq=False)
-class SweepResult:
-    """Points of a sweep with their known values."""
-
-    points: tuple[Mapping[str, Any], ...]  # entries that are changed, as for `coilarray.design.vary.vary`
-    values: xr.Dataset  # of `coilarray.sweep`
-
-
-def sweep_entries(
-    document: Document, name: str, axes: Sequence[str], quantities: Sequence[str], link: Link
-) -> SweepResult:
-    """Sweep as ``coilarray sweep`` does, with the same store."""
-    file = build_design_file(document, name)
-    wanted = quantities or default_quantities(file.design)[:1]
-    plan = plan_sweep(file, [parse_axis(text) for text in axes], wanted)
-    sent = time.monotonic()
-
-    def watch(so_far: Callable[[], xr.Dataset]) -> None:
-        nonlocal sent
-        if time.monotonic() - sent > _SENT_EVERY:
-            link.send(SweepResult(plan.points, so_far()))
-            sent = time.monotonic()
-
-    found = run_sweep(plan, 1, open_store(None), progress=link, watch=watch)
-    return SweepResult(plan.points, found)
-
-
-def spread_boards(
-    document: Document, name: str, tolerances: Path | None, quantities: Sequence[str], samples: int, progress: Progress
-) -> xr.Dataset:
-    """Analyse tolerances as ``coilarray tolerance`` does."""
-    file = build_design_file(document, name)
-    settings: dict[str, Any] = {"quantities": quantities, "samples": samples, "cache": open_store(None)}
-    return analyse(file, load_tolerances(tolerances), **settings, progress=progress)
-
-
-def axis_text(entry: Entry) -> str:
-    """Values near an entry's, as ``coilarray sweep --vary`` reads them.
-
-    >>> axis_text(Entry("array.pitch_mm", "pitch", "", "mm", "Array", 13.0, 6.5, 26.0, 0.1))
-    '10.4:15.6:5'
-    """
-    if entry.step == 1.0:  # whole number
-        low, high = max(entry.low, entry.value - 2), min(entry.high, entry.value + 2)
-        return ",".join(text_of(value) for value in np.arange(low, high + 1))
-    width = _NEAR * (abs(entry.value) or entry.high)
-    low, high = max(entry.low, entry.value - width), entry.value + width
-    return f"{low:.4g}:{high:.4g}:{_STEPS}"
-
-
-def sweep_rows(result: SweepResult) -> tuple[list[str], list[dict[str, Any]]]:
-    """Head and rows of a table of a sweep.
-
-    A row has `cells`, the `point` whose entries can be used, the `reason` why it has no values or
-    no board, and whether it has `broken` fabrication rules.
-    """
-    keys = [str(name) for name in result.values.data_vars if name != "reason"]
-    columns = [result.values[key].values.ravel().tolist() for key in keys]
-    broken = (result.values[RULES] > 0).values.ravel().tolist()
-    rows = []
-    for k, reason in enumerate(result.values.reason.values.ravel().tolist()):
-        found = [column[k] for column in columns]
-        if reason or not np.isnan(found).all():
-            values = (*result.points[k].values(), *(None if np.isnan(one) else one for one in found))
-            why = reason or ("it breaks fabrication rules" if broken[k] else "")
-            cells, point = list(map(value_text, values)), None if reason else k
-            rows.append({"cells": cells, "point": point, "reason": why, "broken": broken[k]})
-    return [*result.points[0], *keys], rows
-
-
-def tolerance_rows(result: xr.Dataset) -> tuple[list[str], list[dict[str, Any]]]:
-    """Head and rows of a table of a tolerance study."""
-    sampled = "sample_deviation" in result
-    rows = []
-    for k, name in enumerate(result.output.values.tolist()):
-        one = result.isel(output=k)
-        first = int(np.argmax(one.share.values))
-        share = float(one.share[first])
-        of = f"{one.contributor.values[first]} ({100 * share:.0f} %)" if share > 0 else "no error"
-        (linear,) = _THREE.texts([float(one.linear_deviation)])
-        (drawn,) = _THREE.texts([float(one.sample_deviation)]) if sampled else ["–"]
-        rows.append([name, value_text(float(one.nominal)), linear, drawn, of])
-    if "limit" in result.dims:
-        shares = result.sample_yield if "sample_yield" in result else result.linear_yield
-        for text, share in zip(result.limit.values.tolist(), shares.values.tolist(), strict=True):
-            rows.append([text, "", "", "", f"yield {100 * share:.1f} %"])
-    return ["output", "nominal", "σ, linear", "σ, drawn", "most by"], [
-        {"cells": cells, "point": None} for cells in rows
-    ]
-
-
-_KINDS = ("optimise", "sweep", "tolerance")
-_TYPICAL = "typical values of board houses"
-_MOST_BOARDS = 4096
-_NONE: Mapping[str, Any] = {"kind": "", "line": "", "picture": "", "head": [], "rows": [], "ended": False}
-_NO_AXIS: Mapping[str, Any] = {"key": None, "values": ""}
-
-
-class StudiesPanel(Panel):
-    """Panel with the last sweep or tolerance study."""
-
-    def __init__(self, session: Session) -> None:
-        self._of: Design | None = None
-        self._found: SweepResult | xr.Dataset | None = None
-        values = {
-            "run_kinds": list(_KINDS), "run_kind": _KINDS[0], "sweep_keys": [], "sweep_axes": [],
-            "tolerance_files": [_TYPICAL], "tolerance_file": _TYPICAL, "tolerance_boards": "64",
-            "study_known": list(PLAIN), "study_quantities": [], "study_problem": "", "study": _NONE, "study_old": False,
-            "large": "",
-            "study_default": {
-                "sweep": "quantities; the worst k or L if none", "tolerance": "quantities; L and k of all if none",
-            },
-        }  # fmt: skip
-        super().__init__(
-            session, values, "study_problem", choose_axis=self._choose, start_study=self._start, keep_study=self._keep,
-            take_sweep_point=self._take,
-        )  # fmt: skip
-
-    def show(self, work: Work, *, anew: bool) -> None:
-        """Offer a design's entries, `anew` for other files or coils."""
-        state = self._state
-        state.study_old = self._of is not None and self._of.digest != work.design.digest
-        if anew or not state.sweep_axes:
-            entries = entries_of(work.opened)
-            state.sweep_keys = [entry.key for entry in entries]
-            state.sweep_axes = [{"number": number, **_NO_AXIS} for number in (0, 1)]
-            first = next((one.key for one in entries if one.key == "array.pitch_mm"), entries[0].key)
-            self._choose(0, first)
-            files = [name for name in self._session.setup.shelf.names() if name.endswith(".toml")]
-            state.tolerance_files = [_TYPICAL, *files]
-
-    def _choose(self, number: int, key: str | None) -> None:
-        """Offer values near the present value of an entry."""
-        entry = next((one for one in entries_of(self._session.work.opened) if one.key == key), None)
-        chosen = _NO_AXIS if entry is None else {"key": entry.key, "values": axis_text(entry)}
-        axes = self._state.sweep_axes
-        self._state.sweep_axes = [{**axis, **chosen} if axis["number"] == number else axis for axis in axes]
-
-    def _start(self, kind: str, axes: list[Axis], quantities: list[str], file: str, boards: str) -> None:
-        """Begin a study."""
-        session, state, work = self._session, self._state, self._session.work
-        item: list[Any] = [work.opened.document, work.design.name]
-        task: Any = sweep_entries
-        if kind == "sweep":
-            item += [[f"{axis['key']}={axis['values']}" for axis in axes if axis["key"]], quantities]
-        else:
-            task, count = spread_boards, round(number_of("boards", boards))
-            if not 0 <= count <= _MOST_BOARDS:
-                raise DesignError(f"boards must be 0 to {_MOST_BOARDS}; got {boards}.")
-            item += [None if file == _TYPICAL else session.setup.shelf.path(file), quantities, count]
-
-        def show(found: SweepResult | xr.Dataset, ended: bool = True) -> None:
-            self._of, self._found = work.design, found
-            session.begin(self._draw, work.design, kind, found, ended)
-
-        def cancelled() -> None:
-            state.file_note = f"{kind}: stopped; what is computed is kept, and Start goes on from it"
-
-        name, watch = f"{kind} of {work.design.name}", partial(show, ended=False)
-        if session.start_bar("study", name, task, *item, done=show, cancelled=cancelled, watch=watch):
-            state.study_problem, state.study = "", _NONE
-            self._of, self._found = None, None
-
-    async def _draw(self, design: Design, kind: str, found: SweepResult | xr.Dataset, ended: bool) -> None:
-        """Show a result, unless there is a later result."""
-        picture, problem = await asyncio.to_thread(_picture_of_study, found)
-        if found is not self._found:
-            return
-        if isinstance(found, SweepResult):
-            head, rows = sweep_rows(found)
-            line = f"{design.name}: {len(rows)} of {len(found.points)} points"
-        else:
-            head, rows = tolerance_rows(found)
-            drawn = found.sizes.get("sample", 0)
-            line = f"{design.name}: {drawn} boards drawn, {found.attrs['boards'] - drawn} for the linear part"
-        shown = {"kind": kind, "line": line, "picture": picture, "head": head, "ended": ended}
-        with self._state as state:
-            state.study = {**shown, "rows": rows[:_MOST_SHOWN]}
-            state.study_problem = problem or state.study_problem
-            state.study_old = design.digest != self._session.work.design.digest
-
-    def _take(self, point: int) -> None:
-        """Set the design's entries to a point of the sweep."""
-        found = self._found
-        if isinstance(found, SweepResult) and 0 <= point < len(found.points):
-            entries = found.points[point]
-            self._session.change(lambda work: work.document_with(entries), "study_problem")
-
-    def _keep(self) -> None:
-        session, found = self._session, self._found
-        if found is None or self._of is None:
-            return
-        kind, values = ("sweep", found.values) if isinstance(found, SweepResult) else ("tolerance", found)
-        path = session.may_write(f"{self._of.name}-{kind}.nc")
-        if path is not None:
-            save_dataset(values, path)
-            session.wrote(path, f"wrote {path}")
-
-
-def _picture_of_study(found: SweepResult | xr.Dataset) -> tuple[str, str]:
-    from coilarray.viz.plots.studies import sweep_figure, tolerance_figure
-
-    try:
-        return image_of(sweep_figure(found.values) if isinstance(found, SweepResult) else tolerance_figure(found)), ""
-    except ValueError as error:  # more panels than a figure has
-        return "", str(error)

@@ -28,12 +28,13 @@ from trame_client.module import vue3
 from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.offscreen import switched_off
 from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
-from coilarray.viz.studio.live import LivePanel, TouchPanel
+from coilarray.viz.studio.live import LivePanel, TouchPanel, drawing
 from coilarray.viz.studio.metal import MetalPanel
 from coilarray.viz.studio.numbers import NumbersPanel, SwitchesPanel
-from coilarray.viz.studio.runs import RunsPanel, StudiesPanel
+from coilarray.viz.studio.runs import RunsPanel
 from coilarray.viz.studio.services import Address, Services
 from coilarray.viz.studio.session import Session, Setup, template
+from coilarray.viz.studio.studies import StudiesPanel
 from coilarray.viz.studio.view import ScenePanel
 from coilarray.viz.studio.work import Shelf, Work
 
@@ -78,7 +79,7 @@ class Page(Session):
         self.numbers = NumbersPanel(self, self._circuit_solved)
         self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self, self.numbers)
-        self.touch = TouchPanel(self)
+        self.touch = TouchPanel(self, lambda: self.numbers.circuit and self.numbers.circuit.network)
         self.metal = MetalPanel(self, lambda: self.numbers.circuit and self.numbers.circuit.coupling)
         self.live = LivePanel(self)
         tabs = {"switches": self.switches.scene, "touch": self.touch.scene, "live": self.live.scene}
@@ -92,6 +93,7 @@ class Page(Session):
         self.state.tab = "live" if setup.services.alone else "numbers"
         for names, function in (
             (("tab", "scene_sheets", "show_eddies"), self.redraw), (("tab",), self.runs.offer),
+            (("tab",), self.touch.begin), (("run_goal",), self.runs.limit), (("field_of", "field_height"), self.redraw),
             (("matrix_of",), self.numbers.draw),
             (("live_span", "live_paused"), self.live.draw),
         ):  # fmt: skip
@@ -172,6 +174,7 @@ class Page(Session):
             self.switches.fail(problem)
             return
         self.switches.solve()
+        self.touch.begin()
         if self.state.tab == "switches" or self.state.show_eddies:
             self.redraw()
 
@@ -317,7 +320,11 @@ class _Studio:
         text = (_CLIENT / "index.html").read_text(encoding="utf-8")
         text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
         own = "".join(template(name) for name in ("tab", "gone", "keys", "look", "viewer"))
-        return web.Response(text=text.replace("<head>", f"<head>{own}", 1), content_type="text/html")
+        view = drawing(self._work.design, {})  # is there before the page
+        first = f'<svg viewBox="{view["box"]}" style="width: min(90vw, 900px)">{view["svg"]}</svg>'
+        first = f'<div id="first" style="position: fixed; inset: 0; display: grid; place-content: center">{first}</div>'
+        text = text.replace("<head>", f"<head>{own}", 1).replace("<body>", f"<body>{first}", 1)
+        return web.Response(text=text, content_type="text/html")
 
     async def _open(self, request: web.Request) -> web.Response:
         """Begin a session with its tab's last design."""
