@@ -543,7 +543,7 @@ def test_choices_of_a_new_design_are_read_from_their_texts():
         ("layers", "2.5", "must be a whole number; got 2.5"), ("layers", "two", "must be a number; got"),
         ("coils", "20x20", "must be at most 64"), ("size", "wide", "must be a width"),
     ):  # fmt: skip
-        with pytest.raises(DesignError, match=f"{key} {words}"):
+        with pytest.raises(DesignError, match=f"{key} {line}"):
             choices_of({**texts, key: text})
 
 
