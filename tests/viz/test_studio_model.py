@@ -31,7 +31,7 @@ from coilarray.localize.inverse import Location, Mode, location_lines
 from coilarray.response.dataset import on_board
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
-from coilarray.studies.sweep import parse_axis
+from coilarray.studies.sweep import Axis, parse_axis, plan_sweep, sweep
 from coilarray.viz.scenes.design import bare_scene, off_middle
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, structure, studies
@@ -266,13 +266,14 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
 
 
 def test_a_sweep_that_was_kept_is_found_again(tmp_path):
-    found = studies.sweep_entries(
-        OPENED.document, "starter", ["array.pitch_mm=12,13", "array.columns=2,3"], ["span_mm"], lambda *_: None
-    )
-    save_dataset(found.values, tmp_path / "kept.nc")
+    entries = {"array.pitch_mm": [12, 13], "array.columns": [2, 3]}
+    values = sweep(OPENED, entries, ["span_mm"])
+    save_dataset(values, tmp_path / "kept.nc")
     again = studies.read_study(tmp_path / "kept.nc")
-    assert studies.points_of(again) == found.points
-    assert studies.sweep_rows(studies.SweepResult(found.points, again)) == studies.sweep_rows(found)
+    plan = plan_sweep(OPENED, [Axis(key, tuple(some)) for key, some in entries.items()], ["span_mm"])
+    assert list(studies.points_of(again)) == list(plan.points)
+    first, second = (studies.SweepResult(studies.points_of(one), one) for one in (values, again))
+    assert studies.sweep_rows(first) == studies.sweep_rows(second)
     (tmp_path / "text.nc").write_text("no study", encoding="utf-8")
     with pytest.raises(DesignError, match=r"text\.nc is no kept sweep or tolerance study"):
         studies.read_study(tmp_path / "text.nc")

@@ -138,6 +138,7 @@ class Page(Session):
             self.numbers.show(work)
         self.work = work
         design = work.design
+        self.scene.show(design)  # before the rest, which is much
         with self.state:
             self.numbers.say_changes(work)
             self.state.can_undo, self.state.can_redo = bool(self._before), bool(self._after)
@@ -146,7 +147,6 @@ class Page(Session):
             self.switches.show(design, anew=opened)
             self.touch.show(design, anew=other)
             self.metal.show(design, anew=other)
-            self.scene.show(design)
             self.live.show(design)
             self.runs.show(design)
             self.runs.offer()
