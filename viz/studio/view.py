@@ -15,6 +15,7 @@ import numpy.typing as npt
 from coilarray.design.model import Board, Design
 from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets.meshes import MM_PER_M
+from coilarray.viz.palette import INK
 from coilarray.viz.scenes.board import CoilColours, board_in_pieces, recoloured
 from coilarray.viz.scenes.design import bare_scene, first_states
 from coilarray.viz.scenes.draw import bar_of, coloured_surface, gradient
@@ -25,7 +26,6 @@ from coilarray.viz.studio.session import Panel, Session
 
 _STOPS = 24  # colours of a bar
 _KEPT = 3  # scenes whose arrays a page may still ask for
-_GLOSS = 0.16  # of solid copper
 _BEHIND = 2e-4  # by which a sunk surface lies behind, of the picture's depth
 _WIDE = 1.25  # width over height of a board that has its results below it
 _COILS = 255  # largest number of coils that a byte counts
@@ -78,8 +78,8 @@ def packed(scene: Scene) -> Packed:
         look = {
             "group": part.group, "colour": _rgb(part.colour), "opacity": part.opacity, "lit": part.lit,
             "ambient": part.ambient, "diffuse": part.diffuse, "behind": _BEHIND if part.sunk else 0.0,
-            "closed": part.closed, "gloss": _GLOSS if part.closed and part.scale is None else 0.0,
-            "width": part.line_width,
+            "closed": part.closed, "gloss": part.shine, "width": part.line_width, "ink": part.colour == INK,
+            "channels": 4 if part.fade else 3,
         }  # fmt: skip
         for lines, count, found in _shapes(part):
             parts.append(
@@ -125,7 +125,7 @@ def _shapes(part: Part) -> list[tuple[bool, int, dict[str, npt.NDArray[Any]]]]:
             of_point[corners.ravel()] = np.repeat(np.minimum(coils + 1, _COILS), 3)
             arrays["coils"] = of_point
             if colours is not None and on_cells:
-                of_points = np.zeros((len(points), 3), dtype=np.uint8)
+                of_points = np.zeros((len(points), colours.shape[1]), dtype=np.uint8)
                 of_points[corners.ravel()] = np.repeat(colours, 3, axis=0)
                 colours, on_cells = of_points, False
         if colours is not None and on_cells:
