@@ -87,7 +87,7 @@ def worst_margins(margins: Sequence[Margin]) -> tuple[Margin, ...]:
 
 def marks_of(design: Design, margins: Sequence[Margin]) -> list[dict[str, Any]]:
     """Places of broken limits in mm with their sentences, the worst first."""
-    marks = []
+    marks: list[dict[str, Any]] = []
     for margin in margins:
         if margin.kept or margin.x is None or margin.y is None or len(marks) == _MARKED:
             continue
@@ -191,8 +191,9 @@ def with_changes(table: Table, before: Table | None, keys: int = 1) -> dict[str,
         for k in numbers:
             now, at = row[k], places.get(table.columns[k].name)
             was = old[at] if old is not None and at is not None else ""
-            known_both = isinstance(now, float | int) and isinstance(was, float | int)
-            line[k] = float(now) - float(was) if known_both and not math.isclose(now, was, rel_tol=_EQUAL) else ""
+            line[k] = ""
+            if isinstance(now, float | int) and isinstance(was, float | int):
+                line[k] = "" if math.isclose(now, was, rel_tol=_EQUAL) else float(now) - float(was)
         rows.append(tuple(line))
     shown, changes = table.cells(), replace(table, rows=tuple(rows)).cells()
     return {
@@ -229,7 +230,7 @@ class NumbersPanel(Panel):
         self._response: tuple[str, xr.Dataset] | None = None  # response of the design with this digest
         self._last: dict[str, tuple[Design, Any]] = {}  # last results by name
         self._saved: dict[str, Any] = {}  # results of the saved design
-        nothing = {"head": [], "rows": []}
+        nothing: Mapping[str, list[Any]] = {"head": [], "rows": []}
         values = {
             "matrix_of": "k", "matrix": {"names": [], "of": "k", "cells": [], "most": "", "dense": False},
             "matrix_digits": False, "coil_table": nothing, "coil_facts": {}, "margins": nothing, "broken": [],

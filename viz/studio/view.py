@@ -107,16 +107,16 @@ def _shapes(part: Part) -> list[tuple[bool, int, dict[str, npt.NDArray[Any]]]]:
         offsets, joined = (_numbers(one) for one in (lines.GetOffsetsArray(), lines.GetConnectivityArray()))
         first = np.delete(np.arange(len(joined)), offsets[1:] - 1)
         ends = np.column_stack((joined[first], joined[first + 1]))
-        arrays = {"points": points[ends]}
+        segments: dict[str, npt.NDArray[Any]] = {"points": points[ends]}
         if colours is not None:
             of_line = np.searchsorted(offsets, first, side="right") - 1
-            arrays["colours"] = colours[of_line if on_cells else ends[:, 0]]
-        found.append((True, len(ends), arrays))
+            segments["colours"] = colours[of_line if on_cells else ends[:, 0]]
+        found.append((True, len(ends), segments))
     if surface.GetPolys().GetNumberOfCells() or surface.GetStrips().GetNumberOfCells():
         if not surface.is_all_triangles:
             surface = surface.triangulate()  # keeps the points
         corners = surface.regular_faces.astype(np.uint32)
-        arrays = {"points": points}
+        arrays: dict[str, npt.NDArray[Any]] = {"points": points}
         coils = part.mesh.cell_data.get("coil") if len(part.mesh.cell_data) else None
         if part.smooth and "Normals" in surface.point_data:
             arrays["normals"] = np.asarray(surface.point_data["Normals"], dtype=np.float32)
@@ -140,9 +140,8 @@ def _shapes(part: Part) -> list[tuple[bool, int, dict[str, npt.NDArray[Any]]]]:
 
 
 def _numbers(array: Any) -> npt.NDArray[np.int64]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    return np.asarray(vtk_to_numpy(array), dtype=np.int64)
+    """Numbers of an array of VTK."""
+    return np.array(memoryview(array), dtype=np.int64)
 
 
 def _rgb(colour: str) -> list[float]:

@@ -116,7 +116,7 @@ def preview(
     changed = work.with_document(work.document_with(changes)).design
     limits = {limit.rsplit(" ", 2)[0]: (limit, broken) for limit, broken in violations.items()}
     old, new = (_size_words(design) for design in (work.design, changed))
-    rows = [{"words": name, "before": old[name], "after": new[name]} for name in new]
+    rows: list[dict[str, Any]] = [{"words": name, "before": old[name], "after": new[name]} for name in new]
     values = work.opened.values
     rows += [
         {"words": words(key), "before": with_unit(key, _entry(values, key)), "after": with_unit(key, value)}
