@@ -141,7 +141,10 @@ def _shapes(part: Part) -> list[tuple[bool, int, dict[str, npt.NDArray[Any]]]]:
 
 def _numbers(array: Any) -> npt.NDArray[np.int64]:
     """Numbers of an array of VTK."""
-    return np.array(memoryview(array), dtype=np.int64)
+    from vtkmodules.util import numpy_support
+
+    convert: Any = numpy_support.vtk_to_numpy
+    return np.asarray(convert(array), dtype=np.int64)
 
 
 def _rgb(colour: str) -> list[float]:
