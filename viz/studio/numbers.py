@@ -251,11 +251,14 @@ class NumbersPanel(Panel):
         self._state.can_compare = bool(work.kept)
         known = {name: value for name, (design, value) in self._last.items() if design is work.design}
         self._saved = {} if work.changed else known
-        if work.changed and work.kept:
-            self._session.slow.ask([Step("saved", partial(saved_results, work), self._compare, lambda _: None, _LATER)])
 
     def say_changes(self, work: Work) -> None:
-        """Say what the changes are counted from."""
+        """Say what the changes are counted from, and compute it later if it is not known."""
+        services = self._session.setup.services
+        lacks = {"numbers", "coil_table", "margins", *(["summary"] if services.summarize else [])} - set(self._saved)
+        if work.changed and work.kept and lacks and not services.alone:
+            compute = partial(saved_results, work, services.summarize)
+            self._session.slow.ask([Step("saved", compute, self._compare, lambda _: None, _LATER)])
         known = f"small: change against {work.file} as saved" if work.changed else ""
         self._state.saved_line = known if work.kept else f"{work.file} is not saved yet"
 
@@ -315,7 +318,7 @@ class NumbersPanel(Panel):
         if self._session.work.kept is found["kept"]:
             self._saved = {**found, **self._saved}
             with self._state:
-                for name in ("numbers", "coil_table", "margins"):
+                for name in found:
                     self._tell(name)
 
     def _show(self, design: Design, numbers: Numbers) -> None:
@@ -393,11 +396,16 @@ class NumbersPanel(Panel):
         session.start_bar("response", text, map_of, document, design.name, done=done)
 
 
-def saved_results(work: Work) -> dict[str, Any]:
+def saved_results(
+    work: Work, summarize: Callable[[Design, xr.Dataset, xr.Dataset | None], Summary] | None
+) -> dict[str, Any]:
     """Results of the design as saved, for `NumbersPanel`."""
     design = build_design(work.kept, work.design.name)
+    coupling = couple_design(design)
     found = {"kept": work.kept, "margins": margin_table(worst_margins(check_boards(design)))}
-    return {**found, "numbers": numbers_of(design), "coil_table": coil_table(couple_design(design))}
+    if summarize is not None:
+        found["summary"] = summarize(design, coupling, None).table
+    return {**found, "numbers": numbers_of(design), "coil_table": coil_table(coupling)}
 
 
 def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
