@@ -3,7 +3,6 @@ from .offscreen import window_problem as window_problem
 from .plots.board import check_figure as check_figure
 from .plots.board import plot_board as plot_board
 from .plots.board import plot_copper as plot_copper
-from .plots.board import plot_dimensions as plot_dimensions
 from .plots.board import plot_stack as plot_stack
 from .plots.circuit import frequency_figure as frequency_figure
 from .plots.circuit import plot_coupling as plot_coupling

@@ -26,7 +26,6 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import true_minus
 from coilarray.compute.files import is_own, writing
 from coilarray.compute.table import Block, Group, Picture, Section, data_url, html_blocks, text_table
-from coilarray.design.boards import named_boards
 from coilarray.design.model import Board, Design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.geometry import Indenter
@@ -143,18 +142,13 @@ _DARK = {
 
 
 def board_picture(design: Design) -> list[Picture]:
-    """Show the board, drawn from above if not rendered."""
+    """Render the board if possible."""
     if viz.rendering_problem() is None:
         from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
 
         scene = scene_of_design(design, View(show=("board", "plates") if design.plates else ("board",)))
         return [_render("board", f"The board{'s' if design.boards else ''}; lengths in mm.", scene)]
-    pictures = []
-    for board in named_boards(design):
-        which = f"The board {board.name} by itself" if board.name else "The board"
-        caption = f"{which} from above; lengths in mm. This computer could not render it in three dimensions."
-        pictures.append(draw(picture_name("board", board), caption, viz.plot_board(board.array)))
-    return pictures
+    return []
 
 
 def board_page(design: Design) -> str | None:

@@ -235,11 +235,13 @@ def _coupling(r: Results) -> Section | None:
         return None
     coupling = r.coupling.result()
     middle, kinds = tables.neighbour_table(r.design, coupling)
+    few: list[Block] = []
     if len(r.design.coil_names) > _MOST_MATRIX:
         caption = f"Coupling coefficients k = M/√(L L) of {middle} with the other coils."
         names = dict(zip(r.design.coil_names, r.outlines, strict=True))
         pictures = [r.plot("plot_neighbours", "coupling", caption, coupling, names, middle)]
     else:
+        few.append(Details("All pairs", (r.pairs.brief(),)))
         pictures = [
             r.plot("plot_coupling", "coupling", "Coupling coefficients k = M/√(L L).", coupling, width=page.HALF),
             r.plot(
@@ -248,7 +250,7 @@ def _coupling(r: Results) -> Section | None:
             ),
         ]  # fmt: skip
     return Section("Coupling", (
-        Group("two", tuple(pictures)), kinds, Details("All pairs", (r.pairs.brief(),)),
+        Group("two", tuple(pictures)), kinds, *few,
     ), (r.pairs,))  # fmt: skip
 
 

@@ -118,7 +118,7 @@ def test_a_figure_is_part_of_the_page_with_the_values_of_its_curves_and_maps():
 
 def test_a_view_measures_the_board_and_a_section_has_every_layer():
     board = results.board()
-    ax = viz.plot_dimensions(board)
+    ax = viz.plot_board(board)
     x_min, y_min, x_max, y_max = np.multiply(board.bounds, 1e3)
     texts = [text.get_text() for text in ax.texts]
     assert {f"{x_max - x_min:.2f}", f"{y_max - y_min:.2f}", f"{1e3 * board.least_distance:.2f}"} <= set(texts)

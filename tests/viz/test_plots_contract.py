@@ -54,7 +54,7 @@ ARGUMENTS = {
     "plot_field_lines": lambda: ({"open": results.field(LINE, [0.0])},),
     "plot_field_map": lambda: (results.field(LINE, PLANE),), "plot_force_depth": lambda: (results.dents(),),
     "plot_frequency_sweep": lambda: (results.frequency_sweep(),), "plot_identifiability": lambda: (results.bounds(),),
-    "plot_dimensions": lambda: (results.board(),), "plot_neighbours": neighbours,
+    "plot_neighbours": neighbours,
     "plot_stack": lambda: (results.board().stackup,),
     "plot_readings": lambda: (results.comparison(),),
     "plot_response": lambda: (results.response(), "coil1"), "plot_response_profile": lambda: (results.response(),),
@@ -103,7 +103,7 @@ def test_a_plot_of_its_own_has_units_and_nothing_is_cut_off(name, monkeypatch):
     monkeypatch.setattr("matplotlib.legend.time.perf_counter", itertools.count(0.0, 10.0).__next__)
     ax.figure.draw_without_rendering()
     labels = [text for axis in (ax, *ax.child_axes) for text in (axis.get_xlabel(), axis.get_ylabel())]
-    assert any(labels) or name in ("plot_coupling", "plot_dimensions", "plot_stack")
+    assert any(labels) or name in ("plot_coupling", "plot_board", "plot_stack")
     for text in labels:
         assert text in NO_UNIT or re.search(r"\((mm|s|µH|MHz|Ω|A|mT per A|mA per A|mN|%|10⁻[³⁶])\)", text), text
     page = ax.figure.bbox

@@ -27,7 +27,6 @@ from coilarray.geometry.rules import Margin
 from coilarray.viz.palette import GREY, INK, LAMINATE, LAYERS, METAL, METALS, SHEETS, coil_colours, cycled
 from coilarray.viz.plots.style import figure_size, legend_above, new_axes, new_figure, plan_axes, styled, write_name
 
-_TRANSLUCENT = 0.6
 _TOGETHER = 0.025  # of the board's diagonal; nearer places share a circle
 _VIEW = 10.0  # width of an enlarged place over its limit or value, whichever is larger
 _LEAST_VIEW = 1e-3  # m
@@ -61,29 +60,10 @@ def plot_copper(array: Array, layer: str, ax: Axes | None = None) -> Axes:
 
 @styled
 def plot_board(array: Array, ax: Axes | None = None) -> Axes:
-    """Draw all copper layers of an `array` from above.
-
-    The layers are translucent, with the names of the coils. This shows the board without rendering.
-    """
-    colours = cycled(LAYERS, array.stackup.names)
-    copper = copper_features(array)
-    drawn = [
-        (one.shape, colours[name]) for name in reversed(array.stackup.names) for one in copper if one.layer == name
-    ]
-    ax = _draw_board(array, drawn, drills(array), set(array.names), "Board from above", ax, alpha=_TRANSLUCENT)
-    handles = [
-        Patch(color=colour, label=f"copper {layer}", alpha=_TRANSLUCENT, lw=0) for layer, colour in colours.items()
-    ]
-    legend_above(ax, min(len(handles), 4), handles=handles, handlelength=1.0)  # more columns would reach the title
-    return ax
-
-
-@styled
-def plot_dimensions(array: Array, ax: Axes | None = None) -> Axes:
     """Draw an `array` from above with its sizes in mm.
 
-    Arrows measure the board, the copper of the first coil, and its distance to the nearest coil. Windings are filled
-    areas.
+    Arrows measure the board, the copper of the first coil, and its distance to the nearest coil.
+    Windings are filled translucent areas in the colours of their layers.
     """
     x_min, y_min, x_max, y_max = MM.of(array.bounds).tolist()
     rim = 0.05 * max(x_max - x_min, y_max - y_min)
@@ -115,6 +95,8 @@ def plot_dimensions(array: Array, ax: Axes | None = None) -> Axes:
             _measure(ax, (centres[0, 0], level), (near[0], level), float(centres[0, 1]))
     ax.set(xlim=limits[0], ylim=limits[1], xlabel="", ylabel="")
     ax.set_axis_off()
+    handles = [Patch(color=colour, label=f"copper {layer}", alpha=_SHEER, lw=0) for layer, colour in colours.items()]
+    legend_above(ax, min(len(handles), 4), handles=handles, handlelength=1.0)
     return ax
 
 

@@ -469,7 +469,7 @@ def boards_figure(boards: Mapping[str, Array]) -> Figure:
     (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
     width, height = style.figure_size(x_max - x_min, y_max - y_min)
     figure = style.new_figure(width, height * len(boards))
-    rim = 0.02 * (x_max - x_min + y_max - y_min)
+    rim = 0.16 * max(x_max - x_min, y_max - y_min)  # room for the sizes
     for k, (title, array) in enumerate(boards.items()):
         ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))
         ax.set(xlim=MM.of((x_min - rim, x_max + rim)), ylim=MM.of((y_min - rim, y_max + rim)), title=title)
