@@ -165,7 +165,7 @@ def _report_beside(
     """Write the report of two designs."""
     if any(results):
         raise DesignError("--distortion and --link are for the report of one design.")
-    with compiling_beside(), drawing_beside():
+    with compiling_beside():  # each report has a drawing process of its own
         from coilarray.report.beside import write_beside
 
         opened = [shared.open_design_file(one, allow_violations=allow, boards=True) for one in designs]

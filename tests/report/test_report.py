@@ -508,7 +508,6 @@ def test_the_board_is_turned_in_the_page(made):
         page.set_viewport_size({"width": 1000, "height": 900})
         page.goto(made.page.as_uri())
         page.click("#turn button")
-        browser.expect(page.locator("#dimensions")).to_be_hidden()
         scene = page.frame_locator("iframe")
         scene.locator("canvas").wait_for()
         browser.expect(scene.get_by_text("copper L4")).to_have_count(1)

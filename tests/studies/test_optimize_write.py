@@ -144,8 +144,8 @@ def test_page(single, double, tmp_path, monkeypatch):
             assert f">{heading}</h2>" in page
         assert "is too much." in page
     one, two = pages
-    assert one.count("<img") == 2  # boards, convergence
-    assert two.count("<img") == 4  # and the front; the others for both objectives
+    assert one.count("<svg") == 2  # boards, convergence
+    assert two.count("<svg") == 4  # and the front; the others for both objectives
     assert "<code>best.toml</code>" in one
     assert ">Pareto front</h2>" in two
     assert "fab_broken" in one  # watched
