@@ -88,7 +88,8 @@ def _numbers(names: Sequence[str], summaries: Sequence[Table | None]) -> Table:
         assert summary is not None  # of a report that was just made
         at = [column.name for column in summary.columns]
         spread = "most" in at
-        texts, largest = {}, {}
+        texts: dict[str, str] = {}
+        largest: dict[str, float] = {}
         for cells, row in zip(summary.cells(), summary.rows, strict=True):
             ends = [cells[1], *([cells[2]] if spread and cells[2] else [])]
             texts[cells[0]] = f"{' to '.join(filter(None, ends))} {cells[at.index('unit')]}".strip()
