@@ -55,7 +55,7 @@ def view(
             help="Items to show, separated by commas: board, elastomer (the sheets, lifted off the board), dent, "
             "plates, target (on a page with a slider for its distance), eddies (eddy currents in plates and "
             "target), field (B on an upright plane, with arrows), map (B on a level plane), lines (of B), currents "
-            "(of the passive coils), coupling, response, location. By default the board, with its plates and target."
+            "(of the passive coils), coupling, location. By default the board, with its plates and target."
         ),
     ] = None,
     out: Annotated[

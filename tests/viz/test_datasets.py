@@ -135,57 +135,19 @@ def test_tubes_are_as_thick_as_the_coupling():
         assert nearest.max() == pytest.approx(0.5 * abs(one) / 0.05, rel=1e-3)
 
 
-def hills(nan=False):
+def hills():
     x, y, h = np.linspace(-6e-3, 6e-3, 13), np.linspace(-4e-3, 4e-3, 5), np.array([0.5e-3, 1e-3])
     bell = np.exp(-((x - 1e-3) ** 2 + y[:, None] ** 2) / (4e-3) ** 2)
     delta = np.stack([h[:, None, None] * bell, -2 * h[:, None, None] * bell], axis=-1)
-    if nan:
-        delta[0, 0, 0] = np.nan
     coords = {"depth": h, "y": y, "x": x, "state": ["a", "b"]}
     return xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords)
 
 
-@pytest.mark.parametrize(("state", "depth"), [("a", -1), ("b", 0)])
-def test_a_draped_map_has_the_values_of_its_dataset(state, depth):
-    origin = (20e-3, -3e-3)
-    data = hills().assign_attrs(origin_x=origin[0], origin_y=origin[1]).transpose("x", "state", "y", "depth")
-    mesh, _ = results.response_surface(data, state, depth, height=2e-3, relief=1e-3)
-    assert mesh.n_points == 13 * 5
-    assert mesh.n_cells == 12 * 4
-    one = data.delta.isel(depth=depth).sel(state=state)
-    for (x, y, z), value in zip(np.asarray(mesh.points) * 1e-3, mesh.point_data[results.DELTA], strict=True):
-        there = float(one.sel(x=x - origin[0], y=y - origin[1], method="nearest", tolerance=1e-8))
-        assert value == there
-        assert z == pytest.approx(2e-3 + 1e-3 * there / float(np.abs(one).max()), abs=1e-9)
-    flat, _ = results.response_surface(data, state, depth)
-    assert flat.area == pytest.approx(12 * 8)  # mm²: no hole and no overlap
-    gap, _ = results.response_surface(hills(nan=True), "a", 0, relief=1e-3)
-    assert np.isnan(gap.point_data[results.DELTA]).sum() == 1
-    assert np.isfinite(gap.points).all()
-
-
-def test_an_outline_lies_on_the_map():
-    ring = 3e-3 * np.column_stack((np.cos(np.arange(0, 6.2, 0.1)), np.sin(np.arange(0, 6.2, 0.1))))
-    outlines = [ring + np.array([x, 0]) for x in (20e-3, 26e-3, 60e-3)]  # inside, over the edge, beside it
-    data = hills().assign_attrs(origin_x=20e-3)
-    surface, lines = results.response_surface(data, "a", outlines=outlines, height=1e-3, relief=2e-3)
-    assert lines.n_lines in (2, 3)  # the second may be cut in two where it begins
-    x_min, x_max, *_ = lines.bounds
-    assert (x_min, x_max) == (pytest.approx(17, abs=0.01), pytest.approx(26, abs=0.3))
-    distance = np.abs(lines.compute_implicit_distance(surface).point_data["implicit_distance"])
-    # a quadrilateral is drawn as two triangles: they differ from it by at most 1/8 of its twist
-    assert distance.max() < 0.05
-    _, above = results.response_surface(data, "a", outlines=outlines, height=1e-3, relief=2e-3, above=1e-3)
-    np.testing.assert_allclose(above.points[:, 2] - lines.points[:, 2], 1.0, atol=1e-5)  # single precision
-
-
 def test_what_cannot_be_drawn_over_a_board_is_refused():
     with pytest.raises(ValueError, match="state must be one of a, b; got 'c'"):
-        results.response_surface(hills(), "c")
+        results.of_state(hills(), "c")
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
-        results.response_surface(hills(), "a", 2)
-    with pytest.raises(ValueError, match="at least two positions along x and along y; got 13 and 1"):
-        results.response_surface(hills().isel(y=[0]), "a")
+        results.at_depth(hills(), 2)
 
 
 @settings(max_examples=30)

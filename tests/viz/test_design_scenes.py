@@ -16,7 +16,7 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.dataset import on_board, origin_attributes
 from coilarray.viz.datasets.meshes import RISE
-from coilarray.viz.datasets.results import AMOUNT, COUPLING, DELTA, field_grid
+from coilarray.viz.datasets.results import AMOUNT, COUPLING, field_grid
 from coilarray.viz.scenes.design import ITEMS, View, scene_of_coils, scene_of_design
 from coilarray.viz.scenes.results import (
     CURRENT,
@@ -215,23 +215,6 @@ def test_a_field_that_is_too_large_is_refused_before_anything_is_computed(design
         scene_of_design(design, View(show=show, spacing=2e-6))
 
 
-@pytest.mark.slow
-def test_a_map_lies_over_its_place_on_the_board(design, table, monkeypatch):
-    monkeypatch.setattr("coilarray.viz.scenes.design.response_map", lambda *_, **__: table.isel(depth=[1]))
-    scene = scene_of_design(design, View(show=("response",), coil="coil3", depth=0.6e-3))
-    mesh = parts_of(scene)["response"].mesh
-    x_min, x_max, y_min, y_max, *_ = mesh.bounds
-    assert (x_max - x_min, y_max - y_min) == pytest.approx((28, 10))
-    one = table.delta.sel(depth=0.6e-3, state="coil3")
-    peak = np.asarray(mesh.points)[mesh.point_data[DELTA].argmax(), :2] * 1e-3
-    where = one.argmax(...)
-    expected = np.add([float(one.x[where["x"]]), float(one.y[where["y"]])], design.indentation.origin_point)
-    np.testing.assert_allclose(peak, expected, atol=1e-8)
-    np.testing.assert_array_equal(np.sort(mesh.point_data[DELTA]), np.sort(one.values.ravel()))
-    # the coil under the peak is the one that is measured
-    assert np.linalg.norm(design.array.centres - peak, axis=1).argmin() == 2
-
-
 def test_the_pin_stands_where_the_reading_is_located(design, table):
     model = forward_model(on_board(table))
     found = locate(model, model.delta([3e-3, 2.5e-3, 0.6e-3]), noise=1e-6)
@@ -297,14 +280,10 @@ def test_mistakes_are_one_line(design, view, error, message):
 
 
 @pytest.mark.slow
-def test_designs_that_do_not_fit_are_refused(design):
-    line = replace(design, indentation=replace(design.indentation, y=(0.0,)))
-    with pytest.raises(LocalizeError, match="at least 2 positions along y; got 1"):
-        scene_of_design(line, View(show=("response",)))
+def test_designs_that_do_not_fit_are_refused():
     bare = replace(load_design("starter"), indentation=None)
-    for show in ("dent", "response"):
-        with pytest.raises(CoilarrayError, match=r"has no \[indenter\] and \[indentation\]"):
-            scene_of_design(bare, View(show=(show,)))
+    with pytest.raises(CoilarrayError, match=r"has no \[indenter\] and \[indentation\]"):
+        scene_of_design(bare, View(show=("dent",)))
     with pytest.raises(
         GeometryError, match=r"nothing to show for coupling\. There is only one coil, and so no coupling"
     ):
@@ -312,11 +291,10 @@ def test_designs_that_do_not_fit_are_refused(design):
 
 
 @pytest.mark.slow
-def test_everything_together(design, table, monkeypatch):
-    monkeypatch.setattr("coilarray.viz.scenes.design.response_map", lambda *_, **__: table)
+def test_everything_together(design, table):
     show = tuple(item for item in ITEMS if item not in ("plates", "target", "eddies"))  # tests/viz/test_metal_scenes.py
     scene = scene_of_design(design, View(show=show, at=(3e-3, 2e-3), table=table, spacing=2e-3))
     names = [part.name for part in scene.parts]
     assert len(names) == len(set(names))
-    assert len(scene.scales) == 4  # currents, coupling, response, field
+    assert len(scene.scales) == 3  # currents, coupling, field
     assert np.isfinite(scene.bounds).all()

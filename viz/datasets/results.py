@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError
-from coilarray.response.dataset import on_board
 from coilarray.viz.datasets.meshes import MM_PER_M, polylines
 
 if TYPE_CHECKING:
@@ -28,7 +25,6 @@ COUPLING, DELTA = "k", "delta (1)"
 _RISE = 0.3  # height of an arc over its span; neighbours' arcs stay below arcs of coils farther apart
 _POINTS_OF_ARC, _SIDES_OF_TUBE = 33, 16
 _POINTS_OF_ELLIPSE = 145  # every 2.5°
-_DENSE = 4  # points of a draped line in the least step of the map
 
 
 def at_depth(dataset: xr.Dataset, depth: int) -> xr.Dataset:
@@ -87,52 +83,6 @@ def arc_tubes(arcs: pyvista.PolyData, widest: float) -> pyvista.PolyData:
         tubes.append(tube)
     merged: pyvista.PolyData = pyvista.merge(tubes)
     return merged
-
-
-def response_surface(
-    response: xr.Dataset,
-    state: str,
-    depth: int = -1,
-    *,
-    outlines: Sequence[npt.ArrayLike] = (),
-    height: float = 0.0,
-    relief: float = 0.0,
-    above: float = 0.0,
-) -> tuple[pyvista.PolyData, pyvista.PolyData]:
-    """Surface of a state's δ with coils' outlines, in mm.
-
-    The point array is ``"delta (1)"``. `height` in m is the height of δ = 0, and `relief` the rise
-    at the largest |δ|. `outlines`, corners (n, 2) on the board in m, lie `above` the surface, one
-    polyline for each part over the map.
-    """
-    from scipy.interpolate import RegularGridInterpolator  # half of the import time of this package
-
-    from coilarray.viz.extra_3d import pyvista
-
-    at = on_board(of_state(at_depth(response, depth), state))
-    x, y = (np.asarray(at[name].values, dtype=np.float64) for name in ("x", "y"))
-    nx, ny = len(x), len(y)
-    if min(nx, ny) < 2:
-        raise ValueError(f"a map needs at least two positions along x and along y; got {nx} and {ny}.")
-    delta = np.asarray(at.delta.transpose("y", "x").values, dtype=np.float64)
-    numbers = np.nan_to_num(delta)
-    z = height + relief * numbers / max(float(np.abs(numbers).max()), np.finfo(float).tiny)
-    first = (np.arange(nx - 1) + nx * np.arange(ny - 1)[:, None]).ravel()
-    faces = np.column_stack((np.full_like(first, 4), first, first + 1, first + 1 + nx, first + nx))
-    points = np.column_stack((*(axis.ravel() for axis in np.meshgrid(x, y)), z.ravel()))
-    surface = pyvista.PolyData(points * MM_PER_M, faces=faces.ravel())
-    surface.point_data[DELTA] = delta.ravel()
-
-    height_at = RegularGridInterpolator((y, x), z + above)
-    step = float(min(np.diff(x).min(), np.diff(y).min())) / _DENSE
-    lines = []
-    for outline in outlines:
-        dense = shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(np.asarray(outline)), step))
-        inside = np.all((dense >= (x[0], y[0])) & (dense <= (x[-1], y[-1])), axis=1)
-        for run in np.split(np.arange(len(dense)), np.flatnonzero(np.diff(inside)) + 1):
-            if inside[run[0]] and len(run) > 1:
-                lines.append(np.column_stack((dense[run], height_at(dense[run][:, ::-1]))))
-    return surface, polylines(lines)
 
 
 def semi_axis_factor(confidence: float) -> float:

@@ -51,7 +51,6 @@ Item = Literal[
     "lines",
     "currents",
     "coupling",
-    "response",
     "location",
 ]
 ITEMS: tuple[Item, ...] = get_args(Item)
@@ -63,7 +62,7 @@ _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _METAL: frozenset[Item] = frozenset({"plates", "target", "eddies"})
 _PLANES: tuple[Item, Item] = ("map", "field")  # level and upright
 _OF_B: frozenset[Item] = frozenset({*_PLANES, "lines"})
-_WITHIN: frozenset[Item] = frozenset({*_OF_B, "response", "location", "coupling", *_METAL})
+_WITHIN: frozenset[Item] = frozenset({*_OF_B, "location", "coupling", *_METAL})
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +77,7 @@ class View:
     layers : tuple of str, optional
         Copper layers, all by default.
     coil : str, optional
-        Measured coil, for field, map, lines, currents and response. The default is the middle coil.
+        Measured coil, for field, map, lines and currents. The default is the middle coil.
     others_open : bool
         Leave the other coils open, instead of terminated as in the design.
     spacing : float, optional
@@ -190,7 +189,6 @@ class _Making:
             "currents": self._currents,
             "board": lambda: boards.scene_of_boards(design.placed, layers=layers, name_heights=self._name_heights),
             "coupling": lambda: results.scene_of_coupling(self._coupling),
-            "response": self._response,
             "location": self._location,
         }
         left_out = ({"elastomer"} if "dent" in shown else set()) | ({"board"} if "currents" in shown else set())
@@ -278,19 +276,6 @@ class _Making:
             return 0.0
         # only those in the open quarter are seen
         return np.where((self.design.array.centres < self._on_board).all(axis=1), 0.0, np.nan)
-
-    def _response(self) -> Scene:
-        setup, _, depth = self._press
-        for name, positions in (("x", setup.x), ("y", setup.y)):  # before a map is computed
-            if len(positions) < 2:
-                raise LocalizeError(f"a draped map needs at least 2 positions along {name}; got 1.")
-        response = response_map(self.design, depths=[depth], accuracy="auto", progress=self.track("response"))
-        state = first_states(self.design).get(self.coil)
-        if state is None:
-            names = ", ".join(first_states(self.design))
-            raise LocalizeError(f"the scan has no state that measures {self.coil}; it measures {names}.")
-        outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
-        return results.scene_of_response(response, state, outlines=outlines)
 
     def _location(self) -> Scene:
         if self.view.table is None:

@@ -37,8 +37,6 @@ CONFIDENCE = 0.95
 _LEAST, _LABELLED = 0.03, 0.25  # least |k| of an arc, and of an arc with a number, over the largest |k|
 _ALL = 6  # largest number of coils with arcs of weak coupling
 _WIDEST = 0.02  # radius of the widest arc over the distance of the nearest coils
-_RELIEF = 0.06  # height of a response over the map's longer side
-_OVER, _ABOVE = 1e-3, 0.1e-3  # m of the response above the board, and of the outlines above the response
 _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of a cross, over the board's length
 
 
@@ -86,19 +84,6 @@ def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
     return CoilColours(
         numbers, about_zero(meshes.DELTA, "δ", "", np.append(numbers, (-least, least)) if small else numbers)
     )
-
-
-def scene_of_response(response: xr.Dataset, state: str, *, outlines: Sequence[npt.ArrayLike] = ()) -> Scene:
-    """Scene of a state's deepest δ over the board."""
-    relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
-    surface, lines = meshes.response_surface(
-        response, state, outlines=outlines, height=_OVER, relief=relief, above=_ABOVE
-    )
-    scale = about_zero(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
-    parts = [Part("response", surface, f"response of {state}", scale=scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
-    if lines.n_cells:
-        parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))
-    return Scene(tuple(parts), notes=(f"δ of {state} at the indenter, {float(response.depth[-1]) * 1e3:g} mm deep.",))
 
 
 def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[float, float] | None = None) -> Scene:
