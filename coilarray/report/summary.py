@@ -74,7 +74,7 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Datas
         state, limit = next(one for one in broken if one[1].name == name)
         lines.append(f"The converter cannot read {state}: {limit.words}.")
     if scan is not None and "readable" in scan and (left_out := scan.attrs.get("left_out")):
-        lines.append(f"{CHECKED_WITHOUT} the the {left_out.rstrip('.')}.")
+        lines.append(f"{CHECKED_WITHOUT} the {left_out.rstrip('.')}.")
     # a map of the flat board alone, over its states, is covered by the scan
     return [*lines, *(line for one in maps if one is not None and "y" in one.delta.dims for line in reading_lines(one))]
 
