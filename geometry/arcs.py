@@ -12,11 +12,9 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.display_units import true_minus
 
-Point = tuple[float, float]
-"""x and y, in m unless stated otherwise."""
+Point = tuple[float, float]  # x and y, in m unless stated otherwise
 Side = Literal["right", "top", "left", "bottom"]
-SIDES: tuple[Side, ...] = get_args(Side)
-"""Sides in the order of the quarter turns from +x to their outward normals."""
+SIDES: tuple[Side, ...] = get_args(Side)  # sides in the order of the quarter turns from +x to their outward normals
 
 
 def place_in_mm(x: float, y: float) -> str:
@@ -26,9 +24,7 @@ def place_in_mm(x: float, y: float) -> str:
 
 
 Place = Point | FloatArray
-CHORD_ERROR = 0.9e-6
-"""Largest distance in m of a straight piece from its arc."""
-
+CHORD_ERROR = 0.9e-6  # largest distance in m of a straight piece from its arc
 _LEAST_PIECES = 3  # with fewer, the inner points would lie further outside than the error
 _FLATTEST = 2e-10  # m: an arc of less height is straight, below the resolution of any board file
 

@@ -28,8 +28,7 @@ _FACET = 0.06  # rad of a bend along one facet of a solid, at most: 2 µm from t
 _UNEVEN = (3 - math.sqrt(5)) / 2  # golden section: no corner of copper is at such a part of a range
 _BEYOND = 1e-3  # rad, by which strips reach beyond a board
 
-Bounds = tuple[float, float, float, float]
-"""Edges of a flat board in m: x_min, y_min, x_max, y_max."""
+Bounds = tuple[float, float, float, float]  # edges of a flat board in m: x_min, y_min, x_max, y_max
 
 
 @dataclass(frozen=True)
@@ -117,15 +116,8 @@ class Bend:
     def surface(self, points: npt.ArrayLike) -> FloatArray:
         """Return points of the flat board where the bend takes them.
 
-        Parameters
-        ----------
-        points : array_like, shape (..., 3)
-            Points in m.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            The points of the bent board, in m.
+        `points` and result have the shape (..., 3) and are in m. Raises GeometryError for heights
+        inside a bend that it does not leave room for.
         """
         flat = np.asarray(points, dtype=np.float64)
         place, _, normal = self._neutral_surface(flat.reshape(-1, 3) @ self._frame.T)
@@ -141,17 +133,8 @@ class Bend:
     def turned(self, points: npt.ArrayLike, directions: npt.ArrayLike) -> FloatArray:
         """Return directions at points of the flat board as they are on the bent board.
 
-        Parameters
-        ----------
-        points : array_like, shape (n, 3)
-            Points in m.
-        directions : array_like, shape (n, 3)
-            Directions, lengths of which are kept.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Directions on the bent board.
+        `points` of shape (n, 3) are in m. The lengths of the `directions`, shape (n, 3), are kept,
+        without unit.
         """
         _, along, normal = self._neutral_surface(np.asarray(points, dtype=np.float64) @ self._frame.T)
         ways = np.asarray(directions, dtype=np.float64) @ self._frame.T
@@ -161,17 +144,7 @@ class Bend:
     def bent(self, path: Conductor) -> Conductor:
         """Return a current path of the flat board on the bent board.
 
-        Segments are cut into chords, and widths stay tangential to the surface.
-
-        Parameters
-        ----------
-        path : Conductor
-            Path on the flat board.
-
-        Returns
-        -------
-        Conductor
-            Path on the bent board.
+        The segments of the `path` are cut into chords, and widths stay tangential to the surface.
         """
         if not isinstance(path, Conductor):
             raise GeometryError(f"path must be a Conductor, as in coil.conductors(); got {path!r:.60}.")
@@ -194,15 +167,8 @@ class Bend:
     def strips(self, bounds: Bounds) -> tuple[shapely.Polygon, ...]:
         """Return strips of the flat board that are nearly flat on the bent board.
 
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-
-        Returns
-        -------
-        tuple of shapely.Polygon
-            Strips in m that cover the board, each turned by 0.06 rad at most.
+        They are in m and cover the board of edges `bounds`, as in `Array.bounds`. The bend turns
+        each by 0.06 rad at most.
         """
         low, high = self._edges(bounds)
         start, stop = self._ends(bounds)
@@ -227,17 +193,9 @@ class Bend:
     def inner_radius(self, bounds: Bounds, thickness: float) -> float:
         """Return the least radius of curvature of the inner face of a board.
 
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-        thickness : float
-            Thickness in m of the board, whose upper face is at z = 0.
-
-        Returns
-        -------
-        float
-            Radius in m of the face towards the axis of the bend.
+        The radius in m is of the face towards the axis of the bend. `bounds` are the edges of the
+        flat board, as in `Array.bounds`, and its upper face is at z = 0, `thickness` in m above the
+        lower one.
         """
         share = 1.0
         if self.apex is not None:
@@ -247,43 +205,18 @@ class Bend:
     def neutral_radius(self, inner: float, thickness: float) -> float:
         """Return the radius of the neutral plane for one of the inner face.
 
-        Parameters
-        ----------
-        inner : float
-            Radius of the inner face in m, negative if the edges are bent up.
-        thickness : float
-            Thickness in m of the board, whose upper face is at z = 0.
-
-        Returns
-        -------
-        float
-            Radius in m, as of a `Zone`.
+        Both radii in m, the result as of a `Zone`, are negative if the edges are bent up. The board
+        has the `thickness` of `inner_radius`, and `inner` is the radius of its inner face.
         """
         return inner + math.copysign(self._inside(inner, thickness), inner)
 
     def between(self, near: float, far: float, bounds: Bounds, thickness: float) -> Bend:
         """Return the bend of a board around a round body, a cylinder or a cone.
 
-        Parameters
-        ----------
-        near, far : float
-            Radii in m of the body at both ends of the board along the axis, negative if the edges
-            are bent up.
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-        thickness : float
-            Thickness in m of the board, whose upper face is at z = 0.
-
-        Returns
-        -------
-        Bend
-            Bend with the same axis and neutral plane.
-
-        Raises
-        ------
-        GeometryError
-            Radii that differ by the length of the board or more, or a cone whose apex lies between
-            the board and the origin.
+        The axis and the neutral plane stay. `near` and `far` are the radii in m of the body at both
+        ends of the board along the axis, negative if the edges are bent up, `bounds` and
+        `thickness` as in `inner_radius`. Raises GeometryError for radii that differ by the length
+        of the board or more, or a cone whose apex lies between the board and the origin.
         """
         if near == far:
             return replace(self, zones=(Zone(self.neutral_radius(near, thickness)),), apex=None)
@@ -303,17 +236,8 @@ class Bend:
     def end_radii(self, bounds: Bounds, thickness: float) -> tuple[float, float]:
         """Return the radii of the round body at both ends of a board, as in `between`.
 
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-        thickness : float
-            Thickness in m of the board, whose upper face is at z = 0.
-
-        Returns
-        -------
-        tuple of float
-            Radii in m where the axis starts and where it ends, equal for a cylinder.
+        They are in m, where the axis starts and where it ends, and equal for a cylinder. `bounds`
+        and `thickness` are as in `inner_radius`.
         """
         radius, slope = self.zones[0].radius, 0.0
         if self.apex is not None:
@@ -339,18 +263,9 @@ class Bend:
     def require_fits(self, bounds: Bounds, thickness: float) -> None:
         """Refuse a board that cannot be bent so.
 
-        Parameters
-        ----------
-        bounds : tuple of float
-            Edges of the flat board in m, as in `Array.bounds`.
-        thickness : float
-            Thickness in m of the board, whose upper face is at z = 0.
-
-        Raises
-        ------
-        GeometryError
-            An inner radius below the thickness, a zone beside the board, an apex on the board, or a
-            board that would meet itself.
+        `bounds` and `thickness` are as in `inner_radius`. Raises GeometryError for an inner radius
+        below the thickness, a zone beside the board, an apex on the board, or a board that would
+        meet itself.
         """
         along, across = self._frame[:2, :2] @ _corners(bounds).T
         low, high = self._edges(bounds)

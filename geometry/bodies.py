@@ -74,8 +74,7 @@ MATERIAL_SOURCES: Mapping[str, str] = MappingProxyType({material.name: source fo
 """Grade of every named material, source of its values, and assumptions."""
 
 
-TOUCHING = 1e-9
-"""Length in m by which touching bodies may overlap through rounding of summed thicknesses."""
+TOUCHING = 1e-9  # length in m by which touching bodies may overlap through rounding of summed thicknesses
 _CORNERS = 96  # of the polygon that stands for a circle of the same area
 
 

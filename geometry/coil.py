@@ -87,10 +87,8 @@ class Leads:
             )
 
 
-VIA = PlatedHole(0.2e-3, 0.45e-3)
-"""Usual hole that joins the layers of a coil."""
-LEADS = Leads(2e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3))
-"""Usual leads of a coil."""
+VIA = PlatedHole(0.2e-3, 0.45e-3)  # usual hole that joins the layers of a coil
+LEADS = Leads(2e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3))  # usual leads of a coil
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from coilarray.geometry.array import Array
     from coilarray.geometry.coil import Coil
 
-SMALLEST = 1 / LARGEST
-"""Least length in m."""
-CHORD = 1e-3
-"""Deviation of straight pieces from a coil's largest arc, over half its size, by default."""
+SMALLEST = 1 / LARGEST  # least length in m
+CHORD = 1e-3  # deviation of straight pieces from a coil's largest arc, over half its size, by default
 _STRAIGHT = 1e-6  # rad: less is not a bend
 _VERTICAL = 1e-9  # sine of the angle to z, below which a segment is vertical
 _TILTED = 1e-6  # rad of a width against the x-y plane; less is rounding
@@ -149,17 +147,9 @@ class Conductor:
     def pieces(self, counts: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
         """Cut every segment into equal pieces.
 
-        Parameters
-        ----------
-        counts : array_like, shape (n,)
-            Number of pieces of every segment, at least 1.
-
-        Returns
-        -------
-        rows : ndarray, shape (pieces,)
-            Number of the segment of every piece.
-        starts, middles : ndarray, shape (pieces, 3)
-            Points in m.
+        `counts` of shape (n,) are the numbers of pieces, at least 1. Returned are the number of the
+        segment of every piece, shape (pieces,), and the starts and middles in m, shape (pieces, 3)
+        each.
         """
         number = np.asarray(counts).astype(np.int64)
         rows = np.repeat(np.arange(len(number)), number)
@@ -169,20 +159,7 @@ class Conductor:
         return rows, starts, starts + steps / 2
 
     def posed(self, pose: Pose, name: str | None = None) -> Conductor:
-        """Return the path where a pose takes it.
-
-        Parameters
-        ----------
-        pose : Pose
-            Turn and shift.
-        name : str, optional
-            Another name.
-
-        Returns
-        -------
-        Conductor
-            The moved path.
-        """
+        """Return the path where a `pose` takes it, under its own or another `name`."""
         sizes = self.widths, self.thicknesses, self.areas
         return Conductor(pose.apply(self.vertices), *sizes, name or self.name, self.across @ pose.rotation.T)
 

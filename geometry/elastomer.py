@@ -15,10 +15,8 @@ from coilarray.errors import GeometryError, require_positive
 
 RigidBase = Literal["bonded", "frictionless"]
 """Contact of the lowest sheet with a rigid board: glued, or free to slide but not to lift off."""
-Strain = Literal["finite", "linear"]
-"""Large deformations of neo-Hookean sheets, or linear elasticity."""
-KPA_PER_MM = 1e6
-"""Stiffness of a seat of 1 kPa/mm in Pa/m."""
+Strain = Literal["finite", "linear"]  # large deformations of neo-Hookean sheets, or linear elasticity
+KPA_PER_MM = 1e6  # stiffness of a seat of 1 kPa/mm in Pa/m
 
 
 @dataclass(frozen=True)
@@ -88,8 +86,7 @@ class Seat:
         return f"seat of {self.stiffness / KPA_PER_MM:.6g} kPa/mm{shear}"
 
 
-Base: TypeAlias = RigidBase | Seat
-"""Support of the lowest sheet: a rigid board, glued or sliding, or a soft seat."""
+Base: TypeAlias = RigidBase | Seat  # support of the lowest sheet: a rigid board, glued or sliding, or a soft seat
 
 
 @dataclass(frozen=True)
@@ -117,12 +114,10 @@ class Unevenness:
             )
 
 
-EVEN = Unevenness()
-"""Seat that is the same everywhere and pulls as it pushes."""
+EVEN = Unevenness()  # seat that is the same everywhere and pulls as it pushes
 
 
-Symmetry = Literal["axial", "plane"]
-"""``"axial"`` is a body of revolution, ``"plane"`` a body infinitely long along y."""
+Symmetry = Literal["axial", "plane"]  # ``"axial"`` is a body of revolution, ``"plane"`` a body infinitely long along y
 
 
 class _Tip(ABC):
@@ -221,8 +216,7 @@ class Paraboloid(_Body):
         return math.sqrt(2 * self.radius * height)
 
 
-EDGE = 0.1
-"""Default ratio of a punch's edge radius to its radius. It reduces the force by some 5 %."""
+EDGE = 0.1  # default ratio of a punch's edge radius to its radius. It reduces the force by some 5 %.
 
 
 class _Edged(_Tip):
@@ -314,5 +308,4 @@ class CylinderEdge(_Round):
     symmetry: ClassVar[Symmetry] = "plane"
 
 
-Indenter = Hemisphere | Paraboloid | FlatPunch | Cone | CylinderEdge
-"""Any of the indenters."""
+Indenter = Hemisphere | Paraboloid | FlatPunch | Cone | CylinderEdge  # any of the indenters

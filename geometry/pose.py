@@ -57,17 +57,8 @@ class Pose:
     def of(cls, rotation: npt.ArrayLike, shift: npt.ArrayLike) -> Pose:
         """Return the pose of a rotation matrix and a shift.
 
-        Parameters
-        ----------
-        rotation : array_like, shape (3, 3)
-            Matrix that turns column vectors, orthogonal and without a reflection.
-        shift : array_like, shape (3,)
-            Shift in m.
-
-        Returns
-        -------
-        Pose
-            The pose.
+        The `rotation` of shape (3, 3) turns column vectors. It is orthogonal and without a
+        reflection. The `shift` of shape (3,) is in m.
         """
         matrix = np.asarray(rotation, dtype=np.float64)
         about_y = math.atan2(-matrix[2, 0], math.hypot(matrix[0, 0], matrix[1, 0]))
@@ -97,48 +88,21 @@ class Pose:
         return np.array([self.x, self.y, self.z])
 
     def apply(self, points: npt.ArrayLike) -> FloatArray:
-        """Return points where the pose takes them.
+        """Return points of the board where the pose takes them.
 
-        Parameters
-        ----------
-        points : array_like, shape (..., 3)
-            Points of the board in m.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            The points in space, in m.
+        `points` and result have the shape (..., 3) and are in m.
         """
         return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.shift)
 
     def undo(self, points: npt.ArrayLike) -> FloatArray:
-        """Return points of space in the frame of the board.
+        """Return points of space in the board's own coordinates.
 
-        Parameters
-        ----------
-        points : array_like, shape (..., 3)
-            Points in space in m.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            The same points in the board's own coordinates, in m.
+        `points` and result have the shape (..., 3) and are in m.
         """
         return np.asarray((np.asarray(points, dtype=np.float64) - self.shift) @ self.rotation)
 
     def after(self, other: Pose) -> Pose:
-        """Return the pose of a board that is first moved by `other`.
-
-        Parameters
-        ----------
-        other : Pose
-            Pose that is applied first.
-
-        Returns
-        -------
-        Pose
-            Both poses in one.
-        """
+        """Return the pose of a board that is first moved by `other`."""
         return Pose.of(self.rotation @ other.rotation, self.apply(other.shift))
 
 

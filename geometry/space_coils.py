@@ -37,34 +37,12 @@ def helix(
 ) -> Conductor:
     """Wind a wire on a prism of any closed profile.
 
-    Parameters
-    ----------
-    profile : array_like, shape (n, 2)
-        Corners of the middle of the wire in m, seen along the axis z. Counter-clockwise ones give a
-        current that circles counter-clockwise while it rises.
-    turns : float
-        Number of turns.
-    pitch : float
-        Rise of a turn in m.
-    wire : float
-        Diameter of the wire in m.
-    segments : int
-        Least number of segments of a turn.
-    name : str
-        Name of the path.
+    The corners of the `profile`, shape (n, 2), are of the middle of the wire in m, seen along the
+    axis z. Counter-clockwise ones give a current that circles counter-clockwise while it rises. The
+    `pitch` in m is the rise of a turn, and the path runs from z = −turns·pitch/2 to turns·pitch/2.
+    A turn has at least as many `segments`. `wire` and `name` are as in `solenoid`. Raises
+    GeometryError for a profile that crosses itself, or values that are not positive and finite.
 
-    Returns
-    -------
-    Conductor
-        The path, from z = −turns·pitch/2 to turns·pitch/2.
-
-    Raises
-    ------
-    GeometryError
-        A profile that crosses itself, or values that are not positive and finite.
-
-    Examples
-    --------
     >>> frame = helix([(-5e-3, -2e-3), (5e-3, -2e-3), (5e-3, 2e-3), (-5e-3, 2e-3)], turns=3, pitch=1e-3, wire=0.5e-3)
     >>> round(float(frame.lengths.sum()) * 1e3, 1)
     84.1
@@ -100,33 +78,11 @@ def solenoid(
 ) -> Conductor:
     """Wind a wire on a round cylinder along z.
 
-    Parameters
-    ----------
-    diameter : float
-        Diameter of the winding in m, from middle to middle of the wire.
-    length : float
-        Length of the winding in m, `turns` times its pitch.
-    turns : float
-        Number of turns.
-    wire : float
-        Diameter of the wire in m.
-    segments : int
-        Segments of a turn.
-    name : str
-        Name of the path.
+    The `diameter` of the winding in m is from middle to middle of the wire, its `length` in m is
+    `turns` times its pitch, and its middle is the origin. The diameter of the `wire` is in m. A
+    turn has as many `segments`. `name` is that of the path. Raises GeometryError for values that
+    are not positive and finite, or a wire that does not fit between the turns.
 
-    Returns
-    -------
-    Conductor
-        The path, its middle at the origin.
-
-    Raises
-    ------
-    GeometryError
-        Values that are not positive and finite, or a wire that does not fit between the turns.
-
-    Examples
-    --------
     >>> from coilarray import self_inductance
     >>> coil = solenoid(diameter=20e-3, length=40e-3, turns=40, wire=0.5e-3)
     >>> round(float(self_inductance(coil)[0]) * 1e6, 2)
@@ -143,37 +99,15 @@ def saddle(
 ) -> Conductor:
     """Bend a rectangular loop about a cylinder along z.
 
+    The cylinder has a `radius` in m. The straight sides have a `length` in m, the arcs an `angle`
+    in rad, below 2π, with their middle on +x. The closed path is counter-clockwise seen from
+    outside, so that its field points along +x. `wire`, `name` and errors are as in `solenoid`, and
+    a whole circle has as many `segments`.
+
     Two saddles, one turned by π about z with its current reversed, have a homogeneous field along x
     if `angle` is 2π/3 and `length` is four radii (Ginsberg & Melchner, Rev. Sci. Instrum. 41, 122,
     1970).
 
-    Parameters
-    ----------
-    radius : float
-        Radius of the cylinder in m.
-    length : float
-        Length of the straight sides in m.
-    angle : float
-        Angle of the arcs in rad, below 2π. Their middle lies on +x.
-    wire : float
-        Diameter of the wire in m.
-    segments : int
-        Segments of a whole circle.
-    name : str
-        Name of the path.
-
-    Returns
-    -------
-    Conductor
-        The closed path, counter-clockwise seen from outside, so that its field points along +x.
-
-    Raises
-    ------
-    GeometryError
-        Values that are not positive and finite, or an angle of 2π or more.
-
-    Examples
-    --------
     >>> import math
     >>> loop = saddle(radius=10e-3, length=40e-3, angle=2 * math.pi / 3, wire=1e-3)
     >>> round(float(loop.lengths.sum()) * 1e3, 1)
@@ -202,32 +136,10 @@ def loop_pair(
 ) -> tuple[Conductor, Conductor]:
     """Place two equal round coils on the axis z.
 
-    Parameters
-    ----------
-    radius : float
-        Radius of the coils in m.
-    distance : float
-        Distance of their middles in m.
-    wire : float
-        Diameter of the wire in m.
-    turns : int
-        Turns of each coil, wound side by side.
-    opposed : bool
-        Reverse the current of the lower coil.
-    segments : int
-        Segments of a turn.
-    name : str
-        Names are this with "/upper" and "/lower".
-
-    Returns
-    -------
-    tuple of Conductor
-        The upper and the lower coil.
-
-    Raises
-    ------
-    GeometryError
-        Values that are not positive and finite, or coils that meet.
+    The upper and the lower coil of a `radius` in m have their middles at a `distance` in m. The
+    `turns` of each are wound side by side. If `opposed`, the current of the lower coil is reversed.
+    `wire` and `segments` are as in `solenoid`, and the names are `name` with "/upper" and "/lower".
+    Raises GeometryError for values that are not positive and finite, or coils that meet.
     """
     _require(name, radius=radius, distance=distance, wire=wire, turns=turns, segments=segments)
     _require_whole(name, turns)
@@ -282,36 +194,13 @@ def maxwell_pair(
 def toroid(
     radius: float, section_radius: float, turns: int, wire: float, *, segments: int = 36, name: str = "toroid"
 ) -> Conductor:
-    """Wind a wire on a ring about z.
+    """Wind a wire on a ring about z, whose ends meet.
 
     The inductance of a current sheet in its place is µ0 N² (R − √(R² − a²)). The field between
-    separate turns and the loop of the ring itself add some percent.
-
-    Parameters
-    ----------
-    radius : float
-        Radius R of the ring's middle in m.
-    section_radius : float
-        Radius a of the turns in m.
-    turns : int
-        Number N of turns.
-    wire : float
-        Diameter of the wire in m.
-    segments : int
-        Segments of a turn.
-    name : str
-        Name of the path.
-
-    Returns
-    -------
-    Conductor
-        The path, whose ends meet.
-
-    Raises
-    ------
-    GeometryError
-        Values that are not positive and finite, turns as large as the ring, or a wire that does not
-        fit inside the ring.
+    separate turns and the loop of the ring itself add some percent. The `radius` R of the ring's
+    middle and the `section_radius` a of the turns are in m, N is the number of `turns`. `wire`,
+    `segments` and `name` are as in `solenoid`. Raises GeometryError for values that are not
+    positive and finite, turns as large as the ring, or a wire that does not fit inside the ring.
     """
     return _wire(_toroid(radius, section_radius, turns, wire, segments, name), wire, name)
 
@@ -321,14 +210,10 @@ def rogowski(
 ) -> Conductor:
     """Wind a wire on a ring and lead it back within the turns.
 
-    The way back removes the loop of the ring itself, so that only currents through the ring induce
-    a voltage: M = µ0 N (R − √(R² − a²)). The `radius` R and `section_radius` a in m, the number N of
-    `turns`, the diameter of the `wire` in m, `segments`, `name` and errors are as in `toroid`.
-
-    Returns
-    -------
-    Conductor
-        The path, out as the turns and back along the ring's middle.
+    The way back along the ring's middle removes the loop of the ring itself, so that only currents
+    through the ring induce a voltage: M = µ0 N (R − √(R² − a²)). The `radius` R and
+    `section_radius` a in m, the number N of `turns`, the diameter of the `wire` in m, `segments`,
+    `name` and errors are as in `toroid`.
     """
     points = _toroid(radius, section_radius, turns, wire, segments, name)
     back = np.linspace(2 * np.pi, 0.0, max(turns, SEGMENTS) + 1)[1:-1]
@@ -339,32 +224,12 @@ def rogowski(
 def twisted_pair(
     length: float, distance: float, pitch: float, wire: float, *, segments: int = 36, name: str = "twisted"
 ) -> tuple[Conductor, Conductor]:
-    """Twist two wires about the axis z.
+    """Twist two wires about the axis z, the second leading back.
 
-    Parameters
-    ----------
-    length : float
-        Length of the pair in m, from the origin upwards.
-    distance : float
-        Distance of the wires' middles in m.
-    pitch : float
-        Length of a whole turn in m.
-    wire : float
-        Diameter of the wires in m.
-    segments : int
-        Segments of a whole turn.
-    name : str
-        Names are this with "/go" and "/return".
-
-    Returns
-    -------
-    tuple of Conductor
-        The wire upwards, and the wire back.
-
-    Raises
-    ------
-    GeometryError
-        Values that are not positive and finite, or wires that overlap.
+    The pair has a `length` in m from the origin upwards, and a whole turn a `pitch` in m. The
+    middles of the wires are at a `distance` in m. A whole turn has as many `segments`. `wire` is as
+    in `solenoid`, and the names are `name` with "/go" and "/return". Raises GeometryError for
+    values that are not positive and finite, or wires that overlap.
     """
     _require(name, length=length, distance=distance, pitch=pitch, wire=wire, segments=segments)
     if wire > distance:

@@ -39,8 +39,7 @@ from coilarray.geometry.conductor import SingleCoil
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.usual_values import require_coil_size, warn_unusual
 
-Sense = Literal["ccw", "cw"]
-"""Sense of rotation of the current seen from above (+z)."""
+Sense = Literal["ccw", "cw"]  # sense of rotation of the current seen from above (+z)
 WindingRule = Literal["parallel", "corner"]
 """Rule by which turns step in: on the last side only, or partly at every corner."""
 _TOUCH = 1e-9  # of a gap: rounding

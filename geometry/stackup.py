@@ -9,14 +9,10 @@ from dataclasses import dataclass, fields
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.usual_values import THICKEST_DIELECTRIC, THINNEST_COPPER, warn_unusual
 
-COPPER_THICKNESS = 35e-6
-"""Usual thickness in m of a copper layer, 1 oz."""
-EPSILON_R = 4.5
-"""Usual relative permittivity of FR-4."""
-PREPREG = 0.2e-3
-"""Usual thickness in m of the dielectric between two neighbouring layers."""
-BOARD_THICKNESS = 1.6e-3
-"""Usual thickness in m of a board."""
+COPPER_THICKNESS = 35e-6  # usual thickness in m of a copper layer, 1 oz
+EPSILON_R = 4.5  # usual relative permittivity of FR-4
+PREPREG = 0.2e-3  # usual thickness in m of the dielectric between two neighbouring layers
+BOARD_THICKNESS = 1.6e-3  # usual thickness in m of a board
 
 
 @dataclass(frozen=True)

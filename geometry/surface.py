@@ -22,12 +22,9 @@ if TYPE_CHECKING:
     import trimesh
     from scipy.spatial import cKDTree
 
-FILES = (".stl", ".obj", ".ply", ".off")
-"""Kinds of mesh files."""
+FILES = (".stl", ".obj", ".ply", ".off")  # kinds of mesh files
 MOST_COILS = 1000
-Mirror = Literal["x", "y"]
-"""Axis across a mirror plane through the origin."""
-
+Mirror = Literal["x", "y"]  # axis across a mirror plane through the origin
 _FROM, _TO = 1e-3, 10.0  # m: sizes of a surface whose unit is right
 _MOST_FACES = 500_000
 _SECTIONS, _RINGS = 72, 18  # of a dome: chords lie 1e-3 of its radius below it
@@ -297,23 +294,11 @@ def spread(surface: Surface, count: int, mirror: Mirror | None = None) -> FloatA
     farthest from all before, so that the same surface always has the same points. On a sphere 12
     points are the corners of an icosahedron to 1°.
 
-    Parameters
-    ----------
-    surface : Surface
-        The surface, thicker than the distance of neighbours.
-    count : int
-        Number of points, 1 to 1000.
-    mirror : {"x", "y"}, optional
-        Axis across a plane through the origin at which the surface and the points are mirrored.
+    The `surface` must be thicker than the distance of neighbours. The `count` of points is 1 to
+    1000. `mirror` is the axis across a plane through the origin at which surface and points are
+    mirrored, if any. The result has the shape (count, 3) and is in m. Raises GeometryError for a
+    wrong number, or a surface that is not on both sides of the mirror.
 
-    Returns
-    -------
-    ndarray, shape (count, 3)
-        Points on the surface in m. Raises GeometryError for a wrong number, or a surface that is
-        not on both sides of the mirror.
-
-    Examples
-    --------
     >>> helmet = Surface.dome((97e-3, 117e-3, 100e-3), skirt=50e-3)
     >>> spread(helmet, 8, mirror="x").shape
     (8, 3)

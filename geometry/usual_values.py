@@ -65,11 +65,8 @@ _UNITS = {
     "mm": "mm", "um": "µm", "pF": "pF", "nH": "nH", "ohm": "Ω", "ohm_m": "Ω·m", "MHz": "MHz", "MS_per_m": "MS/m",
     "kPa": "kPa", "r": "", "permittivity": "",
 }  # fmt: skip
-LARGEST_COIL = 10.0
-"""Largest possible size of a coil in m."""
-THINNEST_COPPER, THICKEST_DIELECTRIC = 1e-6, 50e-3
-"""Bounds in m of the layers of a board."""
-
+LARGEST_COIL = 10.0  # largest possible size of a coil in m
+THINNEST_COPPER, THICKEST_DIELECTRIC = 1e-6, 50e-3  # bounds in m of the layers of a board
 _reading: ContextVar[bool] = ContextVar("_reading", default=False)
 
 

@@ -30,22 +30,15 @@ REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the typical 43.4 MHz by the divider 2 that one channel needs."""
 AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
 """Allowed peak voltage in V: the sensor measures poorly below it, the input clamps act above it."""
-DRIVE_WINDOW = "R_p (Ω)"
-"""Name of the limit of `check_channel` by `RESISTANCE`."""
-RESISTANCE = (1e3, 100e3)
-"""Allowed parallel resistance of a sensor in Ω. The rows of table 42 are for 0.6 to 90 kΩ."""
-SENSOR_FREQUENCY = (1e3, 10e6)
-"""Allowed frequency of a sensor in Hz."""
-AMPLITUDES = (0.99 * AMPLITUDE_LOW, 1.02 * AMPLITUDE_HIGH)
-"""Allowed peak voltage in V with the rounding of table 42."""
-DIVIDED_FROM = 8.75e6
-"""Sensor frequency in Hz that needs a FIN_DIVIDER of 2."""
+DRIVE_WINDOW = "R_p (Ω)"  # name of the limit of `check_channel` by `RESISTANCE`
+RESISTANCE = (1e3, 100e3)  # allowed parallel resistance of a sensor in Ω. The rows of table 42 are for 0.6 to 90 kΩ.
+SENSOR_FREQUENCY = (1e3, 10e6)  # allowed frequency of a sensor in Hz
+AMPLITUDES = (0.99 * AMPLITUDE_LOW, 1.02 * AMPLITUDE_HIGH)  # allowed peak voltage in V with the rounding of table 42
+DIVIDED_FROM = 8.75e6  # sensor frequency in Hz that needs a FIN_DIVIDER of 2
 _LARGEST_SHARE_OF_REFERENCE = 0.25
-LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
-"""Largest sensor frequency over the self-resonance of its coil."""
+LARGEST_SHARE_OF_SELF_RESONANCE = 0.8  # largest sensor frequency over the self-resonance of its coil
 _SMALLEST_QUALITY = 1.0
-LARGEST_INPUT_DIVIDER = 15
-"""Largest FIN_DIVIDER."""
+LARGEST_INPUT_DIVIDER = 15  # largest FIN_DIVIDER
 # IDRIVE codes 0 to 31: current in µA, smallest and largest R_p in kΩ.
 _DRIVE = (
     (16, 60.0, 90.0), (18, 51.8, 77.6), (20, 44.6, 66.9), (23, 38.4, 57.6), (28, 33.7, 49.7), (32, 29.5, 42.8),
@@ -58,10 +51,8 @@ _DRIVE = (
 DRIVE_CURRENTS = tuple(1e-6 * microamperes for microamperes, _, _ in _DRIVE)
 """Currents of the IDRIVE codes 0 to 31 in A."""
 _NAMES = ("sensor frequency (Hz)", DRIVE_WINDOW, "amplitude (V peak)", "quality factor")
-BROKEN = ("none", "frequency", "R_p", "amplitude", "Q")
-"""Words for the numbers of `broken_limit`."""
-RESONATOR = ("frequency", "parallel_resistance", "quality_factor")
-"""Variables of a state that decide its readability."""
+BROKEN = ("none", "frequency", "R_p", "amplitude", "Q")  # words for the numbers of `broken_limit`
+RESONATOR = ("frequency", "parallel_resistance", "quality_factor")  # variables of a state that decide its readability
 
 
 @dataclass(frozen=True)

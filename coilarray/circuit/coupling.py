@@ -42,10 +42,8 @@ from coilarray.geometry import FinitePlate, Plate
 from coilarray.geometry.conductor import CurrentPaths
 from coilarray.metal.flat_plates import plate_field
 
-Termination = Literal["short", "open"]
-"""Termination of a passive coil: ``"short"`` to ground, or ``"open"``."""
-CLOSE_CHANNELS = 0.03
-"""Relative frequency distance below which channels that are active together pull each other."""
+Termination = Literal["short", "open"]  # termination of a passive coil: ``"short"`` to ground, or ``"open"``
+CLOSE_CHANNELS = 0.03  # relative frequency distance below which channels that are active together pull each other
 # Search of resonances without the tank beside plates: samples around the last guess, and rounds.
 _AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
 _SWEPT, _SHOWN_BELOW, _BEYOND = (0.1, 4.0), 10.0, 1.25  # frequencies of a sweep, see `sweep_range`

@@ -23,15 +23,12 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.design.ports import Port
 from coilarray.errors import NetworkError, require_positive
 
-Topology = Literal["SS", "SP", "PS", "PP"]
-"""Compensation of the first and the second coil, in series or in parallel."""
-Series = Literal["E12", "E24", "E96"]
-"""Series of standard values (IEC 60063)."""
+Topology = Literal["SS", "SP", "PS", "PP"]  # compensation of the first and the second coil, in series or in parallel
+Series = Literal["E12", "E24", "E96"]  # series of standard values (IEC 60063)
 _E24 = (1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5,
         8.2, 9.1)  # fmt: skip
 _VALUES = {"E12": _E24[::2], "E24": _E24, "E96": tuple(round(10 ** (k / 96), 2) for k in range(96))}
-TOLERANCES = {"E12": 0.1, "E24": 0.05, "E96": 0.01}
-"""Relative tolerance that goes with each series."""
+TOLERANCES = {"E12": 0.1, "E24": 0.05, "E96": 0.01}  # relative tolerance that goes with each series
 _MATCHED = 1e-9  # of the resistance
 _MOST_CORNERS = 12  # capacitors
 

@@ -49,10 +49,8 @@ _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: the matrix, its copy without th
 _ROUNDING = 1e-17  # error of the interpolated values
 _MATRIX_VALUES = 1_000_000  # of all circuit matrices solved at once. More do not fit into the caches of a processor
 _AT_ONCE = 16  # frequencies. Many at once save time, but a search seldom needs all
-SLOPE_STEP = 1e-4
-"""Relative frequency step of the differences for a slope, whose error is 1e-8."""
-NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
-"""Most Newton steps, and the relative step of convergence."""
+SLOPE_STEP = 1e-4  # relative frequency step of the differences for a slope, whose error is 1e-8
+NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12  # most Newton steps, and the relative step of convergence
 # Secant method: least slope over the first slope, and longest step over the frequency.
 _LEAST_SLOPE, _LONGEST_STEP = 0.1, 0.3
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"

@@ -9,12 +9,13 @@ import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain, combinations
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 import shapely
 from pydantic import Field, model_validator
 
+from coilarray import geometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.keys import (
     DEG,
@@ -32,29 +33,6 @@ from coilarray.design.keys import (
     require_rising,
 )
 from coilarray.errors import DesignError
-from coilarray.geometry import (
-    EVEN,
-    MATERIALS,
-    Array,
-    Ball,
-    Cone,
-    CylinderEdge,
-    Disc,
-    FinitePlate,
-    FlatPunch,
-    Hemisphere,
-    Indenter,
-    Material,
-    Outline,
-    Paraboloid,
-    Plate,
-    Polygon,
-    Rectangle,
-    Ring,
-    Seat,
-    Target,
-    Unevenness,
-)
 from coilarray.geometry.bodies import TOUCHING
 from coilarray.geometry.elastomer import KPA_PER_MM, Base, Strain
 
@@ -64,11 +42,11 @@ if TYPE_CHECKING:
 _WHOLE_STEPS = 1e-6  # part of a step by which a range may miss a whole number of steps
 _FEMTOMETRE = 1e-15
 
-SeatSlope = Annotated[float, Field(ge=-1, le=1)]
-"""Change of a seat along the board, per mm or in mm per mm."""
+SeatSlope = Annotated[float, Field(ge=-1, le=1)]  # change of a seat along the board, per mm or in mm per mm
 Corners = Annotated[list[Point], Field(min_length=3, max_length=10_000)]
 PositionList = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
 Shape = Literal["plate", "disc", "rectangle", "ring", "polygon"]
+Flat: TypeAlias = geometry.Plate | geometry.FinitePlate
 
 
 class SheetTable(Table):
@@ -99,29 +77,30 @@ class MaterialTable(Table):
     @model_validator(mode="after")
     def _known_material(self) -> Self:
         """Refuse an unknown material or contradicting keys."""
-        if self.material is not None and self.material not in MATERIALS:
-            close = difflib.get_close_matches(self.material, MATERIALS, n=1)
+        if self.material is not None and self.material not in geometry.MATERIALS:
+            close = difflib.get_close_matches(self.material, geometry.MATERIALS, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
             raise ValueError(
-                f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}{hint}"
+                f"needs a material of {', '.join(geometry.MATERIALS)}, or conductivity_MS_per_m; "
+                f"got {self.material!r}{hint}"
             )
         if self.material is not None and (self.conductivity_MS_per_m, self.relative_permeability) != (None, None):
             raise ValueError("needs either a material, or conductivity_MS_per_m and relative_permeability; got both")
         return self
 
-    def substance(self, name: str) -> Material | None:
+    def substance(self, name: str) -> geometry.Material | None:
         """Return the material in SI, called `name` if not known."""
         if self.material is not None:
-            return MATERIALS[self.material]
+            return geometry.MATERIALS[self.material]
         if self.conductivity_MS_per_m is None and self.relative_permeability is None:
             return None
         conductivity = self.in_si("conductivity_MS_per_m")["conductivity"]
-        return Material(name, conductivity or 0.0, self.relative_permeability or 1.0)
+        return geometry.Material(name, conductivity or 0.0, self.relative_permeability or 1.0)
 
     @classmethod
-    def of_material(cls, material: Material) -> dict[str, Any]:
+    def of_material(cls, material: geometry.Material) -> dict[str, Any]:
         """Return the entries of a material, not a perfect conductor."""
-        if MATERIALS.get(material.name) == material:
+        if geometry.MATERIALS.get(material.name) == material:
             return {"material": material.name}
         if math.isinf(material.conductivity):
             raise DesignError(f"a design file has no perfect conductor; got {material.name!r}.")
@@ -175,52 +154,51 @@ class FlatTable(MaterialTable):
             raise ValueError("needs a material, or conductivity_MS_per_m and relative_permeability")
         return self
 
-    def piece(self, name: str, x: float = 0.0, y: float = 0.0, lower: float = 0.0) -> Plate | FinitePlate:
+    def piece(self, name: str, x: float = 0.0, y: float = 0.0, lower: float = 0.0) -> Flat:
         """Return the piece in SI, with its lower face's middle."""
         material = self.substance(name)
         assert material is not None  # the validator has checked it
         sizes = self.in_si(*FlatTable.model_fields)
         outline, thickness = _OUTLINES[self.shape](sizes), sizes["thickness"]
         if outline is None:
-            return Plate(name, lower, thickness, material)
+            return geometry.Plate(name, lower, thickness, material)
         centre = (x, y, lower + thickness / 2)
-        return FinitePlate(name, outline, centre, thickness, material, sizes["tilt"], sizes["tilt_direction"])
+        return geometry.FinitePlate(name, outline, centre, thickness, material, sizes["tilt"], sizes["tilt_direction"])
 
     @classmethod
-    def of_piece(cls, plate: Plate | FinitePlate) -> dict[str, Any]:
+    def of_piece(cls, plate: Flat) -> dict[str, Any]:
         """Return the entries of a flat piece but its place."""
         table: dict[str, Any] = cls.entries_of(plate, "thickness_mm") | cls.of_material(plate.material)
-        if isinstance(plate, Plate):
+        if isinstance(plate, geometry.Plate):
             return table
         match plate.outline:
-            case Disc(radius):
+            case geometry.Disc(radius):
                 table |= {"shape": "disc", "diameter_mm": entry_of(radius, MM / 2)}
-            case Rectangle():
+            case geometry.Rectangle():
                 table |= {"shape": "rectangle"} | cls.entries_of(plate.outline, "width_mm", "height_mm")
-            case Ring(radius, inner):
+            case geometry.Ring(radius, inner):
                 sizes = {"diameter_mm": entry_of(radius, MM / 2), "inner_diameter_mm": entry_of(inner, MM / 2)}
                 table |= {"shape": "ring"} | sizes
-            case Polygon(_, holes):
+            case geometry.Polygon(_, holes):
                 keys = ("corners_mm", "holes_mm") if holes else ("corners_mm",)
                 table |= {"shape": "polygon"} | cls.entries_of(plate.outline, *keys)
         angles = {"tilt_deg": plate.tilt, "tilt_direction_deg": math.remainder(plate.tilt_direction, 2 * math.pi)}
         return table | {key: entry_of(angle, DEG) for key, angle in angles.items() if angle}
 
 
-_SIZES: Mapping[Shape, tuple[str, ...]] = {
+_SIZES: Mapping[Shape, tuple[str, ...]] = {  # Keys of the sizes that each shape needs. A polygon may have holes too.
     "plate": (),
     "disc": ("diameter_mm",),
     "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"),
     "polygon": ("corners_mm",),
 }
-"""Keys of the sizes that each shape needs. A polygon may have holes too."""
-_OUTLINES: Mapping[Shape, Callable[[Mapping[str, Any]], Outline | None]] = {
+_OUTLINES: Mapping[Shape, Callable[[Mapping[str, Any]], geometry.Outline | None]] = {
     "plate": lambda sizes: None,
-    "disc": lambda sizes: Disc(sizes["diameter"] / 2),
-    "rectangle": lambda sizes: Rectangle(sizes["width"], sizes["height"]),
-    "ring": lambda sizes: Ring(sizes["diameter"] / 2, sizes["inner_diameter"] / 2),
-    "polygon": lambda sizes: Polygon(sizes["exterior"], sizes["holes"]),
+    "disc": lambda sizes: geometry.Disc(sizes["diameter"] / 2),
+    "rectangle": lambda sizes: geometry.Rectangle(sizes["width"], sizes["height"]),
+    "ring": lambda sizes: geometry.Ring(sizes["diameter"] / 2, sizes["inner_diameter"] / 2),
+    "polygon": lambda sizes: geometry.Polygon(sizes["exterior"], sizes["holes"]),
 }
 """Outlines of each shape from its sizes in SI."""
 
@@ -252,7 +230,7 @@ class PlateTable(FlatTable):
             raise ValueError('has no x_mm and y_mm for shape = "plate", which is an infinite plate')
         return self
 
-    def build(self, top: float, underside: float) -> Plate | FinitePlate:
+    def build(self, top: float, underside: float) -> Flat:
         """Return the plate in SI, for heights in m of the sheets' top and the board's underside."""
         plate = self.piece(self.name, self.x_mm * MM, self.y_mm * MM, (self.z_mm or 0.0) * MM)
         if self.distance_mm is None:
@@ -262,16 +240,16 @@ class PlateTable(FlatTable):
         return plate.lifted(top + gap - low if self.side == "above" else underside - gap - high)
 
     @classmethod
-    def of(cls, plate: Plate | FinitePlate) -> dict[str, Any]:
+    def of(cls, plate: Flat) -> dict[str, Any]:
         """Return the entries of a plate but its name."""
-        if isinstance(plate, Plate):
+        if isinstance(plate, geometry.Plate):
             return cls.of_piece(plate) | cls.entries_of(plate, "z_mm")
         x, y, z = plate.centre
         places = {"x_mm": x, "y_mm": y, "z_mm": z - plate.thickness / 2}
         return cls.of_piece(plate) | {key: entry_of(place, MM) for key, place in places.items()}
 
 
-def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_copper: float) -> None:
+def check_plates(plates: Sequence[Flat], top: float, lowest_copper: float) -> None:
     """Refuse plates of one name, or in anything else, for heights in m of sheets and coils.
 
     Below `lowest_copper` plates may lie in the board, such as a copper pour.
@@ -294,7 +272,7 @@ def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_coppe
         areas = [
             shapely.Polygon(plate.on_board(plate.outline.exterior), [*map(plate.on_board, plate.outline.holes)])
             for plate in (one, other)
-            if isinstance(plate, FinitePlate)
+            if isinstance(plate, geometry.FinitePlate)
         ]
         if len(areas) < 2 or (areas[0] & areas[1]).area > 0:
             raise DesignError(f"plate.{m} must not overlap another plate; {other.name!r} reaches into {one.name!r}.")
@@ -311,11 +289,12 @@ class RoundTable(MaterialTable):
     radius_mm: Millimetres
     """Radius; of a paraboloid that of the curvature at its tip."""
 
-    def build(self) -> Indenter:
+    def build(self) -> geometry.Indenter:
         """Return the indenter in SI."""
-        kinds: Mapping[str, Callable[[float], Indenter]]
-        kinds = {"hemisphere": Hemisphere, "paraboloid": Paraboloid, "cylinder_edge": CylinderEdge}
-        return kinds[self.shape](self.radius_mm * MM)
+        radius = self.radius_mm * MM
+        if self.shape == "cylinder_edge":
+            return geometry.CylinderEdge(radius)
+        return geometry.Paraboloid(radius) if self.shape == "paraboloid" else geometry.Hemisphere(radius)
 
 
 class PunchTable(MaterialTable):
@@ -329,9 +308,9 @@ class PunchTable(MaterialTable):
     """Radius of its rounded edge, a tenth of its radius by default; then gast2020's sheets take 0.3
     radii of depth."""
 
-    def build(self) -> FlatPunch:
+    def build(self) -> geometry.FlatPunch:
         """Return the indenter in SI."""
-        return FlatPunch(**self.in_si("radius_mm", "edge_radius_mm"))
+        return geometry.FlatPunch(**self.in_si("radius_mm", "edge_radius_mm"))
 
 
 class ConeTable(MaterialTable):
@@ -346,20 +325,23 @@ class ConeTable(MaterialTable):
     edge_radius_mm: Millimetres | None = None
     """Radius of the rounded edge where it ends; a tenth of that radius by default."""
 
-    def build(self) -> Cone:
+    def build(self) -> geometry.Cone:
         """Return the indenter in SI."""
         sizes = self.in_si()
-        return Cone(sizes["half_angle"], sizes["radius"] or math.inf, sizes["edge_radius"])
+        return geometry.Cone(sizes["half_angle"], sizes["radius"] or math.inf, sizes["edge_radius"])
 
 
-def indenter_entries(indenter: Indenter, material: Material | None) -> dict[str, Any]:
+IndenterTable: TypeAlias = RoundTable | PunchTable | ConeTable
+
+
+def indenter_entries(indenter: geometry.Indenter, material: geometry.Material | None) -> dict[str, Any]:
     """Return the table of an indenter."""
     table: dict[str, Any] = {"shape": indenter.name.replace(" ", "_")}
-    if isinstance(indenter, Cone):
+    if isinstance(indenter, geometry.Cone):
         table |= ConeTable.entries_of(indenter, "half_angle_deg")
     if math.isfinite(indenter.radius):
         table |= RoundTable.entries_of(indenter, "radius_mm")
-    if isinstance(indenter, Cone | FlatPunch):
+    if isinstance(indenter, geometry.Cone | geometry.FlatPunch):
         table |= ConeTable.entries_of(indenter, "edge_radius_mm")
     return table if material is None else table | MaterialTable.of_material(material)
 
@@ -431,7 +413,7 @@ class PlacesTable(Table):
         return {"x": x, "y": y, "origin": self.origin, "origin_point": point, "step": step}
 
     @classmethod
-    def of_places(cls, setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, Any]:
+    def of_places(cls, setup: Indentation | geometry.Target, names: Mapping[str, str]) -> dict[str, Any]:
         """Return the entries of positions and their origin."""
         table: dict[str, Any]
         x, y = ([_label(value) for value in row] for row in (setup.x, setup.y))
@@ -517,7 +499,8 @@ class IndentationTable(PlacesTable):
             raise ValueError('needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base')
         if self.base != "seat" and self.seat_shear_kPa_per_mm is not None:
             raise ValueError(f'needs base = "seat" for seat_shear_kPa_per_mm; got base = "{self.base}"')
-        if self._unevenness() != EVEN and (self.base != "seat" or self.sample_x_mm is None or self.sample_radius_mm):
+        on_rectangle = self.base == "seat" and self.sample_x_mm is not None and not self.sample_radius_mm
+        if self._unevenness() != geometry.EVEN and not on_rectangle:
             raise ValueError(
                 'needs base = "seat", sample_x_mm and sample_y_mm and no sample_radius_mm for an uneven or lifting seat'
             )
@@ -535,28 +518,29 @@ class IndentationTable(PlacesTable):
         """Return the values in SI, as `coilarray.Indentation` takes them."""
         base: Base = "frictionless" if self.base == "frictionless" else "bonded"
         if self.seat_stiffness_kPa_per_mm is not None:
-            base = Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM)
+            shear = (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM
+            base = geometry.Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, shear)
         values = self.in_si("depths_mm", "sample_radius_mm", "strain")
         for what in ("sample", "ellipse"):
             x, y = getattr(self, f"{what}_x_mm"), getattr(self, f"{what}_y_mm")
             values[f"{what}_bounds"] = None if x is None else _in_m((x[0], y[0], x[1], y[1]))
         return values | {"base": base, "unevenness": self._unevenness(), **self.places()}
 
-    def _unevenness(self) -> Unevenness:
+    def _unevenness(self) -> geometry.Unevenness:
         stiffer_x, stiffer_y, wider_x, wider_y, lifts, weight = self.in_si(*_UNEVEN).values()
-        return Unevenness((stiffer_x, stiffer_y), (wider_x, wider_y), lifts, weight)
+        return geometry.Unevenness((stiffer_x, stiffer_y), (wider_x, wider_y), lifts, weight)
 
     @classmethod
     def of(cls, setup: Indentation, names: Mapping[str, str]) -> dict[str, Any]:
         """Return the entries of an indentation."""
         table: dict[str, Any] = {"strain": setup.strain}
-        if isinstance(setup.base, Seat):
+        if isinstance(setup.base, geometry.Seat):
             table |= {"base": "seat", "seat_stiffness_kPa_per_mm": entry_of(setup.base.stiffness, KPA_PER_MM)}
             if setup.base.shear:
                 table["seat_shear_kPa_per_mm"] = entry_of(setup.base.shear, KPA_PER_MM)
         else:
             table["base"] = setup.base
-        seat: Unevenness = setup.unevenness
+        seat: geometry.Unevenness = setup.unevenness
         values = ((entry_of(slope, 1e3) for slope in seat.stiffness_slope), seat.gap_slope, (seat.lifts, seat.weight))
         table |= {key: value for key, value in zip(_UNEVEN, chain(*values), strict=True) if value}
         table |= cls.entries_of(setup, "depths_mm") | cls.of_places(setup, names)
@@ -585,9 +569,9 @@ class MovedTable(PlacesTable):
         require_rising("distances_mm", self.distances_mm)
         return self
 
-    def of_body(self, body: Plate | FinitePlate | Ball) -> Target:
+    def of_body(self, body: Flat | geometry.Ball) -> geometry.Target:
         """Return the target in SI."""
-        return Target(body, distances=_in_m(self.distances_mm), **self.places())
+        return geometry.Target(body, distances=_in_m(self.distances_mm), **self.places())
 
 
 class FlatTarget(FlatTable, MovedTable):
@@ -603,10 +587,10 @@ class FlatTarget(FlatTable, MovedTable):
                 raise ValueError(f'has no {key} for shape = "plate", which is an infinite plate')
         return self
 
-    def build(self) -> Target:
+    def build(self) -> geometry.Target:
         """Return the target in SI."""
         piece = self.piece("target")
-        return self.of_body(piece if isinstance(piece, Plate) else piece.lifted(-piece.thickness / 2))
+        return self.of_body(piece if isinstance(piece, geometry.Plate) else piece.lifted(-piece.thickness / 2))
 
 
 class SphereTarget(MaterialTable, MovedTable):
@@ -623,27 +607,26 @@ class SphereTarget(MaterialTable, MovedTable):
             raise ValueError("needs a material, or conductivity_MS_per_m and relative_permeability")
         return self
 
-    def build(self) -> Target:
+    def build(self) -> geometry.Target:
         """Return the target in SI."""
         material = self.substance("target")
         assert material is not None  # the validator has checked it
-        return self.of_body(Ball(self.diameter_mm * MM / 2, material))
+        return self.of_body(geometry.Ball(self.diameter_mm * MM / 2, material))
 
 
-def target_entries(target: Target, names: Mapping[str, str]) -> dict[str, Any]:
+def target_entries(target: geometry.Target, names: Mapping[str, str]) -> dict[str, Any]:
     """Return the table of a target."""
     body = target.body
-    if isinstance(body, Ball):
+    if isinstance(body, geometry.Ball):
         size = {"shape": "sphere", "diameter_mm": entry_of(body.radius, MM / 2)}
         table = size | MaterialTable.of_material(body.material)
     else:
         table = {"shape": "plate", **FlatTable.of_piece(body)}
     table["distances_mm"] = list(map(_label, target.distances))
-    return table if isinstance(body, Plate) else table | PlacesTable.of_places(target, names)
+    return table if isinstance(body, geometry.Plate) else table | PlacesTable.of_places(target, names)
 
 
-MOST_POSITIONS = 100_000
-"""Most positions of a map."""
+MOST_POSITIONS = 100_000  # most positions of a map
 # Parts of the narrowest coil for the finest and the coarsest step, which resolve its response.
 _PARTS = {"indentation": (12.0, 6.0), "target": (12.0, 4.0)}
 _PARTS_OF_ONE = (32.0, 12.0)  # of a single coil, whose map is small
@@ -651,12 +634,11 @@ _POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step a
 _ROUND = 0.1e-3  # m. A step is a multiple of it, and a multiple of five times it from there on
 
 Positions = tuple[tuple[float, ...], tuple[float, ...]]
-Edges = tuple[float, float, float, float]
-"""x_min, y_min, x_max, y_max in m."""
+Edges = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max in m
 
 
 def array_window(
-    array: Array,
+    array: geometry.Array,
     origin: tuple[float, float],
     step: float | None = None,
     within: Edges | None = None,

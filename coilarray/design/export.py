@@ -15,9 +15,7 @@ if TYPE_CHECKING:  # not loaded for the help of a command
     from coilarray.design.model import Board, Design, DesignFile
     from coilarray.geometry.array import Array
 
-Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
-"""Format of an exported board."""
-
+Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]  # format of an exported board
 SUFFIXES: Mapping[Format, tuple[str, ...]] = {
     "kicad": ("",),
     "gerber": (".zip",),

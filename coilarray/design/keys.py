@@ -28,8 +28,7 @@ from pydantic_core import PydanticCustomError, PydanticUndefined
 
 from coilarray.errors import listed, shown
 
-MM, UM, DEG, PF = 1e-3, 1e-6, math.pi / 180, 1e-12
-"""Units of entries in SI."""
+MM, UM, DEG, PF = 1e-3, 1e-6, math.pi / 180, 1e-12  # units of entries in SI
 _UNITS: Mapping[str, tuple[str, float]] = {
     "mm": ("mm", MM), "per_mm": ("1/mm", 1e3), "mm_per_mm": ("mm/mm", 1.0), "um": ("µm", UM),
     "deg": ("deg", DEG), "mrad": ("mrad", 1e-3), "pF": ("pF", PF), "nH": ("nH", 1e-9), "uH": ("µH", 1e-6),
@@ -312,8 +311,7 @@ def _tables(annotation: Any) -> Iterator[type[Table]]:
         yield from _tables(part)
 
 
-REQUIRED = "none, required"
-"""Default of a key that must be given."""
+REQUIRED = "none, required"  # default of a key that must be given
 _WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 

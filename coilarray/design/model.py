@@ -299,15 +299,8 @@ class Board:
     def in_space(self, points: npt.ArrayLike) -> FloatArray:
         """Return points of the flat board where the board has them in space.
 
-        Parameters
-        ----------
-        points : array_like, shape (..., 3)
-            Points of the flat board in m.
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            The same points of the bent and placed board, in m.
+        `points`, and the same points of the bent and placed board, have the shape (..., 3) and are
+        in m.
         """
         form = self.array.form
         return self.pose.apply(points if form is None else form.surface(points))

@@ -8,18 +8,12 @@ from typing import Literal, get_args
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import DesignError, require_finite
 
-Converter = Literal["LDC1614", "LDC1612", "FDC2214", "none"]
-"""Converters with the same limits, and none."""
-SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
-"""Range of RCOUNT, the length of a conversion."""
-INTERNAL_CLOCK = 43.4e6
-"""Typical frequency of the converter's internal oscillator in Hz."""
-DRIVE_DELAY = 5e-9
-"""Delay of the converter's drive in s (SNOSCY9A, equation 1)."""
-INTERNAL_CLOCK_PER_KELVIN = -13e-6
-"""Change of the internal oscillator in 1/K (SNOSCY9A, section 6.5, mean of units)."""
-RESOLUTION_RCOUNT = 0x800
-"""RCOUNT for which `Readout.resolution` is given."""
+Converter = Literal["LDC1614", "LDC1612", "FDC2214", "none"]  # converters with the same limits, and none
+SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF  # range of RCOUNT, the length of a conversion
+INTERNAL_CLOCK = 43.4e6  # typical frequency of the converter's internal oscillator in Hz
+DRIVE_DELAY = 5e-9  # delay of the converter's drive in s (SNOSCY9A, equation 1)
+INTERNAL_CLOCK_PER_KELVIN = -13e-6  # change of the internal oscillator in 1/K (SNOSCY9A, section 6.5, mean of units)
+RESOLUTION_RCOUNT = 0x800  # RCOUNT for which `Readout.resolution` is given
 USUAL: Mapping[str, float] = {
     "resolution": 8e-7,
     "clock_jitter": 0.0,

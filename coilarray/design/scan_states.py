@@ -169,10 +169,8 @@ def check_state(state: ScanState, names: Sequence[str]) -> None:
         raise NetworkError(f"load_resistance of state {state.name} must be positive; got {state.load_resistance} Ω.")
 
 
-CONVERTER_PIN = 4e-12
-"""Capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)."""
-PartName = Literal["ADG714", "ADG738", "ADG739"]
-"""Names of the known parts."""
+CONVERTER_PIN = 4e-12  # capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)
+PartName = Literal["ADG714", "ADG738", "ADG739"]  # names of the known parts
 _NETS = 3  # nets that every end of a coil has a switch to: ground and both sides of the bus
 _LOAD = 50.0  # Ω, into which the off isolation is measured
 _DECADE = 10e6  # Hz, frequency of the off isolation

@@ -10,17 +10,8 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
+from coilarray.design import body_tables
 from coilarray.design.board_tables import AnyCoil, BoardTable, ConnectorTable, FreeArray, LatticeArray, StackupTable
-from coilarray.design.body_tables import (
-    ConeTable,
-    FlatTarget,
-    IndentationTable,
-    PlateTable,
-    PunchTable,
-    RoundTable,
-    SheetTable,
-    SphereTarget,
-)
 from coilarray.design.fabs import FabTable
 from coilarray.design.keys import Degrees, Name, Position, Relative, Table
 from coilarray.design.ports import Port
@@ -32,9 +23,7 @@ from coilarray.geometry import Pose
 if TYPE_CHECKING:
     from coilarray.design.model import Board, Circuit
 
-SCHEMA = 1
-"""Version of the design file format."""
-
+SCHEMA = 1  # version of the design file format
 _StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
 _Ohms = Annotated[float, Field(ge=0, le=1e9)]
 _PositiveOhms = Annotated[float, Field(gt=0, le=1e9)]
@@ -164,14 +153,13 @@ _OF_SWITCHES = (
     "capacitance_pF", "switch_off_capacitance_pF", "terminal_capacitance_pF", "bus_capacitance_pF",
     "lead_inductance_nH", "tank",
 )  # fmt: skip
-_OF_PART = {
+_OF_PART = {  # Keys of ``[circuit]`` that a part replaces, each with the reason why its value is assumed
     _SHORT: "two closed switches, typical at 5 V",
     "switch_off_capacitance_pF": "from the off isolation of the same switches with another bus, or not verified",
     "terminal_capacitance_pF": "its pins at the end of a coil; typical, not verified; traces not counted",
     "bus_capacitance_pF": "a pin of each of its switches on the bus, and the converter's; typical, not verified; "
     "traces not counted",
 }
-"""Keys of ``[circuit]`` that a part replaces, each with the reason why its value is assumed."""
 
 
 def switch_entries(switches: Switches) -> dict[str, Any]:
@@ -316,11 +304,11 @@ class Document(Table):
     array: Annotated[LatticeArray | FreeArray | SurfaceArray, Field(discriminator="lattice")]
     connector: ConnectorTable | None = None
     board: BoardTable = BoardTable()
-    elastomer: list[SheetTable] = Field(default_factory=list)
-    plate: list[PlateTable] = Field(default_factory=list)
-    indenter: Annotated[RoundTable | PunchTable | ConeTable, Field(discriminator="shape")] | None = None
-    indentation: IndentationTable | None = None
-    target: Annotated[FlatTarget | SphereTarget, Field(discriminator="shape")] | None = None
+    elastomer: list[body_tables.SheetTable] = Field(default_factory=list)
+    plate: list[body_tables.PlateTable] = Field(default_factory=list)
+    indenter: Annotated[body_tables.IndenterTable, Field(discriminator="shape")] | None = None
+    indentation: body_tables.IndentationTable | None = None
+    target: Annotated[body_tables.FlatTarget | body_tables.SphereTarget, Field(discriminator="shape")] | None = None
     circuit: CircuitTable = CircuitTable()
     readout: ReadoutTable = ReadoutTable()
     scan: list[StateTable] = Field(default_factory=list)

@@ -37,10 +37,9 @@ class HasConductors(Protocol):
         """Return the current paths."""
 
 
-Source: TypeAlias = (
+Source: TypeAlias = (  # current paths: spiral, coil, array, design, conductor, polyline (n + 1, 3) in m, or several
     HasConductors | Conductor | npt.NDArray[np.float64] | Sequence[HasConductors | Conductor | npt.ArrayLike]
 )
-"""Current paths: spiral, coil, array, design, conductor, polyline (n + 1, 3) in m, or several."""
 
 
 def as_conductors(source: Source, *, flat: bool = False) -> tuple[Conductor, ...]:

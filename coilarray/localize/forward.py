@@ -30,22 +30,13 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.scan_states import referenced_names
 from coilarray.errors import LocalizeError, require_positive
+from coilarray.response import interpolation
 from coilarray.response.dataset import checked_response, is_of_target, over_depth
-from coilarray.response.interpolation import (
-    LEAST_POSITIONS,
-    PARAMETERS,
-    ResponseSpline,
-    coil_extent,
-    even_row,
-    response_spline,
-)
 from coilarray.response.map import Imperfections, response_map
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
 
-NOISE = 1e-5
-"""Default standard deviation of δ, for a response without a noise of its own."""
-
+NOISE = 1e-5  # default standard deviation of δ, for a response without a noise of its own
 _STEPS = 5  # positions of a table per thickness of all sheets, from a convergence study
 _DEEPEST = 1.7  # of a table, relative to the deepest indentation of the design
 _DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, relative to its greatest depth
@@ -102,7 +93,7 @@ def whitening(deviations: FloatArray, common: FloatArray) -> Whitening:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ForwardModel(ResponseSpline):
+class ForwardModel(interpolation.ResponseSpline):
     """δ of every state over position and depth, with derivatives.
 
     `x`, `y`, `depth`, `spline` and `in_root` are the table of a `ResponseSpline`. The last of
@@ -114,7 +105,7 @@ class ForwardModel(ResponseSpline):
     """
 
     states: tuple[str, ...]
-    parameters: tuple[str, ...] = PARAMETERS
+    parameters: tuple[str, ...] = interpolation.PARAMETERS
     noise: float = NOISE
     common: tuple[FloatArray, ...] = ()
     errors: tuple[float, ...] = ()
@@ -287,16 +278,17 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     of_target = is_of_target(response)
     response = checked_response(response)
     whole = over_depth(response)
-    x, y, depth = (whole[name].values for name in PARAMETERS)
+    x, y, depth = (whole[name].values for name in interpolation.PARAMETERS)
     for name, axis in (("x", x), ("y", y)):
-        if 1 < len(axis) < LEAST_POSITIONS:
+        if 1 < len(axis) < interpolation.LEAST_POSITIONS:
             raise LocalizeError(
-                f"a response must have one or at least {LEAST_POSITIONS} positions along {name}; got {len(axis)}."
+                f"a response must have one or at least {interpolation.LEAST_POSITIONS} positions along {name}; "
+                f"got {len(axis)}."
             )
     if not any(len(axis) > 1 for axis in (x, y, depth)):
         raise LocalizeError("a response must have more than one position or depth.")
     delta = whole["delta"].transpose("x", "y", "depth", "state").values
-    table = response_spline(x, y, depth, delta, zero_plane=zero_plane and not of_target)
+    table = interpolation.response_spline(x, y, depth, delta, zero_plane=zero_plane and not of_target)
     errors: tuple[float, ...] = ()
     if "delta_error" in response:
         over = tuple(dim for dim in response["delta"].dims if dim != "state")
@@ -311,7 +303,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     return ForwardModel(
         **vars(table),
         states=tuple(map(str, response["state"].values)),
-        parameters=("x", "y", "distance") if of_target else PARAMETERS,
+        parameters=("x", "y", "distance") if of_target else interpolation.PARAMETERS,
         noise=float(response.attrs.get("noise", NOISE)),
         common=common,
         errors=errors,
@@ -333,14 +325,18 @@ def table_grid(
     end = _DEEPEST * max(setup.depths) if deepest is None else deepest
     for name, value in (("spacing", step), ("deepest", end)):
         require_positive(f"{name} of a table", value, " m", LocalizeError)
-    (first, last), (least, greatest) = coil_extent(design), setup.reachable(end)
+    (first, last), (least, greatest) = interpolation.coil_extent(design), setup.reachable(end)
     low, high = np.maximum(first, least), np.minimum(last, greatest)
     if not (low < high).all():
         raise LocalizeError(
             f"the sample of {design.name} leaves no room over the coils for a depth of {end * 1e3:.3g} mm."
         )
     (x_min, y_min), (x_max, y_max) = low.tolist(), high.tolist()
-    return end * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step)
+    return (
+        end * np.array(_DEPTHS),
+        interpolation.even_row(x_min, x_max, step),
+        interpolation.even_row(y_min, y_max, step),
+    )
 
 
 def table_for(design: Design, *, network: Network | None = None, progress: Progress | None = None) -> xr.Dataset:

@@ -47,15 +47,9 @@ indentation beyond the noise, or an invalid reading."""
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
 """δ by the names of the states, or in the order of the model's states."""
 
-UNKNOWN_DEVIATION = 0.1
-"""Standard deviation in m from which a coordinate counts as unknown: it is larger than a board."""
-
-CONFIDENCE = 0.95
-"""Confidence of regions, and so of the modes that are kept."""
-
-ALARM = 1e-3
-"""Probability that a reading that the model explains is reported as "no fit"."""
-
+UNKNOWN_DEVIATION = 0.1  # standard deviation in m from which a coordinate counts as unknown: it is larger than a board
+CONFIDENCE = 0.95  # confidence of regions, and so of the modes that are kept
+ALARM = 1e-3  # probability that a reading that the model explains is reported as "no fit"
 _SAME = 1.0  # two minima nearer than one standard deviation are one mode
 _BENT = 2.0  # factor by which χ² may differ from its parabola for a Gaussian mode
 _LEAST = 1e-13  # of eigenvalues, against division by zero if the information is singular

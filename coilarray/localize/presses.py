@@ -21,12 +21,8 @@ from coilarray.compute.arrays import FloatArray
 if TYPE_CHECKING:  # takes a second to load and is not needed without a model
     from coilarray.localize.inverse import Location
 
-FALSE_ALARM = 1e-9
-"""Probability that noise alone begins a press in a scan, once in four months at 100 scans/s."""
-
-REMAINS = 0.25
-"""Part of the largest deviation below which a press has ended, as a finger is unsteady."""
-
+FALSE_ALARM = 1e-9  # probability that noise alone begins a press in a scan, once in four months at 100 scans/s
+REMAINS = 0.25  # part of the largest deviation below which a press has ended, as a finger is unsteady
 _MEMORY = 5.0  # s over which the line at rest is fitted, or the number of scans in the baseline if they take longer
 _AVERAGED = 200  # scans over which the noise is averaged
 _PER_DIFFERENCE = 2 / 3  # degrees of freedom of a difference of successive values, which share one (von Neumann 1941)

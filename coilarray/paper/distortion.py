@@ -28,9 +28,7 @@ from coilarray.response.setup import indentation_of, map_axes
 
 DELTAS = np.arange(1e-4, 1.0e-3 + 1e-6, 2.5e-5)
 """δ at which x0 is compared, in the range where the paper's polynomials were fitted."""
-TILT = 35e-6 / 100e-3
-"""The paper's vertical deviation of an axis, 35 µm in 100 mm, taken as a tilt along x."""
-
+TILT = 35e-6 / 100e-3  # the paper's vertical deviation of an axis, 35 µm in 100 mm, taken as a tilt along x
 _WIDE = (18e-3, 12e-3)  # the wide window is larger by this on each side, along x and y
 _FINE = 2  # parts of the grid's step
 _SEEDS = 8

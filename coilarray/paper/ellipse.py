@@ -55,26 +55,16 @@ from coilarray.compute.display_units import PER_MILLION
 from coilarray.errors import LocalizeError, require_positive
 from coilarray.response.dataset import RESPONSE, in_ellipse_window
 
-PARAMETERS = ("x0", "A", "B")
-"""Names of the parameters of an ellipse, in the order of every row of them."""
-
+PARAMETERS = ("x0", "A", "B")  # names of the parameters of an ellipse, in the order of every row of them
 REFINEMENT = 20
 """Divisions of every spacing of the grid.
 
 On the paper's board the result is within 0.03 mm of 80 divisions, with 5 within 0.12 mm."""
 
-THRESHOLD = 2e-5
-"""Half width of a level in δ, Sect. 5 of the paper."""
-
-STEP = 3e-5
-"""Step from level to level in δ, Sect. 5 of the paper."""
-
-LEAST_POINTS = 6
-"""Least number of points of a level that is fitted: twice the unknowns."""
-
-LEAST_REACH = 0.5
-"""Distance of the points of a determined level beyond the centre on both sides, in semi-axes."""
-
+THRESHOLD = 2e-5  # half width of a level in δ, Sect. 5 of the paper
+STEP = 3e-5  # step from level to level in δ, Sect. 5 of the paper
+LEAST_POINTS = 6  # least number of points of a level that is fitted: twice the unknowns
+LEAST_REACH = 0.5  # distance of the points of a determined level beyond the centre on both sides, in semi-axes
 _LEAST_SAMPLES = 4  # of a cubic, along each axis
 _MOST_LEVELS = 3000  # δ = 0.09 with the paper's step, each takes 0.4 ms
 _MOST_POINTS = 10**9  # levels times refined points of all states, some 10 s (the paper's map has 1.2e7)

@@ -45,27 +45,17 @@ from coilarray.design.model import Design
 from coilarray.errors import LocalizeError, listed
 from coilarray.paper.ellipse import PARAMETERS, Ellipse, closes
 
-Coefficients = tuple[float, ...]
-"""p4, p3, p2, p1, p0 of a polynomial of δ, in m."""
-
-Case = Literal["two points", "touching", "adjacent coils"]
-"""The paper's three cases (Fig. 6)."""
-
-DEGREE = 4
-"""Degree of the polynomials, Eq. 4."""
-
+Coefficients = tuple[float, ...]  # p4, p3, p2, p1, p0 of a polynomial of δ, in m
+Case = Literal["two points", "touching", "adjacent coils"]  # the paper's three cases (Fig. 6)
+DEGREE = 4  # degree of the polynomials, Eq. 4
 SEMIAXIS_ADDITION = 0.2e-3
 """Paper's addition to every A_i in m so that ellipses intersect in spite of errors (Sect. 5)."""
 
 CENTRE_SHARE = 1e-3 / 1.2e-3
 """Share of the largest δ from which a reading counts as near the coil's centre (Sect. 5 and 6)."""
 
-CENTRE_DELTA = 1e-3
-"""δ from which an indentation is near a coil's centre (Sect. 5)."""
-
-SCHEMA = 1
-"""Schema of the JSON file of a model."""
-
+CENTRE_DELTA = 1e-3  # δ from which an indentation is near a coil's centre (Sect. 5)
+SCHEMA = 1  # schema of the JSON file of a model
 _KIND = "coilarray ellipse model"
 _CHECKSUM = "checksum"  # key of the file
 _RANGE = ("lowest", "highest", "centre")

@@ -30,17 +30,7 @@ from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor
 from coilarray.metal.backing import backings_of
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
-from coilarray.response.changes import (
-    Variable,
-    changes_by_bounds,
-    changes_by_levels,
-    check_metal,
-    constant_change,
-    dent_changes,
-    metal_share,
-    plus,
-    through_circuit,
-)
+from coilarray.response import changes
 from coilarray.response.dataset import ELLIPSE_WINDOW, map_coordinates, origin_attributes
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
@@ -187,7 +177,7 @@ def response_map(
     metal = (_BYTES_OF_METAL if setup.ball is not None else 0.0) + (_BYTES_OF_PLATES if given.plates else 0.0)
     error = _allowed_error(accuracy.reach, axes, coils, metal=metal > 0)
     _require_room(axes, coils, len(given.plan), error, metal)
-    check_metal(axes, setup.ball)
+    changes.check_metal(axes, setup.ball)
     pressed = experiment(setup, given.sheets, axes, true)
     design = replace(given, sheets=pressed.sheets)
     network, ideal = true.network, true.network == "ideal"
@@ -225,7 +215,7 @@ def response_map(
     )
 
 
-_Solved = tuple[FloatArray, FloatArray, NoiseBudget, dict[str, Variable], dict[str, object]]
+_Solved = tuple[FloatArray, FloatArray, NoiseBudget, dict[str, changes.Variable], dict[str, object]]
 """δ of all states, L_0 (states,) in H, the noise budget, and more variables and attributes."""
 
 
@@ -282,17 +272,17 @@ def _all_coils(
     axes, ball = pressed.axes, indentation_of(design).ball
     flats = [resonate(network, state) for state in design.plan]
     band, mean = _band(flats)
-    change = dent_changes(design.paths, design.plates, pressed, band, mesh, keep, progress)
-    found: dict[str, Variable] = {}
+    change = changes.dent_changes(design.paths, design.plates, pressed, band, mesh, keep, progress)
+    found: dict[str, changes.Variable] = {}
     attributes: dict[str, object] = {"error_of_peak": 0.0}
     if change.band is band:
         attributes |= {"plate_frequency_Hz": mean, "plate_lowest_Hz": band.low, "plate_highest_Hz": band.high}
         found |= _plate_variables(axes, change, mean)
-    answers = through_circuit(network, flats, change)
+    answers = changes.through_circuit(network, flats, change)
     if ball is not None:
-        share = metal_share(design.paths, design.plates, pressed, ball, mean, rest, mesh)
-        dented, change = answers["delta"], plus(change, share)
-        answers = through_circuit(network, flats, change)
+        share = changes.metal_share(design.paths, design.plates, pressed, ball, mean, rest, mesh)
+        dented, change = answers["delta"], changes.plus(change, share)
+        answers = changes.through_circuit(network, flats, change)
         values, matrix = share.reshape(*axes.shape, *share.shape[1:]), (*_PLACES, "coil", "other")
         found |= variables(
             ("metal_delta", (*_PLACES, "state"), (answers["delta"] - dented).reshape(*axes.shape, -1), "1",
@@ -337,15 +327,15 @@ def respond(
     if "metal_resistance_change" in response:
         loss = response.metal_resistance_change.values.reshape(flat.shape)
         flat = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
-    change = constant_change(flat)
+    change = changes.constant_change(flat)
     if "plate_frequency" in response.dims:
         f, L = response.plate_frequency.values, response.plate_inductance_change.values
         loss = response.plate_resistance_change.values / (2 * np.pi * f[:, None, None, None, None, None])
         low, high = (float(response.attrs[f"plate_{end}_Hz"]) for end in ("lowest", "highest"))
         values = np.moveaxis((L - 1j * loss).reshape(len(f), -1, n, n), 0, 1)
         over = ChangeOverFrequency(FrequencyBand(low, high, _OVER_FREQUENCY), values)
-        change = plus(over, flat - over.at(response.attrs["plate_frequency_Hz"]).real)
-    answers = through_circuit(network, flats, change)
+        change = changes.plus(over, flat - over.at(response.attrs["plate_frequency_Hz"]).real)
+    answers = changes.through_circuit(network, flats, change)
     others = response.drop_dims("state")  # also the share of a material in δ
     others["inductance_change"] = (response.inductance_change.dims, given, response.inductance_change.attrs)
     others["delta"] = ((*_PLACES, "state"), answers["delta"].reshape(*shape, -1), response.delta.attrs)
@@ -374,7 +364,7 @@ def inductance_changes(
     material of the indenter counts, against the indenter just touching the sheets.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    check_metal(axes, ball)
+    changes.check_metal(axes, ball)
     source = design.conductors() if paths is None else paths
     pressed = experiment(indentation_of(design), design.sheets, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
@@ -388,11 +378,11 @@ def inductance_changes(
             backings, shares = over, band.shares(np.array([mean]))[0]
     for share, backing in zip(shares.tolist(), backings, strict=True):
         for levels in together(pressed.levels):
-            part = changes_by_levels(source, levels, pressed.points, LayerMesh(), backing, progress)
+            part = changes.changes_by_levels(source, levels, pressed.points, LayerMesh(), backing, progress)
             change += share * part.real
-        change += share * changes_by_bounds(pressed, source, LayerMesh(), backing).real
+        change += share * changes.changes_by_bounds(pressed, source, LayerMesh(), backing).real
     if ball is not None and frequency is not None:
-        by_metal = metal_share(source, design.plates, pressed, ball, frequency, 0.0, LayerMesh())
+        by_metal = changes.metal_share(source, design.plates, pressed, ball, frequency, 0.0, LayerMesh())
         change += by_metal.real.reshape(change.shape)
     return change.reshape(*axes.shape, len(source), len(source))
 
@@ -408,7 +398,7 @@ def response_dataset(
     coils: Sequence[str] | None = None,
     states: Sequence[str] | None = None,
     per_length: bool = False,
-    more: dict[str, Variable] | None = None,
+    more: dict[str, changes.Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
     """Assemble a response δ (…, states), in H or `per_length`."""
@@ -485,7 +475,7 @@ def _band(flats: Sequence[Resonance]) -> tuple[FrequencyBand, float]:
     return FrequencyBand(min(found), max(found), _OVER_FREQUENCY), float(np.mean(found))
 
 
-def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, Variable]:
+def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, changes.Variable]:
     """Return the loss by plates, and both changes over frequency."""
     matrix, f = (*_PLACES, "coil", "other"), over.band.nodes
     each = np.moveaxis(over.values, 1, 0)
@@ -513,7 +503,7 @@ def _readability(
     answers: Mapping[str, FloatArray],
     flat: Mapping[str, FloatArray],
     shape: tuple[int, ...],
-) -> dict[str, Variable]:
+) -> dict[str, changes.Variable]:
     """Readability at positions and for the flat board.
 
     Here Q = R_p/(ω L_eff) = ω C R_p, as in `Resonance`.

@@ -23,13 +23,7 @@ from coilarray.compute.threads import Progress, part_of, ranges, run_blocks
 from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dented_layer import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
-from coilarray.electromagnetics.flat_stack import (
-    CoilSpectra,
-    coil_segments,
-    segment_centres,
-    segment_spectra,
-    turned_spectra,
-)
+from coilarray.electromagnetics import flat_stack
 from coilarray.geometry import Conductor
 from coilarray.response.setup import Experiment
 
@@ -98,7 +92,7 @@ class _Solved:
     """Solved dents, coil spectra of a motion, and cutoff distances."""
 
     scatterings: tuple[Scattering, ...]
-    spectra: Mapping[tuple[float, float], CoilSpectra]
+    spectra: Mapping[tuple[float, float], flat_stack.CoilSpectra]
     clearance: float
     cutoff: Cutoff
     error: float
@@ -113,8 +107,8 @@ def _solve(
     mesh: LayerMesh,
 ) -> _Solved:
     """Solve the dents for all coils within the cutoff."""
-    coils = coil_segments(conductors)
-    centres, radius = segment_centres(coils)
+    coils = flat_stack.coil_segments(conductors)
+    centres, radius = flat_stack.segment_centres(coils)
     corners = np.array([points.min(axis=0), points.max(axis=0)])
     # the factor includes the farthest coil
     farthest = float(np.hypot(*np.abs(corners[:, None] - centres).max(axis=0).T).max()) * (1 + 1e-9)
@@ -126,7 +120,7 @@ def _solve(
     while True:
         wavenumbers, weights = wavenumber_rule(clearance, extent + radius + width, mesh)
         solved = scatter(dents[worst], wavenumbers, weights, mesh, deepest[worst])
-        spectra = segment_spectra(coils, wavenumbers)
+        spectra = flat_stack.segment_spectra(coils, wavenumbers)
         cutoff = _cutoff(_profile(solved, spectra, extent), states, centres, error)
         if cutoff.coils <= extent or extent == farthest:
             break
@@ -136,7 +130,7 @@ def _solve(
         if dent.shape not in shapes:
             shapes[dent.shape] = scatter(dent, wavenumbers, weights, mesh, deepest[worst])
     slopes = {dent.motion.slope for dent in dents} - {STILL.slope}
-    turned = {slope: turned_spectra(spectra, slope) for slope in slopes}
+    turned = {slope: flat_stack.turned_spectra(spectra, slope) for slope in slopes}
     cutoff = Cutoff(min(cutoff.states, extent), min(cutoff.coils, extent))
     scatterings = tuple(shapes[dent.shape] for dent in dents)
     return _Solved(scatterings, {STILL.slope: spectra, **turned}, clearance, cutoff, error)
@@ -146,7 +140,7 @@ _Profile = tuple[FloatArray, FloatArray, FloatArray]
 """Distances in m of a coil from the axis, rising from 0, and the largest |ΔL_aa| of it and |ΔL_ab| with any coil."""
 
 
-def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
+def _profile(scattering: Scattering, spectra: flat_stack.CoilSpectra, farthest: float) -> _Profile:
     """Measure the relative fall of a dent's changes over distance.
 
     The wavenumbers must resolve the distance in m. The largest values of all shapes of coils are

@@ -3,12 +3,8 @@
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DesignError
 
-STARTER = "gast2020"
-"""Name of the default design of commands."""
-
-DESIGNS = TomlFiles("design", DesignError, __name__)
-"""Design files."""
-
+STARTER = "gast2020"  # name of the default design of commands
+DESIGNS = TomlFiles("design", DesignError, __name__)  # design files
 names, read = DESIGNS.names, DESIGNS.read
 
 

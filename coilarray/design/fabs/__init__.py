@@ -14,9 +14,7 @@ from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DesignError
 from coilarray.geometry import FabRules
 
-PROFILES = TomlFiles("fab profile", DesignError, __name__)
-"""Profiles of board houses."""
-
+PROFILES = TomlFiles("fab profile", DesignError, __name__)  # profiles of board houses
 names, read = PROFILES.names, PROFILES.read
 
 
