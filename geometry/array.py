@@ -196,18 +196,11 @@ class Lattice:
 class Connector:
     """Row of plated holes along one edge of the board.
 
-    Each coil has two holes, in the order of the coils along the edge.
-
-    Parameters
-    ----------
-    side : {"right", "top", "left", "bottom"}
-        Edge of the board.
-    pitch, distance : float
-        Distances in m of the holes, and of their centres from the outermost point of the coils.
-    at : float or None
-        Middle of the row along the edge in m. None for the middle of the array.
-    trace_width, gap : float or None
-        Width of the leads and distance from other copper in m. None for the values of the coils.
+    Each coil has two holes, in the order of the coils along the edge, the `side` of the board.
+    `pitch` and `distance` in m are those of the holes from each other, and of their centres from
+    the outermost point of the coils. `at` is the middle of the row along the edge in m, None for
+    the middle of the array. `trace_width` and `gap` of the leads from other copper are in m, None
+    for the values of the coils.
     """
 
     side: Side = "bottom"

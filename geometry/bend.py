@@ -35,19 +35,10 @@ Bounds = tuple[float, float, float, float]  # edges of a flat board in m: x_min,
 class Zone:
     """Bent strip of a board.
 
-    Parameters
-    ----------
-    radius : float
-        Radius of the neutral plane in m. Positive radii bend the edges down, negative ones up.
-    at : float
-        Distance of the strip's middle line from the origin in m, across the axis of the bend.
-    width : float
-        Width of the strip in m. By default all of the board.
-
-    Raises
-    ------
-    GeometryError
-        A radius of zero, a width that is not positive, or values that are not finite.
+    The `radius` of the neutral plane is in m. Positive radii bend the edges down, negative ones up.
+    `at` is the distance of the strip's middle line from the origin in m, across the axis of the
+    bend, and `width` the strip's in m, by default all of the board. Raises GeometryError for a
+    radius of zero, a width that is not positive, or values that are not finite.
     """
 
     radius: float
@@ -66,27 +57,13 @@ class Zone:
 class Bend:
     """Bend of a flexible board.
 
-    Parameters
-    ----------
-    zones : tuple of Zone
-        Bent strips across the axis, which do not overlap.
-    axis : float
-        Direction in rad of the lines about which the board is bent, from the x axis.
-    neutral : float
-        Height in m of the plane that keeps its lengths.
-    apex : float or None
-        Distance in m along the axis from the origin to the apex of a cone, positive or negative.
-        The single zone then covers the board, and its radius holds at the origin. None for
-        cylinders.
+    The `zones` are bent strips across the axis, which do not overlap. `axis` is the direction in
+    rad of the lines about which the board is bent, from the x axis, and `neutral` the height in m
+    of the plane that keeps its lengths. `apex` is the distance in m along the axis from the origin
+    to the apex of a cone, positive or negative, None for cylinders. The single zone then covers the
+    board, and its radius holds at the origin. Raises GeometryError without zones, for zones that
+    overlap, a cone of several zones or with its apex at the origin, or values that are not finite.
 
-    Raises
-    ------
-    GeometryError
-        No zones, zones that overlap, a cone of several zones or with its apex at the origin, or
-        values that are not finite.
-
-    Examples
-    --------
     >>> finger = Bend((Zone(8e-3),))
     >>> finger.surface([[0.0, 8e-3 * math.pi / 2, 0.0]]).round(9).tolist()
     [[0.0, 0.008, -0.008]]

@@ -132,26 +132,16 @@ def usual_bend_ratio(layers: int) -> float:
 class Margin:
     """Margin of one rule at its worst place.
 
-    It belongs to one layer and to one net or pair of nets, or to the board.
+    It belongs to one `layer` and to one net or pair of nets, or to the board. The `rule` is "trace
+    width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing", "edge
+    clearance", "aspect ratio", "bend ratio", "blind holes", "copper thickness", "layer count" or
+    "board size". For holes the layer is the topmost that they pierce, and it is empty for the board
+    as a whole. The `feature` is the net, both nets joined by " – ", or "board".
 
-    Parameters
-    ----------
-    rule : str
-        "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing",
-        "edge clearance", "aspect ratio", "bend ratio", "blind holes", "copper thickness", "layer
-        count" or "board size".
-    layer : str
-        Copper layer. For holes it is the topmost layer they pierce. Empty for the board as a whole.
-    feature : str
-        The net, both nets joined by " – ", or "board".
-    margin, limit, value : float
-        Limit, measured value, and the distance between them, positive if the rule is kept.
-    x, y : float or None
-        Place on the board in m. None for rules without a place.
-    unit : str
-        Unit of the three numbers: "m", or empty for a ratio or a count.
-    leads : str
-        Coils of a broken clearance whose leads or terminals are there, outside their windings.
+    `limit`, measured `value`, and the `margin` between them, positive if the rule is kept, have the
+    `unit` "m", or none for a ratio or a count. `x` and `y` are the place on the board in m, None
+    for rules without a place. `leads` are the coils of a broken clearance whose leads or terminals
+    are there, outside their windings.
     """
 
     rule: str

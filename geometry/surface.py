@@ -44,27 +44,15 @@ class Surface:
     """Surface of triangles, closed or with a rim.
 
     Its normals point outwards, away from the inside of a closed surface, and from the middle of an
-    open one.
+    open one. The corners of the triangles are `vertices` (n, 3) in m, and `faces` (m, 3) the
+    numbers of the corners of every triangle. `dome_sizes` are radii and skirt in m from which
+    `dome` made the surface: a hint for design files, as `file`, from which `read` has it, and its
+    `unit` in m.
 
-    Parameters
-    ----------
-    vertices : ndarray, shape (n, 3)
-        Corners of the triangles in m.
-    faces : ndarray, shape (m, 3)
-        Numbers of the corners of every triangle.
-    dome_sizes : tuple of float or None
-        Radii and skirt in m from which `dome` made the surface: a hint for design files, as
-        `file`, from which `read` has it, and its `unit` in m.
+    Raises GeometryError for no triangles or too many, numbers that are not finite, a size outside 1
+    mm to 10 m, which a wrong unit makes, several pieces, an edge of more than two triangles,
+    triangles of opposite orientation beside each other, or a closed surface without a volume.
 
-    Raises
-    ------
-    GeometryError
-        No triangles or too many, numbers that are not finite, a size outside 1 mm to 10 m, which a
-        wrong unit makes, several pieces, an edge of more than two triangles, triangles of opposite
-        orientation beside each other, or a closed surface without a volume.
-
-    Examples
-    --------
     >>> finger = Surface.dome((8e-3, 8e-3, 8e-3), skirt=12e-3)
     >>> finger.area / (2 * math.pi * 8e-3 * (8e-3 + 12e-3)) > 0.998
     True

@@ -44,35 +44,15 @@ class SurfaceLattice:
     overlaps finds. Makers of wire loops instead bend a bridge into a wire where it crosses another
     (B. Keil et al., Magn. Reson. Med. 70, 248, 2013), which a flat board cannot do.
 
-    Parameters
-    ----------
-    surface : Surface
-        The surface.
-    points : array_like, shape (n, 3)
-        Places of the coils' centres in m, on the surface, as `spread` finds them.
-    layers : tuple of str
-        Copper layers of every coil.
-    sizes : array_like, shape (n,), or None
-        Widths of the coils in m: diameters, sizes across flats, or longer sides. None for the
-        width of the shape.
-    rotation : float
-        Counter-clockwise turn of every coil in rad about its normal.
-    step : float or None
-        Height of a level in m. None for twice the thickness of the board.
-    wrapped : bool
-        Lay the coils onto the surface instead of leaving them flat.
-    names : tuple of str or None
-        Names of the coils. By default coil1, coil2, …
-    levels : tuple of int or None
-        Level of every coil, from 0. None for those of `levels`.
+    The centres of the coils are `points` (n, 3) in m on the `surface`, as `spread` finds them.
+    Every coil has the copper `layers`, and one of the `sizes` (n,) in m: its diameter, size across
+    flats, or longer side, None for the width of the shape. `rotation` is its counter-clockwise turn
+    in rad about its normal. `step` is the height of a level in m, None for twice the thickness of
+    the board, and `levels` the level of every coil, from 0, None for those of the function
+    `levels`. `wrapped` coils are laid onto the surface instead of left flat. The `names` are coil1,
+    coil2, … by default. Raises GeometryError for points off the surface or at one place, or sizes,
+    names or a step that do not fit.
 
-    Raises
-    ------
-    GeometryError
-        Points off the surface or at one place, or sizes, names or a step that do not fit.
-
-    Examples
-    --------
     >>> from coilarray.geometry import Spiral
     >>> finger = Surface.dome((8e-3, 8e-3, 8e-3), skirt=12e-3)
     >>> lattice = SurfaceLattice(finger, [(0, 0, 8e-3), (8e-3, 0, -6e-3)], ("L1", "L2"))

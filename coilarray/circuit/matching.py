@@ -57,29 +57,11 @@ def l_match(
     just the reactance X for which R + X²/R is the wanted resistance, and the parallel capacitor
     cancels it (D. M. Pozar, Microwave Engineering, section 5.1).
 
-    Parameters
-    ----------
-    impedance : complex
-        Impedance of the coil in Ω, with all that is coupled to it.
-    frequency : float
-        Frequency in Hz.
-    resistance : float
-        Wanted resistance in Ω.
-    parallel_at : {"coil", "terminals"}
-        Place of the parallel capacitor.
+    The `impedance` of the coil in Ω, with all that is coupled to it, holds at the `frequency` in
+    Hz. The wanted `resistance` is in Ω, and `parallel_at` is the place of the parallel capacitor.
+    Returned are the series and the parallel capacitance in F. Raises NetworkError for a coil that
+    is no inductance with losses, or a resistance that two capacitors do not reach.
 
-    Returns
-    -------
-    series, parallel : float
-        Capacitances in F.
-
-    Raises
-    ------
-    NetworkError
-        A coil that is no inductance with losses, or a resistance that two capacitors do not reach.
-
-    Examples
-    --------
     >>> series, parallel = l_match(1 + 100j, 13.56e6)
     >>> f"{series * 1e12:.2f} pF, {parallel * 1e12:.1f} pF"
     '16.64 pF, 100.8 pF'

@@ -42,26 +42,12 @@ _OSCILLATES = 0.5  # least quality factor of an oscillation
 class PortCircuit:
     """Ports of coils, and what the coils without a port are connected to.
 
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the n coils, in the order of their impedance matrix.
-    ports : tuple of Port
-        Ports, at most one of each coil.
-    frequency : float
-        Frequency of the link in Hz.
-    endings : ndarray, shape (n,), optional
-        Resistance in Ω across each coil without a port, infinite for an open coil. Open by default.
-    across : ndarray, shape (n,), optional
-        Capacitance of each winding in F, which lies across its coil. None by default.
+    The n coils have `names`, in the order of their impedance matrix, and at most one of the `ports`
+    each. The `frequency` of the link is in Hz. `endings` (n,) is the resistance in Ω across each
+    coil without a port, infinite for an open coil and open by default. `across` (n,) is the
+    capacitance of each winding in F, which lies across its coil, by default none. Raises
+    NetworkError without a port, or for a port of an unknown coil.
 
-    Raises
-    ------
-    NetworkError
-        No port, or a port of an unknown coil.
-
-    Examples
-    --------
     Two coils of Q = 100 that are coupled by 10 %, both resonant at 1 MHz:
 
     >>> L, R = np.array([[10e-6, 1e-6], [1e-6, 10e-6]]), 2 * np.pi * 0.1 * np.eye(2)
@@ -211,24 +197,11 @@ def port_solution(
 def port_impedance(circuit: PortCircuit, impedance: npt.ArrayLike, frequency: npt.ArrayLike) -> ComplexArray:
     """Return the impedance matrix between the terminals of all active ports.
 
-    Parameters
-    ----------
-    circuit : PortCircuit
-        Ports and terminations.
-    impedance : array_like, shape (…, n, n)
-        Impedance matrices of the coils in Ω, for example R + jωL at every pose of a board.
-    frequency : array_like, shape (…)
-        Frequencies in Hz.
-
-    Returns
-    -------
-    ndarray, shape (…, m, m)
-        Open-circuit impedances in Ω, without the resistances of the sources and loads.
-
-    Raises
-    ------
-    NetworkError
-        A frequency that is not positive, a matrix of another size, or no source and no load.
+    The `impedance` matrices (…, n, n) in Ω of the coils of a `circuit`, for example R + jωL at
+    every pose of a board, hold at a `frequency` (…) in Hz. The result, shape (…, m, m), holds the
+    open-circuit impedances in Ω, without the resistances of the sources and loads. Raises
+    NetworkError for a frequency that is not positive, a matrix of another size, or no source and no
+    load.
     """
     return port_solution(circuit, impedance, frequency)[0]
 
@@ -263,18 +236,11 @@ def input_impedance(circuit: PortCircuit, impedance: ComplexArray) -> ComplexArr
 class Transfer(NamedTuple):
     """Transfer from each of s sources to each of l loads.
 
-    Every source is taken alone. The others are replaced by their resistances.
-
-    Attributes
-    ----------
-    input_impedance : ndarray, shape (…, s)
-        Impedance in Ω at the terminals of each source.
-    efficiency : ndarray, shape (…, s, l)
-        Power in the load over the power that enters the terminals, dimensionless.
-    available_efficiency : ndarray, shape (…, s, l)
-        Power in the load over the available power of the source, dimensionless.
-    voltage_ratio : ndarray, shape (…, s, l)
-        Voltage of the load over the open-circuit voltage of the source, dimensionless.
+    Every source is taken alone. The others are replaced by their resistances. `input_impedance` (…,
+    s) is in Ω at the terminals of each source. The power in the load over the power that enters the
+    terminals is `efficiency`, that over the available power of the source `available_efficiency`,
+    and `voltage_ratio` the voltage of the load over the open-circuit voltage of the source, all
+    dimensionless of the shape (…, s, l).
     """
 
     input_impedance: ComplexArray
@@ -308,14 +274,9 @@ def power_transfer(circuit: PortCircuit, impedance: ComplexArray) -> Transfer:
 class BestLink(NamedTuple):
     """Largest efficiency that two coils allow, with any network at both.
 
-    Attributes
-    ----------
-    kq : ndarray, shape (…)
-        Figure of merit U, dimensionless. Of two coils without further losses it is k √(Q₁Q₂).
-    efficiency : ndarray, shape (…)
-        Largest efficiency U²/(1 + √(1 + U²))², dimensionless.
-    load : ndarray, shape (…)
-        Impedance in Ω at the second coil that reaches it.
+    All have the shape (…). `kq` is the dimensionless figure of merit U, of two coils without
+    further losses k √(Q₁Q₂), `efficiency` the largest, U²/(1 + √(1 + U²))², dimensionless, and
+    `load` the impedance in Ω at the second coil that reaches it.
     """
 
     kq: FloatArray
@@ -348,16 +309,12 @@ def port_resonances(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the resonances of the ports with their sources and loads.
 
-    They are the natural oscillations e^(st) of the whole circuit. Two equal resonators that are
+    They are the natural oscillations e^(st) of the whole `circuit`. Two equal resonators that are
     coupled by k have f₀/√(1 ± k), as long as their losses do not exceed the coupling. `inductance`
     and `resistance` (n, n) of the coils in H and Ω are those at the frequency of the link.
 
-    Returns
-    -------
-    frequencies : ndarray, shape (modes,)
-        Frequencies in Hz, rising, from a third of the link's frequency to three times of it.
-    quality_factors : ndarray, shape (modes,)
-        Quality factors abs(s)/(−2 Re s), dimensionless.
+    Returned are the frequencies (modes,) in Hz, rising, from a third of the link's frequency to
+    three times of it, and the dimensionless quality factors (modes,) abs(s)/(−2 Re s).
     """
     n, elements, omega = len(circuit.names), _admittances(circuit), 2 * math.pi * circuit.frequency
     nodes = len(elements.conductance)
@@ -404,30 +361,18 @@ def solve_ports(
 ) -> xr.Dataset:
     """Compute the links between the ports of a design.
 
-    Parameters
-    ----------
-    design : Design or DesignFile
-        Design with ports.
-    frequencies : array_like, shape (n,), optional
-        Rising frequencies in Hz. By default that of the link alone.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
+    The rising `frequencies` (n,) are in Hz, by default that of the `design`'s link alone. The
+    `accuracy` of the inductance matrix is that of `coilarray.inductance_matrix`. Raises
+    NetworkError for a design without ports or without any source and load, or a frequency that is
+    not positive.
 
-    Returns
-    -------
-    xarray.Dataset
-        Over ``frequency`` and ``port``, all with a source or a load: ``s_real`` and ``s_imag``
-        (port, other) for the resistances of sources and loads as references, ``input_resistance``
-        and ``input_reactance`` at the terminals. If there are sources and loads, over ``source``
-        and ``load``: ``efficiency``, ``available_efficiency`` and ``voltage_ratio`` of
-        `power_transfer`, and for the two coils alone ``kq``, ``best_efficiency`` and the load that
-        reaches it, ``best_load_resistance`` and ``best_load_reactance``. Over ``mode``, at the
-        frequency of the link: ``mode_frequency`` and ``mode_quality`` of `port_resonances`.
-
-    Raises
-    ------
-    NetworkError
-        A design without ports, without any source and load, or a frequency that is not positive.
+    The result has over ``frequency`` and ``port``, all with a source or a load: ``s_real`` and
+    ``s_imag`` (port, other) for the resistances of sources and loads as references,
+    ``input_resistance`` and ``input_reactance`` at the terminals. If there are sources and loads,
+    over ``source`` and ``load``: ``efficiency``, ``available_efficiency`` and ``voltage_ratio`` of
+    `power_transfer`, and for the two coils alone ``kq``, ``best_efficiency`` and the load that
+    reaches it, ``best_load_resistance`` and ``best_load_reactance``. Over ``mode``, at the
+    frequency of the link: ``mode_frequency`` and ``mode_quality`` of `port_resonances`.
     """
     design = design_of(design)
     there, network = design_ports(design, frequencies, accuracy)

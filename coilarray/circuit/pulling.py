@@ -41,16 +41,10 @@ _NEAR = 4.0  # distance of frequencies within which a lock is awaited, over its 
 class Pulling(NamedTuple):
     """Frequencies of two tanks, alone and with both converters running.
 
-    Attributes
-    ----------
-    alone : ndarray, shape (2,)
-        Resonances in Hz, each with the other coil open.
-    modes : ndarray, shape (2,)
-        Normal modes of both tanks in Hz, rising, without losses.
-    together : ndarray, shape (2,)
-        Mean frequencies in Hz while both run.
-    beat : float
-        Frequency of the beat in Hz, 0 if both have one frequency.
+    All are in Hz. `alone`, shape (2,), are the resonances, each with the other coil open. `modes`,
+    shape (2,), are the normal modes of both tanks, rising, without losses. `together`, shape (2,),
+    are the mean frequencies while both run, and `beat` is that of the beat, 0 if both have one
+    frequency.
     """
 
     alone: FloatArray
@@ -72,34 +66,16 @@ def pulling(
 ) -> Pulling:
     """Return what two converters make of each other's frequency.
 
-    Tanks that are much farther apart than k f shift each other by the square of k f over four
-    times their distance, as passive tanks do. Closer ones lock near one of the two modes. Of equal
-    tanks either mode is stable, and the start decides. Frequencies within 0.005/Q of each other
-    count as one.
+    Tanks that are much farther apart than k f shift each other by the square of k f over four times
+    their distance, as passive tanks do. Closer ones lock near one of the two modes. Of equal tanks
+    either mode is stable, and the start decides. Frequencies within 0.005/Q of each other count as
+    one.
 
-    Parameters
-    ----------
-    inductance : array_like, shape (2, 2)
-        Inductance matrix of the coils in H.
-    resistance : array_like, shape (2,)
-        Resistances in series with the coils in Ω.
-    capacitance : array_like, shape (2,)
-        Capacitances of the tanks in F, or one for both.
-    amplitudes : array_like, shape (2,)
-        Amplitudes of the tanks alone in V, of which the ratio counts.
+    The `inductance` matrix (2, 2) of the coils is in H, the `resistance` (2,) in series with them
+    in Ω, the `capacitance` (2,) of the tanks, or one for both, in F. Of the `amplitudes` (2,) of
+    the tanks alone in V the ratio counts. Raises NetworkError for another number of coils, or
+    values that are not positive.
 
-    Returns
-    -------
-    Pulling
-        Frequencies alone, of the modes and together, and the beat.
-
-    Raises
-    ------
-    NetworkError
-        Another number of coils, or values that are not positive.
-
-    Examples
-    --------
     >>> pair = pulling([[50e-6, 1e-6], [1e-6, 53e-6]], [10.0, 10.0], 120e-12)
     >>> [f"{1e-6 * f:.4f}" for f in (*pair.alone, *pair.together)], f"{pair.beat * 1e-3:.1f} kHz"
     (['2.0547', '1.9957', '2.0607', '1.9903'], '70.4 kHz')
@@ -160,24 +136,9 @@ def pulling(
 def converter_pair(design: Design, first: str, second: str) -> Pulling:
     """Return the pulling of two converters at two coils of a design.
 
-    Each coil has a tank of its own behind two closed switches, and the other coils are terminated.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the board.
-    first, second : str
-        Names of the coils.
-
-    Returns
-    -------
-    Pulling
-        Frequencies alone and together.
-
-    Raises
-    ------
-    NetworkError
-        An unknown coil, or the same coil twice.
+    The coils of the `design` are named `first` and `second`. Each has a tank of its own behind two
+    closed switches, and the other coils are terminated. Raises NetworkError for an unknown coil, or
+    the same coil twice.
     """
     if first == second:
         raise NetworkError(f"two converters need two coils; got {first!r} twice.")

@@ -623,23 +623,13 @@ def _require_bent(design: Design) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DesignFile:
-    """A design with the additional content of its file.
+    """A `design` with the additional content of its file.
 
-    Parameters
-    ----------
-    design : Design
-        The design itself.
-    document : mapping of str to object
-        The file as TOML reads it, without defaults: plain tables, lists and values.
-        `coilarray.design.vary.vary` changes its entries.
-    given : frozenset of str
-        Dotted keys in the file. The others have their default.
-    assumed : mapping of str to str
-        Keys whose values are assumed, with the reason.
-    values : mapping of str to object
-        Every value by its dotted key, defaults included, in the units of the keys.
-    text : str
-        The file as it was read, whose layout `coilarray.design.write.save_design` keeps, if any.
+    The `document` is the file as TOML reads it, without defaults: plain tables, lists and values,
+    which `coilarray.design.vary.vary` changes. `given` are the dotted keys in the file, the others
+    have their default. `assumed` are keys whose values are assumed, with the reason. `values` are
+    all values by their dotted keys, defaults included, in the units of the keys. `text` is the file
+    as it was read, whose layout `coilarray.design.write.save_design` keeps, if any.
     """
 
     design: Design

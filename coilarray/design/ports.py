@@ -17,32 +17,13 @@ class Port:
     is, and the series capacitor between the coil and the terminals. Without source and load the
     terminals are open, and the coil with its parallel capacitor resonates by itself.
 
-    Parameters
-    ----------
-    coil : str
-        Name of the coil, and of its port in results.
-    source_resistance : float or None
-        Internal resistance of the source in Ω. None without a source.
-    load_resistance : float or None
-        Resistance of the load in Ω. None without a load.
-    series_capacitance : float or None
-        Capacitance in series with the coil in F. None for a direct connection.
-    parallel_capacitance : float or None
-        Capacitance in parallel in F. None for none.
-    parallel_at : {"coil", "terminals"}
-        Place of the parallel capacitor, which only matters beside a series capacitor.
-    capacitor_quality : float or None
-        Quality factor of both capacitors at the frequency of the link, C (1 − j/Q). None without
-        losses.
+    `coil` is the name of the coil, and of its port in results. `source_resistance` and
+    `load_resistance` are in Ω, `series_capacitance` and `parallel_capacitance` in F, None for what
+    there is not. `parallel_at`, "coil" or "terminals", only matters beside a series capacitor.
+    `capacitor_quality` is the quality factor of both capacitors at the frequency of the link, C (1
+    − j/Q), None without losses. Raises DesignError for a value that is not positive, both source
+    and load, a series capacitor without them, or another place.
 
-    Raises
-    ------
-    DesignError
-        A value that is not positive, both source and load, a series capacitor without them, or
-        another place.
-
-    Examples
-    --------
     >>> Port("coil1", source_resistance=50.0, series_capacitance=-1e-12)
     Traceback (most recent call last):
     coilarray.errors.DesignError: series_capacitance of the port at coil1 must be positive and finite; got -1e-12 F.

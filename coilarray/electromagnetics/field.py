@@ -137,18 +137,10 @@ def vector_potential(
 ) -> FloatArray:
     """Compute the magnetic vector potential of current paths in T·m.
 
+    The result, shape (..., 3), is A in free space in T·m, in the Coulomb gauge for closed paths.
     The `source`, the `points` in m, the `currents` in A, `progress` and all errors are as in
-    `magnetic_field`.
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Vector potential A in free space in T·m, in the Coulomb gauge for closed paths.
-
-    Notes
-    -----
-    The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of
-    its length gets no contribution from that segment.
+    `magnetic_field`. The potential of a thin filament is infinite on it. A point nearer to a
+    segment than 1e-12 of its length gets no contribution from that segment.
     """
     return _on_processor(add_vector_potential, *_checked(source, points, currents), progress)
 

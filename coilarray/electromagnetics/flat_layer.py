@@ -101,21 +101,16 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     """Compute the change of inductance (paths, paths) by flat sheets in H.
 
     It is symmetric, to be added to the matrix without sheets, and zero if no sheet is magnetic. The
-    paths of the `source`, also thin filaments, lie below the magnetic sheet. The `sheets` go upwards from
-    z = 0, wide against the coils, with at most one magnetic region (`magnetic_slab`). A second
-    region, or a path that reaches into it (a thin filament: or touches it), raises an
+    paths of the `source`, also thin filaments, lie below the magnetic sheet. The `sheets` go
+    upwards from z = 0, wide against the coils, with at most one magnetic region (`magnetic_slab`).
+    A second region, or a path that reaches into it (a thin filament: or touches it), raises an
     ElastomerError. The `accuracy` is that of `coilarray.inductance_matrix`, where ``screen`` errs
     by up to 1e-3 of the change itself.
 
-    ΔM = Σ_n β^(2n+1) [M(Z + 2nt) − M(Z + 2(n+1)t)], with β = (μr − 1)/(μr + 1), Z the sum of both
-    paths' distances from the sheet's lower face and M their mutual inductance in free space at that
-    distance. For circles see Hurley & Duffy, IEEE Trans. Magn. 33, 2282 (1997). The current density
-    is uniform in every bar. The result is exact to 1e-10 of the
-    largest entry, near images to 1e-6 of L. Closed paths with any currents I have IᵀΔM I > 0.
-
-    Paths with open ends are taken as they are, so that the pieces of a path add up to the whole.
-    Closing the coils of the reference board by a straight line between their terminals, 1.5 mm
-    apart, would change ΔM of a coil with itself by −0.10 % and with its neighbour by −0.33 %.
+    The series of the module, for circles that of Hurley & Duffy, IEEE Trans. Magn. 33, 2282 (1997),
+    holds for a uniform current density in every bar. The result is exact to 1e-10 of the largest
+    entry, near images to 1e-6 of L. Closed paths with any currents I have IᵀΔM I > 0. Paths with
+    open ends are taken as they are, so that the pieces of a path add up to the whole.
 
     A sheet much thinner than its distance from the copper costs nothing extra. A sheet that lies on
     the copper costs one `inductance_matrix` for each image within some 1/16 of the board's extent

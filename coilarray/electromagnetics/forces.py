@@ -33,40 +33,18 @@ def forces(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the force in N and the torque in N·m on current paths.
 
-    Parameters
-    ----------
-    on : Array, Conductor, polyline or sequence of them
-        Paths on which the force acts, see `coilarray.electromagnetics.field.as_conductors`.
-    of : the same, or an object with ``getB``
-        Other current paths, or a magnet of magpylib, whose field acts.
-    currents : array_like, shape (paths,) or scalar
-        Currents in A of the paths `on`.
-    source_currents : array_like, shape (paths,) or scalar
-        Currents in A of the paths `of`. A magnet has none.
-    about : array_like, shape (3,)
-        Point in m about which the torque is taken.
+    They act on the paths `on`, shape (paths, 3) each, in the field `of` other current paths (both
+    as in `coilarray.electromagnetics.field.as_conductors`), or of a magnet of magpylib. The
+    `currents` in A of the paths `on` and the `source_currents` in A of the paths `of`, one for each
+    or one for all, have effect, for a magnet only the first. The torque is taken about a point
+    `about`, shape (3,), in m. Raises GeometryError for a path that meets the source of the field,
+    or currents of another shape or not finite.
 
-    Returns
-    -------
-    force : ndarray, shape (paths, 3)
-        Force on every path in N.
-    torque : ndarray, shape (paths, 3)
-        Torque on every path in N·m.
-
-    Raises
-    ------
-    GeometryError
-        A path that meets the source of the field, or currents of another shape or not finite.
-
-    Notes
-    -----
     F = I ∫ dl × B along the centre lines. Segments are halved until two Gauss rules agree to 1e-7
     of the sum of dl times B, in magnitude. Thin filaments stand for both sides, so that the force
     between traces nearer than a few widths is approximate. With alternating currents of equal
     phase, effective values give the mean force.
 
-    Examples
-    --------
     >>> loop = [[np.cos(t), np.sin(t), 0] for t in np.linspace(0, 2 * np.pi, 181)]
     >>> above = [[x, y, 0.5] for x, y, z in loop]
     >>> force, torque = forces([above], [loop])

@@ -31,37 +31,19 @@ def moved_inductance(
 ) -> FloatArray:
     """Compute the mutual inductances in H of fixed paths with moved ones.
 
-    Parameters
-    ----------
-    fixed, moved : Array, Conductor, polyline or sequence of them
-        Current paths. Those that move are given where they are before any pose.
-    poses : Pose or sequence of Pose
-        Poses of all moved paths together.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
+    The paths `moved` are given where they are before any of the `poses`, which hold for all of them
+    together. The result has the shape (poses, `fixed` paths, moved paths). `progress` is called
+    with (done, total) as the work goes on. Raises GeometryError without poses, or for two thin
+    filaments that overlap on one line, and MemoryLimitError for more values than
+    `coilarray.compute.memory.allowed_memory` allows.
 
-    Returns
-    -------
-    ndarray, shape (poses, fixed paths, moved paths)
-        Mutual inductances in H.
-
-    Raises
-    ------
-    GeometryError
-        No poses, or two thin filaments that overlap on one line.
-    MemoryLimitError
-        More values than `coilarray.compute.memory.allowed_memory` allows.
-
-    Notes
-    -----
     A few turns stand for all of a winding, with the weights of
     `coilarray.electromagnetics.kernels.turns`, where these lie farther apart than a tenth of their
-    breadth, and one to three filaments for the cross-section of a trace. Traces that are nearer than
-    a width are computed as by `coilarray.mutual_inductance`. The error is below 1e-4 of the larger
-    self-inductance at distances of a trace width and more, some 1e-5 for windings of many turns.
+    breadth, and one to three filaments for the cross-section of a trace. Traces that are nearer
+    than a width are computed as by `coilarray.mutual_inductance`. The error is below 1e-4 of the
+    larger self-inductance at distances of a trace width and more, some 1e-5 for windings of many
+    turns.
 
-    Examples
-    --------
     >>> import coilarray as ca
     >>> coil = ca.Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3)
     >>> M = moved_inductance(coil, coil, [Pose(z=z) for z in (2e-3, 5e-3, 10e-3)])

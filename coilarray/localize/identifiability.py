@@ -67,15 +67,11 @@ def identifiability(
     rows of positions in m, by default those of the table. Raises LocalizeError for positions or a
     depth outside the table.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions y and x. ``sigma_x``, ``sigma_y`` and, if the depth is unknown, ``sigma_h`` are
-        the least standard deviations in m, infinite where the information is singular.
-        ``condition`` is the ratio of the largest to the least eigenvalue of the information, with x
-        and y in one unit and the depth in its own. It shows how far the unknowns can replace each
-        other, and is infinite where singular. The attributes are depth in m, noise and common_noise
-        of every state.
+    Over y and x, ``sigma_x``, ``sigma_y`` and, if the depth is unknown, ``sigma_h`` are the least
+    standard deviations in m, infinite where the information is singular. ``condition`` is the ratio
+    of the largest to the least eigenvalue of the information, with x and y in one unit and the
+    depth in its own. It shows how far the unknowns can replace each other, and is infinite where
+    singular. The attributes are depth in m, noise and common_noise of every state.
     """
     along, across = (
         np.atleast_1d(np.asarray(axis, dtype=np.float64))

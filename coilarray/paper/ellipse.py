@@ -184,35 +184,25 @@ def fit_ellipses(
     """Fit an ellipse to each level of a response.
 
     It follows Sect. 5 of Gast & Zimmermann (2020), with the details that the module's docstring
-    lists. Raises LocalizeError for a response without δ or the wanted state or depth, a map that
+    lists. The measured or simulated `response` has ``delta`` (depth, y, x, state) with the
+    coordinates in m, y = 0 on the coils' axis. If the map has a window for ellipses
+    (`coilarray.Indentation`), only the window is used. The `depth` in m is one that the response
+    has, by default its first. The `states` are by default those whose largest δ lies within the map
+    and above five levels. The curves around a maximum at the map's edge do not close. `refinement`
+    is the number of parts of every spacing of the grid, `threshold` the half width of a level in δ,
+    and `step` the distance of neighbouring levels in δ, which is also the lowest level.
+
+    In the result, over ``state`` and ``step`` with the coordinate ``level`` (step), ``delta`` is
+    the mean of the level's points. ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from
+    the centre (half the width of the level is part of it), are in m. ``x0_std``, ``A_std`` and
+    ``B_std`` follow from `standard_errors`, with all points in a cell of the sampled grid counted
+    as one. ``undetermined`` marks ellipses that their points do not determine. ``points`` is their
+    number. ``refused`` is the reason why a step has no ellipse, empty if it has one. Refused steps
+    hold NaN. ``peak`` (state) is the largest δ of the refined map.
+
+    Raises LocalizeError for a response without δ or the wanted state or depth, a map that
     `refined_map` refuses, coils that are not on y = 0, a state without closed curves or any
     ellipse, settings that are not positive, more than 3000 levels or 10⁹ points in all of them.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Measured or simulated response: ``delta`` (depth, y, x, state) with the coordinates in m, y
-        = 0 on the coils' axis. If the map has a window for ellipses (`coilarray.Indentation`), only
-        the window is used.
-    depth : float, optional
-        Depth in m that the response has. By default its first depth.
-    states : sequence of str, optional
-        States to fit. By default every state whose largest δ lies within the map and above five
-        levels. The curves around a maximum at the map's edge do not close.
-    refinement, threshold, step : int, float, float
-        Parts of every spacing of the grid, half width of a level in δ, and distance of neighbouring
-        levels in δ, which is also the lowest level.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta`` is the
-        mean of the level's points. ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from
-        the centre (half the width of the level is part of it), are in m. ``x0_std``, ``A_std`` and
-        ``B_std`` follow from `standard_errors`, with all points in a cell of the sampled grid
-        counted as one. ``undetermined`` marks ellipses that their points do not determine.
-        ``points`` is their number. ``refused`` is the reason why a step has no ellipse, empty if it
-        has one. Refused steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
     """
     response = in_ellipse_window(response)
     delta = RESPONSE.checked(response, "a response")["delta"]

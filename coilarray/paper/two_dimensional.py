@@ -133,32 +133,21 @@ def line_response(
 ) -> xr.Dataset:
     """Compute δ of one coil in a two-dimensional model.
 
-    The cross-section of the coil consists of infinite wires, and the indenter is an infinite
-    cylinder. The model leaves out the ends of the coil and of the dent along y. In the full model
-    the dent is a small part of the coil. Here it is as long as the coil. Raises ElastomerError for
-    a design without indentation, an unknown coil, an indenter that is not round, or a rectangular
-    sample. Raises MetalError for a design with plates.
+    The cross-section of the coil consists of infinite wires, and the indenter, round in the
+    `design`, is an infinite cylinder of its radius. The model leaves out the ends of the coil and
+    of the dent along y. In the full model the dent is a small part of the coil. Here it is as long
+    as the coil.
 
-    Parameters
-    ----------
-    design : Design or DesignFile
-        Design with an indentation. Its round indenter becomes a cylinder of the same radius.
-    coil : str, optional
-        Name of the coil, cut at its centre along x. The first coil by default. Its neighbours are
-        left out.
-    depths, x : array_like, shape (n,), optional
-        Depths and positions along x of the indenter in m, positions from the map's origin. By
-        default as in the design.
-    accuracy : LayerMesh, optional
-        Accuracy of the magnetic problem.
+    The `coil`, by default the first, is cut at its centre along x, and its neighbours are left out.
+    `depths` and positions `x` (n,) of the indenter are in m, positions from the map's origin, by
+    default as in the design. `accuracy` is the mesh of the magnetic problem. Raises ElastomerError
+    for a design without indentation, an unknown coil, an indenter that is not round, or a
+    rectangular sample, and MetalError for a design with plates.
 
-    Returns
-    -------
-    xarray.Dataset
-        Response as of `coilarray.response.map.response_map` for one state, named after the coil,
-        and at one position along y, the coil's centre. ``delta`` is the change of the inductance
-        per length divided by that inductance. ``base_inductance`` and ``inductance`` are in H/m,
-        ``force`` is in N/m, and ``contact_radius`` is half the width of the contact in m.
+    The result is a response as of `coilarray.response.map.response_map` for one state, named after
+    the coil, and at one position along y, the coil's centre. ``delta`` is the change of the
+    inductance per length divided by that inductance. ``base_inductance`` and ``inductance`` are in
+    H/m, ``force`` is in N/m, and ``contact_radius`` is half the width of the contact in m.
     """
     design = one_board(design_of(design), "the two-dimensional model")
     setup = indentation_of(design)
