@@ -405,9 +405,7 @@ class RoundedSpiral(Winding):
     layers, via, leads, return_lead, stackup, name, winding
         As in `Spiral`.
     winding_rule : {"parallel", "corner"}
-        "parallel": all sides of the outermost turn lie at the stated size, and each turn steps in
-        at the end of its last side. "corner": each side lies 1/sides of a pitch further in than the
-        side before. A circle always follows "corner": its outer edge starts on the circle of the
+        As in `Spiral`. A circle always follows "corner": its outer edge starts on the circle of the
         stated size and approaches the centre steadily.
 
     Examples

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.threads import ranges
 from coilarray.errors import GeometryError, require_finite, require_positive, shown
+from coilarray.geometry.copper import groups
 
 if TYPE_CHECKING:
     import trimesh
@@ -248,9 +249,6 @@ class Surface:
 
 def _check(mesh: trimesh.Trimesh) -> None:
     """Raise GeometryError unless a mesh is one surface with two sides."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     if not len(mesh.faces):
         raise GeometryError("a surface must have an area; all of its triangles are flat.")
     of_edge = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)[1]
@@ -260,8 +258,7 @@ def _check(mesh: trimesh.Trimesh) -> None:
         )
     if not mesh.is_winding_consistent:
         raise GeometryError("triangles of a surface must have one orientation; some beside each other are turned over.")
-    links = coo_array((np.ones(len(mesh.edges)), mesh.edges.T), shape=(len(mesh.vertices),) * 2)
-    pieces = connected_components(links, directed=False)[0]
+    pieces = len(set(groups(len(mesh.vertices), mesh.edges)))
     if pieces > 1:
         raise GeometryError(f"a surface must be of one piece; got {pieces}.")
     if mesh.is_watertight and abs(_volume(mesh)) < _FLAT * mesh.area * mesh.scale:

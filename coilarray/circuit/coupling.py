@@ -54,28 +54,17 @@ _BYTES_A_RESISTANCE = 24.0  # per entry and frequency: as computed, as interpola
 def design_circuit(design: Design | DesignFile, *, ideal: bool = False, accuracy: Accuracy = "full") -> Network:
     """Make the network of a design's coils, switches and tank.
 
-    Parameters
-    ----------
-    design : Design or DesignFile
-        Design of the board, for example from `coilarray.load_design`.
-    ideal : bool
-        Leave out the alternating-current resistance of the copper, the capacitance of the windings
-        and all strays of the switches. The effect of plates remains, including their losses.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
+    If `ideal`, the alternating-current resistance of the copper, the capacitance of the windings
+    and all strays of the switches are left out. The effect of plates remains, including their
+    losses. The `accuracy` of the inductance matrix is that of `coilarray.inductance_matrix`.
 
-    Returns
-    -------
-    Network
-        Its ``left_out`` lists the effects that it lacks. The resistance matrix is interpolated
-        around the resonances of the design's scan plan, and a state of it without a resonance
-        raises a NetworkError. A second call for the same design costs nothing. If a coil has no
-        turns beside each other, and so no capacitance model, the network has no winding
-        capacitance. In an array of more than 24 coils the losses of a coil's field in the copper of
-        other coils (1 % of its resistance in gast2020) are left out.
+    The ``left_out`` of the network lists the effects that it lacks. The resistance matrix is
+    interpolated around the resonances of the `design`'s scan plan, and a state of it without a
+    resonance raises a NetworkError. A second call for the same design costs nothing. If a coil has
+    no turns beside each other, and so no capacitance model, the network has no winding capacitance.
+    In an array of more than 24 coils the losses of a coil's field in the copper of other coils (1 %
+    of its resistance in gast2020) are left out.
 
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> from coilarray.circuit.network import resonate
     >>> design = load_design("gast2020")

@@ -17,8 +17,7 @@ Details that the paper leaves open, and their interpretation here:
   most 2e-5 belong to the level d_k, and neighbouring levels share a quarter of their points. The
   levels are the multiples of the step. The lowest, 3e-5, then reaches down to 1e-5 and leaves out δ
   = 0, where the map is flat. Points are left out that no path with δ of at least d_k − 2e-5
-  connects with the largest δ. A map without noise has none of them. With noise of 1e-5 a few such
-  points far away move x0 by up to 6 mm.
+  connects with the largest δ, such as a few far away in a map with noise.
 - *The fit* follows Gal (2003): linear least squares of the conic's coefficients about the mean of
   the points, without Gal's terms xy and y, which Eq. 3 does not have.
 - *Which steps were kept* is not given. Here a step is refused if it has fewer than 6 points (twice
@@ -27,16 +26,14 @@ Details that the paper leaves open, and their interpretation here:
   closed curves. A single arc, on one side of the centre, determines its crossing of y = 0, x0 + A
   or x0 − A, but hardly x0 and A separately. A level as wide as its arc is high then draws the fit
   inwards. On a map made of Table A1's own ellipses this happens for coil 1 below δ = 2.7e-4 and for
-  coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A by 0.1 to 0.3 mm. Below these δ the
-  printed x0 and A of the outer coils are therefore hardly known, while the values of coil 2 are.
+  coil 3 below 1.8e-4, where the printed x0 and A are therefore hardly known.
 - *Which levels are determined* is not a question of the paper. Here every level has standard errors
   of x0, A and B from its own points. It is undetermined if the error of x0 exceeds the map's step
   along x, or if its points do not reach half a semi-axis beyond the centre on both sides (30° past
   the highest point). Then one arc is left, and the errors do not include how far the width of the
-  level draws the fit inwards. On the map of Table A1 the levels that are wrong by 6 mm and more
-  reach at most 0.2 of A to one side and the others at least 0.85. A level is also undetermined if
-  its ellipse leaves the largest δ outside by more than that step: an arc across the window may be
-  fitted by a small ellipse, 18 mm from the coil.
+  level draws the fit inwards. A level is also undetermined if its ellipse leaves the largest δ
+  outside by more than that step: an arc across the window may be fitted by a small ellipse far from
+  the coil.
 """
 
 from __future__ import annotations
@@ -56,11 +53,7 @@ from coilarray.errors import LocalizeError, require_positive
 from coilarray.response.dataset import RESPONSE, in_ellipse_window
 
 PARAMETERS = ("x0", "A", "B")  # names of the parameters of an ellipse, in the order of every row of them
-REFINEMENT = 20
-"""Divisions of every spacing of the grid.
-
-On the paper's board the result is within 0.03 mm of 80 divisions, with 5 within 0.12 mm."""
-
+REFINEMENT = 20  # divisions of every spacing of the grid. The paper's board is within 0.03 mm of 80 divisions
 THRESHOLD = 2e-5  # half width of a level in δ, Sect. 5 of the paper
 STEP = 3e-5  # step from level to level in δ, Sect. 5 of the paper
 LEAST_POINTS = 6  # least number of points of a level that is fitted: twice the unknowns

@@ -158,9 +158,8 @@ def response_map(
     The eddy currents and the magnetisation of an indenter with a material count at the mean
     frequency of the states. Plates below the coils send the field of coils and dent back, and their
     losses count in the resonance. Plates with an outline send back the field of the coils only. The
-    field of the dent would change ΔL by up to 2 % if a dent comes within 1.4 mm of the plate. The
-    change of the coils' capacitance by the elastomer that a dent moves is left out. The converter
-    takes it for a change of L of about 1e-7, for which `coilarray.scan_design` has a bound.
+    change of the coils' capacitance by the elastomer that a dent moves is left out.
+    `coilarray.scan_design` has a bound of it.
 
     Examples
     --------
