@@ -9,7 +9,7 @@ import trimesh
 from support.refusals import refused
 
 from coilarray import Board, Pose, couple_design, coupling_matrix, inductance_matrix, load_design
-from coilarray.cli.compute import _summary
+from coilarray.cli.compute import _coils
 from coilarray.design.bundled import read
 from coilarray.design.model import Design, build_design, load_design_file, parse_design
 from coilarray.design.write import design_document, save_design
@@ -136,7 +136,7 @@ def test_impossible_files(keys, more, message):
 def test_summary_names_the_neighbours_of_all_boards():
     """What `coilarray report` prints last: the coils at the least distance in space."""
     design = finger(DOME + "points_mm = [[0, 0, 8], [8, 0, -6], [8, 0, 0]]\n")
-    rows = _summary(design.centres, couple_design(design, ideal=True)).rows
+    rows = _coils(design, couple_design(design, ideal=True)).rows
     assert [str(row[-1]).split()[0] for row in rows] == ["coil3", "coil3", "coil2"]
 
 
