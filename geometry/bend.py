@@ -147,8 +147,8 @@ class Bend:
         They are in m and cover the board of edges `bounds`, as in `Array.bounds`. The bend turns
         each by 0.06 rad at most.
         """
-        low, high = self._edges(bounds)
-        start, stop = self._ends(bounds)
+        low, high = self._reach(bounds, 1)
+        start, stop = self._reach(bounds, 0)
         size = high - low + stop - start
         if self.apex is not None:
             away, far = -np.sign(self.apex), 2 * (size + abs(self.apex))
@@ -197,7 +197,7 @@ class Bend:
         """
         if near == far:
             return replace(self, zones=(Zone(self.neutral_radius(near, thickness)),), apex=None)
-        start, stop = self._ends(bounds)
+        start, stop = self._reach(bounds, 0)
         sine = (abs(far) - abs(near)) / (stop - start)
         if not abs(sine) < 1:
             raise GeometryError(
@@ -220,22 +220,17 @@ class Bend:
         if self.apex is not None:
             slope = -math.copysign(math.atan(abs(radius / self.apex)), self.apex)
         depth = abs(radius) - self._inside(radius, thickness)
-        near, far = (depth * math.cos(slope) + math.sin(slope) * end for end in self._ends(bounds))
+        near, far = (depth * math.cos(slope) + math.sin(slope) * end for end in self._reach(bounds, 0))
         return math.copysign(near, radius), math.copysign(far, radius)
 
     def _inside(self, radius: float, thickness: float) -> float:
         """Distance of the neutral plane from the inner face in m, by the sign of a radius."""
         return self.neutral + thickness if radius > 0 else -self.neutral
 
-    def _edges(self, bounds: Bounds) -> tuple[float, float]:
-        """Lowest and highest place of a board across the axis in m."""
-        across = _corners(bounds) @ self._frame[1, :2]
-        return float(across.min()), float(across.max())
-
-    def _ends(self, bounds: Bounds) -> tuple[float, float]:
-        """Lowest and highest place of a board along the axis in m."""
-        along = _corners(bounds) @ self._frame[0, :2]
-        return float(along.min()), float(along.max())
+    def _reach(self, bounds: Bounds, axis: int) -> tuple[float, float]:
+        """Lowest and highest place of a board in m, along the axis (0) or across it (1)."""
+        places = _corners(bounds) @ self._frame[axis, :2]
+        return float(places.min()), float(places.max())
 
     def require_fits(self, bounds: Bounds, thickness: float) -> None:
         """Refuse a board that cannot be bent so.
@@ -245,7 +240,7 @@ class Bend:
         meet itself.
         """
         along, across = self._frame[:2, :2] @ _corners(bounds).T
-        low, high = self._edges(bounds)
+        low, high = self._reach(bounds, 1)
         if self.apex is not None and (np.sign(self.apex) * (self.apex - along) <= _TOUCH).any():
             raise GeometryError(
                 f"the apex of a cone must lie beyond the board, which reaches from {along.min() * 1e3:.4g} to "

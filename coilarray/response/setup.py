@@ -23,11 +23,9 @@ from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.electromagnetics.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import CoilarrayError, ElastomerError, MetalError
-from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Plate, Sheet, Target
+from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet, Target
 from coilarray.geometry.elastomer import Base, Strain
 from coilarray.metal.backing import require_below
-from coilarray.metal.finite_plates import outlined_inductance
-from coilarray.metal.flat_plates import plate_inductance
 
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample. Beyond it the wedge's own slope would count
@@ -417,19 +415,17 @@ def wedge_inductance(circuit: BoardCircuit, origin: tuple[float, float], tilt: t
     if not middle.any():
         return np.zeros_like(middle)
     heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
-    plates = circuit.plates
-    beside = [plate for plate in design.plates if isinstance(plate, Plate)]
 
     def level(height: float) -> FloatArray:
         """Inductance matrix in H for a sample of one height."""
         sheets = _raised(design.sheets, height)
         change = layer_inductance(design.paths, sheets)
-        if plates is None:
+        if circuit.plates is None:
             return change
-        change = change + plate_inductance(design.paths, beside, [plates.working], sheets)[0].real
-        if len(beside) == len(design.plates):
-            return np.asarray(change)
-        return np.asarray(change + outlined_inductance(design.paths, design.plates, [plates.working], sheets)[0].real)
+        working = circuit.plates.working
+        return (
+            change + replace(circuit.windings, sheets=sheets).plate_effect(design.plates, working, working).inductance
+        )
 
     shares = _lagrange(heights, middle.ravel()).reshape(*middle.shape, -1)
     raised = np.array([level(height) for height in heights.tolist()])
