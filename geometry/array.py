@@ -236,6 +236,9 @@ class Routing:
 class Array(SeveralCoils):
     """Coils on one board.
 
+    Raises GeometryError without a coil, for coils of one name, a negative margin, an unknown layer,
+    or a board that cannot have this form.
+
     Parameters
     ----------
     stackup : Stackup
@@ -254,12 +257,6 @@ class Array(SeveralCoils):
         Shape of the board in space, such as a `Bend`, which `conductors` and solids follow. The
         placements, the bounds, and all that is fabricated and checked stay flat. None for a flat
         board.
-
-    Raises
-    ------
-    GeometryError
-        No coil, coils of one name, a negative margin, an unknown layer, or a board that cannot have
-        this form.
     """
 
     stackup: Stackup

@@ -19,7 +19,8 @@ class Pose:
     """Turn about the axes and shift of a board.
 
     The board is turned about the fixed axes x, y and z, in this order, each through its own origin,
-    and then shifted.
+    and then shifted. Raises GeometryError for values that are not three finite angles and finite
+    shifts up to 1e30 m.
 
     Parameters
     ----------
@@ -27,11 +28,6 @@ class Pose:
         Shift in m.
     turn : tuple of float
         Angles about x, y and z in rad, counter-clockwise seen from the tip of the axis.
-
-    Raises
-    ------
-    GeometryError
-        Values that are not three finite angles and finite shifts up to 1e30 m.
 
     Examples
     --------

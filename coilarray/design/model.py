@@ -71,6 +71,9 @@ from coilarray.geometry.usual_values import reading, unusual_values
 class Circuit:
     """Circuit that the coils are connected to.
 
+    Raises DesignError for a resistivity that is not positive and finite, or a permittivity below 1
+    or not finite.
+
     Parameters
     ----------
     switches : Switches
@@ -92,11 +95,6 @@ class Circuit:
         Coils with a source, tank or load of their own, see `coilarray.circuit.ports`.
     link_frequency : float or None
         Frequency in Hz at which the ports work. None without ports.
-
-    Raises
-    ------
-    DesignError
-        A resistivity that is not positive and finite, or a permittivity below 1 or not finite.
     """
 
     switches: Switches = field(default_factory=Switches)
@@ -132,6 +130,9 @@ class Circuit:
 @dataclass(frozen=True)
 class Indentation:
     """Indenter, depths and positions of an indentation.
+
+    Raises DesignError without a depth, for x without y, depths that do not rise from above zero, a
+    value that is not finite, or a material of another indenter than a hemisphere.
 
     Parameters
     ----------
@@ -170,12 +171,6 @@ class Indentation:
     material : Material or None
         Material of a hemisphere that carries eddy currents or is magnetic. It is then computed as a
         `ball` of its radius. None for materials without effect on the field, such as plastics.
-
-    Raises
-    ------
-    DesignError
-        No depth, x without y, depths that do not rise from above zero, a value that is not finite,
-        or a material of another indenter than a hemisphere.
     """
 
     indenter: Indenter
@@ -241,6 +236,8 @@ class Indentation:
 class Board:
     """A board at its place in space.
 
+    Raises DesignError for anything but an Array or a Design, or no Pose.
+
     Parameters
     ----------
     of : Array or Design
@@ -253,11 +250,6 @@ class Board:
         their names if it is empty. By default board2, board3, … in the design that places it.
     file : str or None
         File, or name of a bundled design, that the board was read from.
-
-    Raises
-    ------
-    DesignError
-        Neither an Array nor a Design, or no Pose.
     """
 
     of: Array | Design
@@ -322,6 +314,11 @@ class Board:
 class Design:
     """A coil array with all inputs of its results.
 
+    Raises DesignError for sheets or plates of one name, plates in the sheets, the coils or each
+    other, an indentation that the sheets do not allow, a termination, port, state or origin of an
+    unknown coil, two ports at a coil, ports without a frequency, an impossible state, boards of one
+    name or that cut through each other, or a moved board with sheets, plates or a target.
+
     Parameters
     ----------
     array : Array
@@ -349,14 +346,6 @@ class Design:
     pose : Pose
         Place of the array's own board. Sheets, plates, an indentation and a target belong to this
         board and need it unmoved.
-
-    Raises
-    ------
-    DesignError
-        Sheets or plates of one name, plates in the sheets, the coils or each other, an indentation
-        that the sheets do not allow, a termination, port, state or origin of an unknown coil, two
-        ports at a coil, ports without a frequency, an impossible state, boards of one name or that
-        cut through each other, or a moved board with sheets, plates or a target.
 
     Examples
     --------

@@ -38,6 +38,8 @@ def conversion_time(rcount: int, reference: float) -> float:
 class Readout:
     """Settings and stability of the converter and its surroundings.
 
+    Raises DesignError for a number that is not finite or outside its range, or another converter.
+
     Parameters
     ----------
     converter : {"LDC1614", "LDC1612", "FDC2214", "none"}
@@ -71,11 +73,6 @@ class Readout:
         Relative change with temperature in 1/K of the tank's capacitance, the board's size, the
         resistance of the copper and the resistance of a closed switch. As for `resolution` and
         `clock_jitter`, None is a size that is not given, which `size` takes from `USUAL`.
-
-    Raises
-    ------
-    DesignError
-        A number that is not finite or outside its range, or another converter.
 
     Examples
     --------

@@ -16,6 +16,9 @@ coil."""
 class Switches:
     """The multiplexer, the bus and the tank.
 
+    Raises NetworkError for a value that is negative or not finite, a tank that is not positive, or
+    another place.
+
     Parameters
     ----------
     on_resistance : float
@@ -35,11 +38,6 @@ class Switches:
     tank_at : {"converter", "coil"}
         Place of that capacitor: across the converter, or across the terminals of the measured
         coils.
-
-    Raises
-    ------
-    NetworkError
-        A value that is negative or not finite, a tank that is not positive, or another place.
     """
 
     on_resistance: float = 0.0

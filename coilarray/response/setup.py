@@ -42,6 +42,9 @@ _WEDGE_NODES = 4
 class Imperfections:
     """Deviations of the experiment from the design.
 
+    Raises ElastomerError for a value that is not finite, a tilt above 0.1, or noise or a seed that
+    is negative, and MetalError for a `rest` below 0.
+
     Parameters
     ----------
     tilt : tuple of float
@@ -68,13 +71,6 @@ class Imperfections:
     network : Network or "ideal", optional
         Coils, switches and strays under the flat sheets, in place of the design's own with the
         true thicknesses. "ideal" leaves AC resistance and all strays out.
-
-    Raises
-    ------
-    ElastomerError
-        A value that is not finite, a tilt above 0.1, or noise or a seed that is negative.
-    MetalError
-        A `rest` below 0.
     """
 
     tilt: tuple[float, float] = (0.0, 0.0)
