@@ -276,17 +276,21 @@ def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: I
     order = far[np.lexsort((nodes[far, 1], nodes[far, 0], classes.second[far], classes.first[far]))]
     alike = np.column_stack((classes.first[order], classes.second[order], nodes[order]))
     cuts = np.flatnonzero((np.diff(alike, axis=0) != 0).any(axis=1)) + 1
-    pieces: list[IntArray] = []
-    work = [0]
+    blocks: list[_Block] = []
+    gathered: list[IntArray] = []
+    work = 0
     for group in np.split(order, cuts) if len(order) else []:
         size = int(nodes[group[0], 0] ** 4 * nodes[group[0], 1] ** 2)
         for start, stop in ranges(len(group), max(1, _NODE_PAIRS // size)):
-            pieces.append(group[start:stop])
-            work.append(work[-1] + size * (stop - start))
-    blocks: list[_Block] = []
-    for _, numbers in itertools.groupby(range(len(pieces)), lambda k: work[k] // _NODE_PAIRS):
-        gathered = [pieces[k] for k in numbers]
-        blocks.append((np.concatenate(gathered), 1.0, partial(_far_block, shapes, classes, gathered, nodes)))
+            gathered.append(group[start:stop])
+            work += size * (stop - start)
+            if work >= _NODE_PAIRS:
+                work_of = partial(_far_block, shapes, classes, gathered, nodes)
+                blocks.append((np.concatenate(gathered), 1.0, work_of))
+                gathered, work = [], 0
+    if gathered:
+        work_of = partial(_far_block, shapes, classes, gathered, nodes)
+        blocks.append((np.concatenate(gathered), 1.0, work_of))
     return blocks
 
 
