@@ -158,7 +158,7 @@ class Scale:
 
     @property
     def ticks(self) -> npt.NDArray[np.float64]:
-        """Values at equal steps of colour from end to end, shape (n,), round numbers if the ends are."""
+        """Values at equal steps of colour, shape (n,), in the unit of the numbers; round if the ends are."""
         if self.logarithmic:
             return self.values(round(np.log10(self.high / self.low)) + 1)
         for count in (4, 5, 3, 2):
