@@ -94,7 +94,7 @@ _NO_FAB = (
 )
 _MANY_LAYERS = 8  # of copper, above which boards are special orders
 _MET = 5e-3  # of the wanted inductance: as near as is not worth a word
-_HELPS = {
+_HELPS = {  # remedies for a converter's broken limit, by name and side
     ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
     ("frequency over self-resonance", "high"): "; a larger --capacitance-pF lowers it",
     ("R_p", "low"): "; larger coils, more inductance or less capacitance raise it",
@@ -102,7 +102,6 @@ _HELPS = {
     ("amplitude with the smallest drive current", "high"): "; a larger --capacitance-pF lowers it",
     ("quality factor", "low"): "; larger coils and less capacitance raise it",
 }
-"""Remedies for a converter's broken limit, by name and side."""
 
 
 def init(

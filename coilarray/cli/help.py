@@ -56,8 +56,7 @@ def keys(
     shared.say(text_table(("key", "unit", "allowed", "default", "meaning"), rows))
 
 
-CLONE = Path(__file__).resolve().parents[2]
-"""Folder of the package, the clone if installed from it."""
+CLONE = Path(__file__).resolve().parents[2]  # folder of the package, the clone if installed from it
 _BUILT = Path("docs", "_build", "html")  # of a clone, where the command of CONTRIBUTING.md writes them
 _PAGE = ".html"
 

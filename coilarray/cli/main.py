@@ -29,8 +29,7 @@ from coilarray.compute.files import keep_results
 from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 
-INTERRUPTED = 130
-"""Exit code of an interrupted program."""
+INTERRUPTED = 130  # exit code of an interrupted program
 
 _MESSAGE = b"coilarray: interrupted\n"
 _PATIENCE = 2.0  # s for a computation to return to Python
@@ -112,10 +111,9 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
 }  # fmt: skip
 """Every command by name, in the help's groups."""
 
-COMMANDS: dict[str, Callable[..., None]] = {
+COMMANDS: dict[str, Callable[..., None]] = {  # every command by name, with ``board`` or ``paper``
     name: command for commands in GROUPS.values() for name, command in commands.items()
 }
-"""Every command by name, with ``board`` or ``paper``."""
 
 _FAMILIES = {"board": "Read out a board, real or emulated.", "paper": "Evaluate maps as Gast & Zimmermann (2020) did."}
 """First words of commands, and their help."""

@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from coilarray.studies.calibrate import Plan
 
 
-Reading = dict[str, float] | list[float]
-"""δ by the coils' names, or in the model's order."""
-Record = dict[str, Any]
-"""Answer for JSON, with only ``error`` for a bad reading."""
+Reading = dict[str, float] | list[float]  # δ by the coils' names, or in the model's order
+Record = dict[str, Any]  # answer for JSON, with only ``error`` for a bad reading
 _Value = TypeVar("_Value")
 _READINGS = (".csv", ".jsonl")
 _PUBLISHED = "published"

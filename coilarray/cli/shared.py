@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from coilarray.paper.ellipse_model import EllipseModel
 
 
-MARK = "[emulator] "
-"""Start of every line about an emulated board."""
+MARK = "[emulator] "  # start of every line about an emulated board
 
 
 def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, printed: bool = False) -> Any:

@@ -30,13 +30,12 @@ if TYPE_CHECKING:
 Part = TypeVar("Part")
 
 _MM = 1e3
-COLOURS = {
+COLOURS = {  # red, green, blue and opacity, up to 255, of each kind of solid, by the first part of its key
     "copper": (200, 117, 51, 255),
     "barrel": (184, 134, 72, 255),
     "board": (24, 92, 52, 160),
     "sheet": (110, 110, 118, 90),
 }
-"""Red, green, blue and opacity, up to 255, of each kind of solid, by the first part of its key."""
 _OTHER = (160, 160, 160, 255)
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # glTF's (x, z, −y)
 

@@ -29,8 +29,7 @@ from coilarray.geometry.coil import VIA, PlatedHole, path_coil
 from coilarray.geometry.copper import groups
 from coilarray.geometry.stackup import Stackup
 
-LEAST_TURNS = 0.9
-"""Turns from which a net is a coil: a loop lacks the space between its leads."""
+LEAST_TURNS = 0.9  # turns from which a net is a coil: a loop lacks the space between its leads
 
 _SHOWN = 12  # names in a message
 _REASONS = 3  # nets in a message, with the reason why they are not coils
@@ -286,8 +285,7 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
             along += dist(a, b)
 
 
-SAME_SHAPE = 2e-9
-"""Agreement in m of points and widths of equal coils; board files round to 1 nm."""
+SAME_SHAPE = 2e-9  # agreement in m of points and widths of equal coils; board files round to 1 nm
 
 _GRID = 1e-9  # m: resolution of board files
 _GAP_GRID = 1e-6  # m: to which the gap of the turns is given

@@ -41,8 +41,7 @@ from coilarray.geometry.board_clearance import cut_through
 
 AXES = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 """Coordinates of a pose: its shift in m and its turns in rad."""
-MOST_POSES = 100_000
-"""Largest number of poses of a link."""
+MOST_POSES = 100_000  # largest number of poses of a link
 _POSES_A_BLOCK = 128  # that are computed and kept together
 _BYTES_A_PAIR, _BYTES_A_COIL_PAIR = 200.0, 100.0  # peak memory per pose and pair that moves, and of all coils
 

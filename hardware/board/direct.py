@@ -29,8 +29,7 @@ from coilarray.hardware.wire.buses import (
     held_signals,
 )
 
-ATTEMPTS = 3
-"""Number of attempts at a step that must not fail."""
+ATTEMPTS = 3  # number of attempts at a step that must not fail
 BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
 """Faults of a sample that come from the bus to the converter."""
 _ADDRESS = {name: found.address for name, found in registers().items()}

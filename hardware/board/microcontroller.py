@@ -37,8 +37,7 @@ from coilarray.hardware.wire.protocol import (
     read_scan,
 )
 
-LONGEST_INTERVAL = 2147.0
-"""Longest time between two scans of a stream in s: half a wrap of the board's clock."""
+LONGEST_INTERVAL = 2147.0  # longest time between two scans of a stream in s: half a wrap of the board's clock
 _HASH = re.compile("([0-9A-F]{4})(?:,.*)?").fullmatch
 _CHAIN = re.compile("(same|differ|none)(?:,.*)?").fullmatch
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet

@@ -219,8 +219,7 @@ def _with_order(wiring: Wiring, order: Sequence[int]) -> Wiring:
     return replace(wiring, devices=tuple(devices))
 
 
-RCOUNT = 0x4000
-"""RCOUNT of conversions of 12 ms, with an error of a frequency of less than a millionth."""
+RCOUNT = 0x4000  # RCOUNT of conversions of 12 ms, with an error of a frequency of less than a millionth
 NOTICEABLE = 2e-5
 """Least relative rise of a frequency by a shorted neighbour. On the reference board the nearest
 give 1.5e-3, the second 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""

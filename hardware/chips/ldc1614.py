@@ -28,12 +28,9 @@ from coilarray.circuit.converter_limits import (
 from coilarray.design.readout import DRIVE_DELAY, LARGEST_RCOUNT, SMALLEST_RCOUNT, conversion_time
 from coilarray.errors import HardwareError, require_positive
 
-MANUFACTURER = 0x5449
-"""Register MANUFACTURER_ID."""
-DEVICE = 0x3055
-"""Register DEVICE_ID. The LDC1612 has the same."""
-ASLEEP = 0x2000
-"""SLEEP_MODE_EN in the register CONFIG."""
+MANUFACTURER = 0x5449  # register MANUFACTURER_ID
+DEVICE = 0x3055  # Register DEVICE_ID. The LDC1612 has the same.
+ASLEEP = 0x2000  # SLEEP_MODE_EN in the register CONFIG
 
 # Values that the data sheet allows, by the name of the field without the channel's number.
 _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = {
@@ -170,34 +167,25 @@ def decode(name: str, value: int) -> dict[str, int]:
     return fields
 
 
-CODE_BITS = 28
-"""Width of a conversion result."""
-FULL_SCALE = 1 << CODE_BITS
-"""Code of a frequency that equals the reference. Results are below."""
+CODE_BITS = 28  # width of a conversion result
+FULL_SCALE = 1 << CODE_BITS  # Code of a frequency that equals the reference. Results are below.
 INTERNAL_CLOCK_RANGE = (35e6, 55e6)
 """Smallest and largest frequency of the internal oscillator over all units in Hz."""
 CLOCK_TOLERANCE = 5e-3
 """Relative change that a measured internal oscillator is allowed. It is twice the change in the
 data sheet's curves of one unit between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
-EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
-"""Smallest and largest frequency at the pin CLKIN in Hz."""
-SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
-"""Slowest and fastest clock of the I²C bus in Hz."""
-CHANNELS = 4
-"""Number of channels of an LDC1614."""
-WAKE_CYCLES = 16384
-"""Cycles of the internal oscillator from leaving sleep to starting the sensor."""
+EXTERNAL_CLOCK_RANGE = (2e6, 40e6)  # smallest and largest frequency at the pin CLKIN in Hz
+SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3  # slowest and fastest clock of the I²C bus in Hz
+CHANNELS = 4  # number of channels of an LDC1614
+WAKE_CYCLES = 16384  # cycles of the internal oscillator from leaving sleep to starting the sensor
 SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5
 """Time from channel to channel in s, and additional cycles of the reference. The same is assumed
 before every conversion of a single channel, for which the data sheet has no value."""
-MOST_DISCARDED = 15
-"""Largest number of conversions that a state may discard after waking."""
+MOST_DISCARDED = 15  # largest number of conversions that a state may discard after waking
 READ_BITS, WRITE_BITS = 48, 38
 """Bits on the I²C bus of reading and writing a register, with start, stop and acknowledgements."""
-LEAST_SETTLE_COUNT = 2
-"""Effective value of SETTLECOUNT 0 and 1."""
-SWITCH_BITS = 20
-"""Bits on the bus that take as long as the words for a chain of six at 1 MHz."""
+LEAST_SETTLE_COUNT = 2  # effective value of SETTLECOUNT 0 and 1
+SWITCH_BITS = 20  # bits on the bus that take as long as the words for a chain of six at 1 MHz
 
 
 def code_to_frequency(code: int, reference: float, *, divider: int = 1) -> float:

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from coilarray.response.interpolation import ResponseSpline
 
 
-ROOM_TEMPERATURE = 25.0
-"""Temperature in °C at which the frequency of a converter's clock is given."""
+ROOM_TEMPERATURE = 25.0  # temperature in °C at which the frequency of a converter's clock is given
 
 _AHEAD, _BEHIND = 1e-3, 0.05  # s
 
@@ -126,8 +125,7 @@ class Place(NamedTuple):
     depth: float
 
 
-LIFTED = Place(0.0, 0.0, 0.0)
-"""Place of an indenter without contact."""
+LIFTED = Place(0.0, 0.0, 0.0)  # place of an indenter without contact
 
 
 class Indenter:

@@ -44,11 +44,9 @@ from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock
 if TYPE_CHECKING:
     from coilarray.hardware.emulator.board import EmulatedBoard
 
-AMPLITUDE_STOPS = 0.6
-"""Peak voltage in V below which the oscillation stops."""
+AMPLITUDE_STOPS = 0.6  # peak voltage in V below which the oscillation stops
 _SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
-WATCHDOG = 5.2e-3
-"""Time in s without oscillation after which the chip gives up and starts the sensor again."""
+WATCHDOG = 5.2e-3  # time in s without oscillation after which the chip gives up and starts the sensor again
 # Assumed size of an effect that the data sheet only mentions. Clamps pull the frequency, and a
 # small amplitude is noisier.
 _CLAMP_PULL = -1e-3

@@ -27,8 +27,7 @@ from coilarray.hardware.record.recorded_response import at_rest, recorded_respon
 from coilarray.hardware.record.recording import Recording
 from coilarray.response.map import Imperfections, response_map
 
-CAPACITANCES = (1e-12, 1e-6)
-"""Least and greatest plausible capacitance of a tank in F."""
+CAPACITANCES = (1e-12, 1e-6)  # least and greatest plausible capacitance of a tank in F
 CLOCKS = (min(EXTERNAL_CLOCK_RANGE[0], INTERNAL_CLOCK_RANGE[0]), INTERNAL_CLOCK_RANGE[1])
 """Lowest and highest clock of a converter in Hz."""
 

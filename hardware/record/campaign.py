@@ -33,14 +33,10 @@ if TYPE_CHECKING:
     from coilarray.hardware.emulator import EmulatedBoard
 
 
-SPEED = 1.5e-3
-"""Speed of indenting and relaxing in m/s, as in the paper."""
-DWELL = 0.5
-"""Time at full depth before the peak is measured, in s, as in the paper."""
-TRIES = 3
-"""Number of attempts at one position before the campaign is given up."""
-Dialect = Literal["grbl", "marlin"]
-"""Firmware of a machine that speaks G-code."""
+SPEED = 1.5e-3  # speed of indenting and relaxing in m/s, as in the paper
+DWELL = 0.5  # time at full depth before the peak is measured, in s, as in the paper
+TRIES = 3  # number of attempts at one position before the campaign is given up
+Dialect = Literal["grbl", "marlin"]  # firmware of a machine that speaks G-code
 
 _MOST_PLACES = 1_000_000
 _SHOWN = 120  # characters of a wrong plan in messages

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Location
 
-BASELINE_SCANS = 10
-"""Number of scans without an indentation whose mean is L_0."""
+BASELINE_SCANS = 10  # number of scans without an indentation whose mean is L_0
 
 _PATIENCE = 3  # multiple of the scans of a baseline after which a state without values is left out
 _RATE_SCANS = 20  # over which the rate is averaged

@@ -22,18 +22,16 @@ from coilarray.response.dataset import coil_coordinates, origin_attributes
 
 Capacitances = Mapping[str, float] | float | None
 
-BASELINE_SCANS = 10
-"""Number of first scans from which δ of a time series counts."""
+BASELINE_SCANS = 10  # number of first scans from which δ of a time series counts
 VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "bad")
 """Verdicts in the order of the numbers of ``verdict``."""
-_WORDS = {
+_WORDS = {  # raw words of a conversion in their order
     "msb": "register DATA0_MSB with its error flags",
     "lsb": "register DATA0_LSB",
     "status": "register STATUS",
     "fault": "0, or why there are no words",
 }
-"""Raw words of a conversion in their order."""
-_WHEN = {
+_WHEN = {  # coordinates of a scan, with their units
     "received": "s",
     "session": "",
     "sequence": "",
@@ -45,7 +43,6 @@ _WHEN = {
     "x": "m",
     "temperature": "degC",
 }
-"""Coordinates of a scan, with their units."""
 
 
 def recorded_response(

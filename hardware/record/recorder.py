@@ -43,8 +43,7 @@ from coilarray.hardware.scan.readings import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import BoardRestarted, held_signals
 
-PERIOD = 1.0
-"""Time in s from reading to reading."""
+PERIOD = 1.0  # time in s from reading to reading
 
 COLDEST, WARMEST = -100.0, 300.0
 """Range of accepted temperatures in °C. A sensor of the 1-wire bus without power shows 85 °C."""

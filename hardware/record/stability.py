@@ -13,8 +13,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
 from coilarray.errors import HardwareError
 
-FEWEST = 8
-"""Number of scans that an Allan deviation needs."""
+FEWEST = 8  # number of scans that an Allan deviation needs
 _SPAN = 3  # longest average, as a part of the whole
 _MOST_GAPS = 10  # places of scans in time for each scan
 

@@ -44,18 +44,13 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
 
 
-SCHEMA = 3
-"""Version of the settings in JSON."""
-MOST_STATES = 255
-"""Largest number of states of a scan."""
-REFERENCE_DRIVE = 6
-"""IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
-LARGEST_DRIVE = 31
-"""Largest IDRIVE."""
+SCHEMA = 3  # version of the settings in JSON
+MOST_STATES = 255  # largest number of states of a scan
+REFERENCE_DRIVE = 6  # IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF
+LARGEST_DRIVE = 31  # largest IDRIVE
 _LONGEST_WORDS = 4096
 _PREFIX, _CHANNELS_PREFIX = b"coilarray1", b"coilarray-channels1"
-ERROR_CONFIG = 0xF8FD
-"""Register ERROR_CONFIG: every flag is shown in the result and in STATUS."""
+ERROR_CONFIG = 0xF8FD  # register ERROR_CONFIG: every flag is shown in the result and in STATUS
 _MARGIN = 1.1  # of the time-out on the slowest clock
 _RESTART = 6e-3  # s. The watchdog's restart of a sensor takes 5.2 ms
 

@@ -25,15 +25,11 @@ from coilarray.hardware.chips.ldc1614 import CHANNELS
 Net = Literal["ground", "INA", "INB", "other"]
 """Net that an end of a coil can be connected to, with the two pins of the converter."""
 NETS: tuple[Net, ...] = get_args(Net)
-SWITCHES = 8
-"""Number of switches of a device, one for each bit of its word."""
-UNUSED = 0xFF
-"""Code of a switch that is not wired."""
+SWITCHES = 8  # number of switches of a device, one for each bit of its word
+UNUSED = 0xFF  # code of a switch that is not wired
 Sense = Literal[1, -1]
-NumberedEnd = tuple[int, int]
-"""Number of a coil, and of its end: 0 or 1."""
-Node = NumberedEnd | str
-"""An end of a coil, or the name of a net."""
+NumberedEnd = tuple[int, int]  # number of a coil, and of its end: 0 or 1
+Node = NumberedEnd | str  # an end of a coil, or the name of a net
 
 
 class WiredSwitch(NamedTuple):
@@ -267,13 +263,10 @@ def _end(terminal: NumberedEnd) -> str:
     return f"end {'ab'[end]} of coil {coil + 1}"
 
 
-End = Literal["a", "b"]
-"""The two ends of a coil."""
+End = Literal["a", "b"]  # the two ends of a coil
 
-SCHEMA = 1
-"""Version of the wiring file format."""
+SCHEMA = 1  # version of the wiring file format
 WIRINGS = TomlFiles("wiring", HardwareError, "coilarray.hardware.scan.wirings")
-"""Wiring files."""
 _STARTER = "six_coils"
 _MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF means that it is not wired
 _MOST_DEVICES = 255

@@ -147,12 +147,9 @@ class Clock:
         time.sleep(max(seconds, 0.0))
 
 
-DEVICES = Path("/dev")
-"""Folder of the system's devices."""
-SYSTEM = Path("/sys/class/i2c-adapter")
-"""Folder with the system's data about its I²C buses."""
-SPI_MODE = 1
-"""Mode of SPI, 0 to 3, that suits the switches, as far as is known."""
+DEVICES = Path("/dev")  # folder of the system's devices
+SYSTEM = Path("/sys/class/i2c-adapter")  # folder with the system's data about its I²C buses
+SPI_MODE = 1  # mode of SPI, 0 to 3, that suits the switches, as far as is known
 _SPI_SPEED = 1_000_000  # Hz. The ADG739 takes 30 MHz (not verified)
 _LINUX_PURPOSE = "boards on this computer's own buses"
 _GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
@@ -282,8 +279,7 @@ def _opening(path: Path) -> Iterator[None]:
         raise HardwareError(f"{path} cannot be used: {error.strerror}.") from None
 
 
-I2C_SPEED = 100e3
-"""Clock of the I²C bus in Hz. The converter allows 400 kHz if the pull-ups are strong enough."""
+I2C_SPEED = 100e3  # Clock of the I²C bus in Hz. The converter allows 400 kHz if the pull-ups are strong enough.
 _FTDI_PURPOSE = "boards on an FT232H"
 _WITH_SECOND_PORT = {0x6014: "232h", 0x6010: "2232h"}  # USB product numbers
 _SECOND_PORT = 8  # its pins follow the pins of the first port, which has the I²C

@@ -31,8 +31,7 @@ except ImportError:  # Windows
 else:
     _LOSSES = (OSError, termios.error)  # pyserial does not catch the second error, which is not an OSError
 
-BAUD = 115200
-"""Baud rate of the protocol."""
+BAUD = 115200  # baud rate of the protocol
 _GONE: tuple[type[Exception], ...] = (*_LOSSES, TypeError)  # TypeError comes from a port that was closed meanwhile
 _SERIAL_PREFIX = "usb:"
 _PURPOSE = "microcontroller boards"
@@ -137,10 +136,8 @@ class OpenSerialPort:
             raise DeviceLost(f"{self.name} is gone: {error}.") from None
 
 
-EMULATOR = "emulator"
-"""Name of the port of the emulated board."""
-ADDRESSES = (0x2A, 0x2B)
-"""I²C addresses of the converter, with its pin ADDR low and high."""
+EMULATOR = "emulator"  # name of the port of the emulated board
+ADDRESSES = (0x2A, 0x2B)  # I²C addresses of the converter, with its pin ADDR low and high
 _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
 _LINUX_BUS_RATE = 100e3  # Hz, of a bus without a clock set by the system: standard mode, as on a Raspberry Pi
 _LONGEST = 200  # characters shown of a port's name

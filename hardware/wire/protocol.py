@@ -32,10 +32,8 @@ from coilarray.hardware.wire.buses import (
 )
 from coilarray.hardware.wire.ports import OpenSerialPort
 
-VERSION = (2, 0)
-"""Major and minor version of this package's protocol."""
-_GOOD_STATUS = 0x0048
-"""STATUS of a word that has no status: DRDY and UNREADCONV0, no error."""
+VERSION = (2, 0)  # major and minor version of this package's protocol
+_GOOD_STATUS = 0x0048  # STATUS of a word that has no status: DRDY and UNREADCONV0, no error
 _H1, _H2, _H4, _H8 = (f"([0-9A-F]{{{digits}}})" for digits in (1, 2, 4, 8))
 _DECIMAL = "(0|[1-9][0-9]{0,9})"
 _VERSION = re.compile(rf"{_DECIMAL}\.{_DECIMAL}(?:,.*)?")
@@ -47,8 +45,7 @@ _HEARTBEAT = re.compile(rf"H{_H8},{_H8},{_H4},([uis])")
 _END = re.compile(rf"E([1-4]),{_H4},{_H8},([^,]*)")
 _ANSWER = re.compile(rf"<{_H2},OK(?:,(.*))?")
 _REFUSAL = re.compile(rf"<{_H2},ERR,{_H1},([^,]*)")
-ANYTHING = re.compile(".*").fullmatch
-"""Reader of a reply to a command whose fields do not count."""
+ANYTHING = re.compile(".*").fullmatch  # reader of a reply to a command whose fields do not count
 
 
 class Mode(Enum):
@@ -187,10 +184,8 @@ def read_pong(text: str) -> Heartbeat | None:
     return found and Heartbeat(int(found[1], 16), int(found[2], 16), Mode(found[3]))
 
 
-MAX_LINE = 512
-"""Characters of a line with its checksum, without the line feed."""
-IDS = 0x100
-"""Commands are numbered 00 to FF and then from 00 again."""
+MAX_LINE = 512  # characters of a line with its checksum, without the line feed
+IDS = 0x100  # commands are numbered 00 to FF and then from 00 again
 _PRINTABLE = bytes(range(0x20, 0x7F))
 _CHECKSUM = 5  # characters: an asterisk and four digits
 

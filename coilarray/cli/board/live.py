@@ -303,8 +303,7 @@ def _place_text(reading: LiveReading) -> str:
     return f"{found.verdict}: {places}" if places else found.verdict
 
 
-QUIT, ZERO = "q", "z"
-"""Orders to a display: end, or measure the baseline again."""
+QUIT, ZERO = "q", "z"  # orders to a display: end, or measure the baseline again
 
 _MOST_SCANS = 100_000_000
 _LONGEST_GAP = 5.0  # s that a replay waits at most from scan to scan

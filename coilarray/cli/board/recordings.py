@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     _Source = tuple[xr.Dataset, Sequence[FloatArray]]  # a response, and the outlines of its coils where they are known
 
 
-FORMATS = (".nc", ".csv")
-"""Endings of the files that a recording is converted to."""
+FORMATS = (".nc", ".csv")  # endings of the files that a recording is converted to
 _SEALED = (".toml", ".csv")
 
 

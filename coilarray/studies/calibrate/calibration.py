@@ -59,7 +59,7 @@ _SAID = {
     "determined": "directions that the data determine", "evaluations": "evaluations",
 }  # fmt: skip
 _GUESSED_STEPS = 6  # of a fit, for a progress bar
-CALIBRATION = Schema(
+CALIBRATION = Schema(  # variables of a calibration's dataset that draws need
     GoalError,
     "value, posterior and entries over combination, draw and unknown",
     {
@@ -69,7 +69,6 @@ CALIBRATION = Schema(
         "entries": Entry(None, ("unknown",), needed=True, longest=100_000),
     },
 )
-"""Variables of a calibration's dataset that draws need."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,7 @@ Parameter = Literal["A", "B", "x0", "peak"]  # parameters of ellipses that may b
 MOST_COMBINATIONS = 200  # largest number of combinations of choices that are fitted
 FITTED: tuple[Parameter, ...] = ("A", "B", "peak")  # parameters of ellipses that are fitted by default
 LEVELS = tuple(k * 1e-4 for k in range(1, 11))  # δ of the ellipses that are fitted by default
-IMPERFECTIONS = {
+IMPERFECTIONS = {  # unknowns ``imperfections.…`` of the experiment, with their units in SI
     "depth_error_mm": 1e-3,
     "tilt_x_mrad": 1e-3,
     "tilt_y_mrad": 1e-3,
@@ -71,7 +71,6 @@ IMPERFECTIONS = {
     "drift": 1.0,
     "column_drift": 1.0,
 }
-"""Unknowns ``imperfections.…`` of the experiment, with their units in SI."""
 IMPERFECTION = "imperfections."  # prefix of unknowns of the experiment
 _DIMS = ("depth", "y", "x", "state")
 _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %

@@ -30,16 +30,14 @@ Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 LONG_SHAPES: tuple[Shape, ...] = ("rectangle", "racetrack")  # shapes with a width and a height
 Overlap = Literal["none", "decoupled"]
-_FROM_TO = {
+_FROM_TO = {  # range of each choice in SI, with its option's unit
     "size": (0.5e-3, 1.0, 1e3, "mm"),
     "pitch": (0.5e-3, 1.0, 1e3, "mm"),
     "inductance": (1e-9, 0.1, 1e6, "µH"),
     "frequency": (1e3, 1e9, 1e-6, "MHz"),
     "capacitance": (1e-12, 1e-3, 1e12, "pF"),
 }
-"""Range of each choice in SI, with its option's unit."""
-MOST_LAYERS = 32
-"""Largest number of copper layers that board houses make."""
+MOST_LAYERS = 32  # largest number of copper layers that board houses make
 _TRACE_STEP = 1e-6  # m, to which a trace is drawn
 _MOST_COUNTS = 8  # numbers of turns that are tried, of all that are possible
 _COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
