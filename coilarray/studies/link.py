@@ -17,16 +17,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.circuit import ports
 from coilarray.circuit.board_circuit import board_circuit
 from coilarray.circuit.coupling import provenance
-from coilarray.circuit.ports import (
-    PortCircuit,
-    best_link,
-    port_circuit,
-    port_impedance,
-    port_resonances,
-    power_transfer,
-)
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import Entry, Schema, variables
@@ -255,9 +248,11 @@ def link(
         for side, coil in enumerate((i, k)):
             Z[..., side, side] = R[coil, coil] + 1j * omega * own[coil]
             Z[..., side, 1 - side] = 1j * omega * between
-        rows.append(("best_efficiency", ("pair",), best_link(Z).efficiency, "1", "largest efficiency of the pair"))
+        rows.append(
+            ("best_efficiency", ("pair",), ports.best_link(Z).efficiency, "1", "largest efficiency of the pair")
+        )
         if design.circuit.ports:
-            circuit = replace(port_circuit(design, board_circuit(design).direct), frequency=f)
+            circuit = replace(ports.port_circuit(design, board_circuit(design).direct), frequency=f)
             rows += _between_ports(circuit, moved, R)
             if circuit.sources and circuit.loads:
                 ends = ("source_coil", circuit.sources), ("load_coil", circuit.loads)
@@ -420,19 +415,19 @@ def _move(
 
 
 def _between_ports(
-    circuit: PortCircuit, inductance: FloatArray, resistance: FloatArray
+    circuit: ports.PortCircuit, inductance: FloatArray, resistance: FloatArray
 ) -> list[tuple[str, tuple[str, ...], Any, str, str]]:
     """Efficiencies between ports and resonances at every pose."""
     rows: list[tuple[str, tuple[str, ...], Any, str, str]] = []
     if circuit.sources and circuit.loads:
         Z = resistance + 2j * math.pi * circuit.frequency * inductance
-        transfer = power_transfer(circuit, port_impedance(circuit, Z, circuit.frequency))
+        transfer = ports.power_transfer(circuit, ports.port_impedance(circuit, Z, circuit.frequency))
         ends = ("source_coil", "load_coil")
         rows += [
             ("efficiency", ends, transfer.efficiency, "1", "power in the load over power into the terminals"),
             ("available_efficiency", ends, transfer.available_efficiency, "1", "power in the load over available"),
         ]  # fmt: skip
-    found = [port_resonances(circuit, L, resistance)[0] for L in inductance]
+    found = [ports.port_resonances(circuit, L, resistance)[0] for L in inductance]
     number = np.array([len(modes) for modes in found])
     rows.append(("resonances", (), number, "1", "number of resonances of the ports"))
     extremes = np.array([(modes[0], modes[-1]) if len(modes) else (np.nan, np.nan) for modes in found])

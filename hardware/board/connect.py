@@ -14,26 +14,7 @@ from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.chips.ldc1614 import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.readings import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
-from coilarray.hardware.wire.buses import (
-    Clock,
-    Ft232h,
-    LinuxRegisterBus,
-    RegisterBus,
-    SpiSwitchChain,
-    SwitchChain,
-    held_signals,
-    orderly_termination,
-)
-from coilarray.hardware.wire.ports import (
-    EMULATOR,
-    ChannelBoard,
-    EmulatorPort,
-    FtdiPort,
-    LinuxPort,
-    Port,
-    SerialPort,
-    parse_port,
-)
+from coilarray.hardware.wire import buses, ports
 
 if TYPE_CHECKING:
     from coilarray.design.model import Design
@@ -84,7 +65,7 @@ class Board:
         """Description of the board and its converter in one line."""
         identity = self.identity
         ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
-        named = parse_port(self.port).board
+        named = ports.parse_port(self.port).board
         if (identity.manufacturer, identity.device) == (MANUFACTURER, DEVICE):
             converter = f"LDC1614 ({ids})"
             if named is not None:
@@ -107,12 +88,12 @@ class Board:
 
         The method never raises and may be called again.
         """
-        with held_signals():
+        with buses.held_signals():
             self.reader.close()
         atexit.unregister(self.close)
 
     def __enter__(self) -> Self:
-        self._ways_out.enter_context(orderly_termination())
+        self._ways_out.enter_context(buses.orderly_termination())
         return self
 
     def __exit__(
@@ -125,7 +106,7 @@ class Board:
 
 
 def open_board(
-    port: str = EMULATOR,
+    port: str = ports.EMULATOR,
     *,
     design: Design | None = None,
     wiring: Wiring | None = None,
@@ -166,13 +147,13 @@ def open_board(
     ...     board.reader.configure(scan_settings(board.wiring))
     ...     scan = board.reader.scan()
     """
-    place = parse_port(port)
+    place = ports.parse_port(port)
     wired = wiring or wiring_of_board(place, design)
     _require_kind(port, place.board, wired)
     emulator = None
     reader: Reader
     match place:
-        case EmulatorPort():
+        case ports.EmulatorPort():
             from coilarray.design.model import load_design
             from coilarray.hardware.emulator import Conditions, emulated_board
 
@@ -181,18 +162,20 @@ def open_board(
                 emulation = {**emulation, "conditions": conditions}
             emulator = emulated_board(design or load_design(), wired, **emulation)
             chain = emulator.chain if place.board is None else None
-            reader = DirectReader(emulator.bus, chain, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True)
-        case SerialPort(name, baud):
+            reader = DirectReader(
+                emulator.bus, chain, emulator.clock, wired.safe_words, kind=ports.EMULATOR, emulated=True
+            )
+        case ports.SerialPort(name, baud):
             from coilarray.hardware.board.microcontroller import open_microcontroller
 
             reader = open_microcontroller(name, baud=baud, times=times)
-        case LinuxPort() | FtdiPort():
+        case ports.LinuxPort() | ports.FtdiPort():
             reader = _direct_reader(place, wired)
     return Board(reader, port, wired, emulator)
 
 
 def wiring_of_board(
-    port: Port, design: Design | None = None, name: str | None = None, coils: Sequence[str] | None = None
+    port: ports.Port, design: Design | None = None, name: str | None = None, coils: Sequence[str] | None = None
 ) -> Wiring:
     """Return the wiring of the board at a port."""
     board = port.board
@@ -203,7 +186,7 @@ def wiring_of_board(
     if board is None or name is not None:
         wiring = load_wiring(name)
         _require_kind(str(name), board, wiring)
-        if name is not None or design is None or not isinstance(port, EmulatorPort):
+        if name is not None or design is None or not isinstance(port, ports.EmulatorPort):
             return wiring
         return wiring if set(design.array.names) == set(wiring.coils) else one_device_a_coil(design.array.names)
     known = [f"coil{channel + 1}" for channel in board.channels] if design is None else design.array.names
@@ -212,7 +195,7 @@ def wiring_of_board(
     return wired_to_channels(known if coils is None else coils, board.channels)
 
 
-def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> None:
+def _require_kind(where: str, board: ports.ChannelBoard | None, wiring: Wiring) -> None:
     """Refuse a wiring that does not fit the port."""
     if board is None and wiring.channels:
         raise HardwareError(
@@ -228,24 +211,24 @@ def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> Non
         )
 
 
-def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
+def _direct_reader(port: ports.LinuxPort | ports.FtdiPort, wiring: Wiring) -> DirectReader:
     """Open the buses of a port and their reader."""
-    bus: RegisterBus
-    switches: SwitchChain | None = None
+    bus: buses.RegisterBus
+    switches: buses.SwitchChain | None = None
     with ExitStack() as opened:
-        if isinstance(port, LinuxPort):
-            bus, kind = LinuxRegisterBus(port.bus, port.address), f"I²C bus {port.bus} of this computer"
+        if isinstance(port, ports.LinuxPort):
+            bus, kind = buses.LinuxRegisterBus(port.bus, port.address), f"I²C bus {port.bus} of this computer"
             opened.callback(bus.close)
             if port.board is None:
-                switches = SpiSwitchChain(port.spi_bus, port.spi_device, mode=port.mode, readback=port.readback)
+                switches = buses.SpiSwitchChain(port.spi_bus, port.spi_device, mode=port.mode, readback=port.readback)
                 opened.callback(switches.close)
                 kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
         else:
             wired = port.board is None
-            adapter = Ft232h(port.url, port.address, switches=wired, mode=port.mode, readback=port.readback)
+            adapter = buses.Ft232h(port.url, port.address, switches=wired, mode=port.mode, readback=port.readback)
             opened.callback(adapter.close)
             bus, switches = adapter, adapter if wired else None
             kind = "FT232H" if wired else "FTDI adapter"
-        reader = DirectReader(bus, switches, Clock(), wiring.safe_words, kind=kind)
+        reader = DirectReader(bus, switches, buses.Clock(), wiring.safe_words, kind=kind)
         opened.pop_all()
     return reader

@@ -18,16 +18,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import ASLEEP, CHANNELS, DEVICE, MANUFACTURER, register, registers
 from coilarray.hardware.scan.readings import Identity, RawSample, RawScan, SampleFault, ready_status
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
-from coilarray.hardware.wire.buses import (
-    BoardRestarted,
-    BusFault,
-    BusTimeout,
-    Clock,
-    RegisterBus,
-    SwitchChain,
-    SwitchFault,
-    held_signals,
-)
+from coilarray.hardware.wire import buses
 
 ATTEMPTS = 3  # number of attempts at a step that must not fail
 BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
@@ -51,7 +42,7 @@ _FAULTY_SCANS = 3  # consecutive scans with the same kind of fault in the same s
 class ChipDriver:
     """Driver of the converter and the switches, if any. `configure` comes before `wake`."""
 
-    def __init__(self, bus: RegisterBus, switches: SwitchChain | None, clock: Clock) -> None:
+    def __init__(self, bus: buses.RegisterBus, switches: buses.SwitchChain | None, clock: buses.Clock) -> None:
         self.bus, self.clock = bus, clock
         self._switches = switches
         self._held: bytes | None = None  # words of the switches, None if they are not known
@@ -73,10 +64,10 @@ class ChipDriver:
             attempts -= 1
             try:
                 self.bus.write(_CONFIG, self._sleep_word)
-            except BusFault:
+            except buses.BusFault:
                 if not attempts:
                     raise
-                with contextlib.suppress(BusFault):
+                with contextlib.suppress(buses.BusFault):
                     self.bus.clear()
             else:
                 self.asleep = True
@@ -130,7 +121,7 @@ class ChipDriver:
         try:
             msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
             drive = None if self._active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
-        except BusFault as fault:
+        except buses.BusFault as fault:
             if not scanning:
                 raise
             return _no_sample(fault)
@@ -160,7 +151,7 @@ class ChipDriver:
         for attempts_left in reversed(range(ATTEMPTS)):
             try:
                 self._write(settings)
-            except BusFault:
+            except buses.BusFault:
                 if not attempts_left:
                     raise
                 self._reset()
@@ -187,7 +178,7 @@ class ChipDriver:
         """Write the settings once and read them back."""
         found = self.identity()
         if found != (MANUFACTURER, DEVICE):
-            raise BusFault(
+            raise buses.BusFault(
                 f"the chip must be an LDC1614 or one of its kind, {MANUFACTURER:04X}/{DEVICE:04X}; "
                 f"got {found[0]:04X}/{found[1]:04X}."
             )
@@ -202,11 +193,11 @@ class ChipDriver:
         for address, value in written:
             got = self.bus.read(address)
             if (got ^ value) & _mask(address):
-                raise BusFault(f"register {_NAME[address]} must read {value:#06x} as written; got {got:#06x}.")
+                raise buses.BusFault(f"register {_NAME[address]} must read {value:#06x} as written; got {got:#06x}.")
 
     def _reset(self) -> None:
         """Reset a converter after a possibly interrupted transfer."""
-        with contextlib.suppress(BusFault):
+        with contextlib.suppress(buses.BusFault):
             self.bus.clear()
             self.bus.write(_RESET_DEV, _RESET)
             self.clock.sleep(_RESET_TIME)
@@ -223,9 +214,9 @@ class DirectReader:
 
     def __init__(
         self,
-        bus: RegisterBus,
-        switches: SwitchChain | None,
-        clock: Clock,
+        bus: buses.RegisterBus,
+        switches: buses.SwitchChain | None,
+        clock: buses.Clock,
         safe_words: bytes = b"",
         *,
         kind: str,
@@ -239,9 +230,9 @@ class DirectReader:
         self._differing: Counter[int] = Counter()  # the same for the chain of switches
         self._closed = False
         found = (0, 0)
-        with held_signals():
+        with buses.held_signals():
             self._chips.switch(safe_words)
-            with contextlib.suppress(BusFault):
+            with contextlib.suppress(buses.BusFault):
                 self._chips.sleep()
                 found = self._chips.identity()
         self._identity = Identity(kind, emulated, *found, secrets.randbits(32))
@@ -274,7 +265,7 @@ class DirectReader:
     def scan(self) -> RawScan:
         """Measure every state once."""
         scan = self._scan(0)
-        if isinstance(self._failure, BoardRestarted):
+        if isinstance(self._failure, buses.BoardRestarted):
             raise self._failure
         return scan
 
@@ -286,7 +277,7 @@ class DirectReader:
 
     def rest(self) -> None:
         """Put the converter to sleep, and always ground all coils."""
-        with held_signals():
+        with buses.held_signals():
             try:
                 self._chips.sleep()
             finally:
@@ -339,7 +330,7 @@ class DirectReader:
             faults = [sample.fault for sample in samples]
             try:
                 kept = self._chips.hold(thoroughly=any(fault in BUS_FAULTS for fault in faults))
-            except BusFault:  # an unconfirmed result is not a measurement
+            except buses.BusFault:  # an unconfirmed result is not a measurement
                 faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
             else:
                 if not kept:
@@ -363,10 +354,10 @@ class DirectReader:
             chips.wake(settings.drive_register(state))
             (sample,) = chips.results(settings)
             chips.sleep(attempts=1)
-        except BusFault as fault:
+        except buses.BusFault as fault:
             sample = _no_sample(fault)
         if not chips.asleep:
-            with contextlib.suppress(BusFault):  # the next state tries again before it closes a switch
+            with contextlib.suppress(buses.BusFault):  # the next state tries again before it closes a switch
                 chips.sleep()
         same &= chips.switch(self._safe_words)
         return sample if same else _no_sample(SampleFault.SWITCHES_DIFFER)
@@ -387,10 +378,10 @@ class DirectReader:
                     chips.sleep()
                 chips.wake()
                 samples = list(chips.results(settings))
-        except BusFault as fault:
+        except buses.BusFault as fault:
             samples = [_no_sample(fault)] * len(settings.states)
         if not running or any(sample.fault is not SampleFault.NONE for sample in samples):
-            with contextlib.suppress(BusFault):  # a remaining fault shows in the next scan
+            with contextlib.suppress(buses.BusFault):  # a remaining fault shows in the next scan
                 chips.sleep()
         return start, samples
 
@@ -402,19 +393,21 @@ class DirectReader:
             self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
             reason: HardwareError | None = None
             if fault == SampleFault.CONVERTER_RESET:
-                reason = BoardRestarted("the converter lost its settings while it was measuring.")
+                reason = buses.BoardRestarted("the converter lost its settings while it was measuring.")
             elif self._differing[k] >= _FAULTY_SCANS:
-                reason = SwitchFault(
+                reason = buses.SwitchFault(
                     f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} "
                     "consecutive scans."
                 )
             elif self._faulty[k] >= _FAULTY_SCANS:
-                reason = BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} consecutive scans.")
+                reason = buses.BusFault(
+                    f"state {state}: the converter did not answer in {_FAULTY_SCANS} consecutive scans."
+                )
             self._failure = self._failure or reason
         if self._failure is not None:
             self._settings = None
             with contextlib.suppress(HardwareError):
-                if isinstance(self._failure, BusFault):
+                if isinstance(self._failure, buses.BusFault):
                     self._chips.bus.clear()
                 self.rest()
 
@@ -434,8 +427,8 @@ def _mask(address: int) -> int:
     return _DRIVE_MASK if address in _DRIVE_CURRENTS else 0xFFFF
 
 
-def _no_sample(fault: SampleFault | BusFault) -> RawSample:
+def _no_sample(fault: SampleFault | buses.BusFault) -> RawSample:
     """Return the sample of a state without a measurement."""
-    if isinstance(fault, BusFault):
-        fault = SampleFault.BUS_TIMEOUT if isinstance(fault, BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
+    if isinstance(fault, buses.BusFault):
+        fault = SampleFault.BUS_TIMEOUT if isinstance(fault, buses.BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
     return RawSample(0, 0, 0, fault)

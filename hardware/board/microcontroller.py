@@ -10,53 +10,34 @@ from contextlib import nullcontext, suppress
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.readings import Identity, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
-from coilarray.hardware.wire.buses import (
-    BoardRestarted,
-    BusFault,
-    Clock,
-    CommandRefused,
-    NoAnswer,
-    NotABoard,
-    SwitchFault,
-    VersionMismatch,
-)
+from coilarray.hardware.wire import buses, protocol
 from coilarray.hardware.wire.ports import BAUD, OpenSerialPort, choose_serial_port
-from coilarray.hardware.wire.protocol import (
-    ANYTHING,
-    Answer,
-    Heartbeat,
-    LinkTimes,
-    Message,
-    Mode,
-    ScanMessage,
-    Session,
-    StreamEnd,
-    StreamEndReason,
-    draft_commands,
-    read_pong,
-    read_scan,
-)
 
 LONGEST_INTERVAL = 2147.0  # longest time between two scans of a stream in s: half a wrap of the board's clock
 _HASH = re.compile("([0-9A-F]{4})(?:,.*)?").fullmatch
 _CHAIN = re.compile("(same|differ|none)(?:,.*)?").fullmatch
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
 
-_ENDS: dict[StreamEndReason, tuple[type[HardwareError], str]] = {
-    StreamEndReason.LEASE: (NoAnswer, "it heard nothing of this computer in time"),
-    StreamEndReason.CONVERTER_RESET: (BoardRestarted, "the converter was reset; configure it again"),
-    StreamEndReason.BUS_FAULT: (BusFault, "the converter does not answer; configure it again"),
-    StreamEndReason.SWITCHES_DIFFER: (SwitchFault, "the switches do not hold what they were sent; configure it again"),
+_ENDS: dict[protocol.StreamEndReason, tuple[type[HardwareError], str]] = {
+    protocol.StreamEndReason.LEASE: (buses.NoAnswer, "it heard nothing of this computer in time"),
+    protocol.StreamEndReason.CONVERTER_RESET: (buses.BoardRestarted, "the converter was reset; configure it again"),
+    protocol.StreamEndReason.BUS_FAULT: (buses.BusFault, "the converter does not answer; configure it again"),
+    protocol.StreamEndReason.SWITCHES_DIFFER: (
+        buses.SwitchFault,
+        "the switches do not hold what they were sent; configure it again",
+    ),
 }
 _SIGNS = {
-    SampleFault.CONVERTER_RESET: StreamEndReason.CONVERTER_RESET,
-    SampleFault.SWITCHES_DIFFER: StreamEndReason.SWITCHES_DIFFER,
-    SampleFault.NOT_ACKNOWLEDGED: StreamEndReason.BUS_FAULT,
-    SampleFault.BUS_TIMEOUT: StreamEndReason.BUS_FAULT,
+    SampleFault.CONVERTER_RESET: protocol.StreamEndReason.CONVERTER_RESET,
+    SampleFault.SWITCHES_DIFFER: protocol.StreamEndReason.SWITCHES_DIFFER,
+    SampleFault.NOT_ACKNOWLEDGED: protocol.StreamEndReason.BUS_FAULT,
+    SampleFault.BUS_TIMEOUT: protocol.StreamEndReason.BUS_FAULT,
 }
 
 
-def open_microcontroller(port: str, *, baud: int = BAUD, times: LinkTimes | None = None) -> MicrocontrollerReader:
+def open_microcontroller(
+    port: str, *, baud: int = BAUD, times: protocol.LinkTimes | None = None
+) -> MicrocontrollerReader:
     """Open a new session with a microcontroller board."""
     chosen = choose_serial_port(port)
     same = f"usb:{chosen.serial_number}" if chosen.serial_number else chosen.name
@@ -81,11 +62,11 @@ class MicrocontrollerReader:
         self,
         port: OpenSerialPort,
         *,
-        times: LinkTimes | None = None,
-        clock: Clock | None = None,
+        times: protocol.LinkTimes | None = None,
+        clock: buses.Clock | None = None,
         reopen: Callable[[], MicrocontrollerReader] | None = None,
     ) -> None:
-        self._session = Session(port, times=times or LinkTimes(), clock=clock)
+        self._session = protocol.Session(port, times=times or protocol.LinkTimes(), clock=clock)
         self._reopen = reopen
         self._settings: ScanSettings | None = None
         self._stream = 0  # number of the running stream, 0 without a stream
@@ -119,12 +100,12 @@ class MicrocontrollerReader:
                 raise HardwareError(f"settings for this board must have at most {most} {what}; got {count}.")
         self._prepare()
         self._settings = None
-        *commands, commit = draft_commands(settings)
+        *commands, commit = protocol.draft_commands(settings)
         for command in commands:
-            self._session.ask(ANYTHING, *command)
+            self._session.ask(protocol.ANYTHING, *command)
         held = self._session.ask(_HASH, *commit, patience=_longest_scan(settings))[1]
         if int(held, 16) != settings.hash:
-            raise BusFault(f"the board holds the settings {held}, not {settings.hash:04X}; configure it again.")
+            raise buses.BusFault(f"the board holds the settings {held}, not {settings.hash:04X}; configure it again.")
         self._settings = settings
 
     def scan(self) -> RawScan:
@@ -132,17 +113,19 @@ class MicrocontrollerReader:
         settings = self._configured()
         self._after, self._sequence = self._session.newest, -1
         try:
-            scan = self._passed(settings, self._session.ask(read_scan, "SCAN", patience=_longest_scan(settings)))
-        except CommandRefused as refusal:
+            scan = self._passed(
+                settings, self._session.ask(protocol.read_scan, "SCAN", patience=_longest_scan(settings))
+            )
+        except buses.CommandRefused as refusal:
             raise self._refused(refusal) from None
-        except (NoAnswer, NotABoard):
+        except (buses.NoAnswer, buses.NotABoard):
             self._unsure = True  # it may still start to measure
             raise
         if scan is None:
-            raise NoAnswer(f"the board at {self._session.name} answered SCAN with a scan that was not requested.")
+            raise buses.NoAnswer(f"the board at {self._session.name} answered SCAN with a scan that was not requested.")
         self._faults = frozenset(sample.fault for sample in scan.samples)
         if SampleFault.CONVERTER_RESET in self._faults:
-            raise self._ended(StreamEndReason.CONVERTER_RESET)
+            raise self._ended(protocol.StreamEndReason.CONVERTER_RESET)
         return scan
 
     def scans(self, interval: float = 0.0) -> Generator[RawScan]:
@@ -157,11 +140,11 @@ class MicrocontrollerReader:
         self._stream = 0
         self._unsure = True
         try:
-            self._session.ask(ANYTHING, "STOP", patience=_longest_scan(self._settings))
-        except (BusFault, CommandRefused):  # the coils are grounded, but the converter did not obey
+            self._session.ask(protocol.ANYTHING, "STOP", patience=_longest_scan(self._settings))
+        except (buses.BusFault, buses.CommandRefused):  # the coils are grounded, but the converter did not obey
             self._unsure = self._silent = False
             raise
-        except (NoAnswer, NotABoard):
+        except (buses.NoAnswer, buses.NotABoard):
             self._silent = True
             raise
         self._unsure = self._silent = False
@@ -199,7 +182,7 @@ class MicrocontrollerReader:
         while True:
             try:
                 return self._reopen()
-            except VersionMismatch:
+            except buses.VersionMismatch:
                 raise
             except HardwareError:
                 if clock.now() >= end:
@@ -220,7 +203,7 @@ class MicrocontrollerReader:
             raise HardwareError("the board must be configured before it can scan.")
         return self._settings
 
-    def _passed(self, settings: ScanSettings, message: ScanMessage) -> RawScan | None:
+    def _passed(self, settings: ScanSettings, message: protocol.ScanMessage) -> RawScan | None:
         """Return a later scan of the same settings, else None."""
         self._session.check_boot(message.boot)
         microseconds = self._session.unwrap(message.time)
@@ -228,7 +211,7 @@ class MicrocontrollerReader:
             return None
         if message.configuration != settings.hash:
             self._settings = None
-            raise BoardRestarted(
+            raise buses.BoardRestarted(
                 f"the board measures with the settings {message.configuration:04X}, not with {settings.hash:04X}; "
                 "configure it again."
             )
@@ -250,13 +233,13 @@ class MicrocontrollerReader:
         self._unsure, self._faults = True, frozenset()
         failed = True
         try:
-            self._session.ask(ANYTHING, "START", f"{interval:08X}", patience=longest)
+            self._session.ask(protocol.ANYTHING, "START", f"{interval:08X}", patience=longest)
             yield from self._fetch(mine, settings, max(interval * 1e-6, settings.period()), longest)
             failed = False
         except GeneratorExit:
             failed = False
             raise
-        except CommandRefused as refusal:
+        except buses.CommandRefused as refusal:
             raise self._refused(refusal) from None
         finally:
             if self._stream == mine:
@@ -274,12 +257,12 @@ class MicrocontrollerReader:
                 ping_due = now() + times.ping
                 self._session.post("PING")
             message = self._session.receive(min(scan_due, line_due, ping_due))
-            scan = self._passed(settings, message) if isinstance(message, ScanMessage) else None
+            scan = self._passed(settings, message) if isinstance(message, protocol.ScanMessage) else None
             if scan is not None:
                 self._faults = frozenset(sample.fault for sample in scan.samples)
                 yield scan
                 if SampleFault.CONVERTER_RESET in self._faults:
-                    raise self._ended(StreamEndReason.CONVERTER_RESET)
+                    raise self._ended(protocol.StreamEndReason.CONVERTER_RESET)
                 scan_due, line_due = now() + gap, now() + silence
                 continue
             if message is not None:
@@ -289,26 +272,32 @@ class MicrocontrollerReader:
                 fault = self._session.silence_fault(f"no scan came from {self._session.name} in time.")
                 raise self._end_unheard() or fault
 
-    def _heed(self, message: Message) -> None:
+    def _heed(self, message: protocol.Message) -> None:
         """Raise the fault that a message in a stream reports."""
-        if isinstance(message, StreamEnd):
+        if isinstance(message, protocol.StreamEnd):
             raise self._ended(message.reason, message.text)
-        mode = Mode.STREAMING
-        if isinstance(message, Answer):
-            if pong := read_pong(message.text):
+        mode = protocol.Mode.STREAMING
+        if isinstance(message, protocol.Answer):
+            if pong := protocol.read_pong(message.text):
                 self._session.keep(pong)
                 mode = pong.mode
-        elif isinstance(message, Heartbeat) and self._session.present(message.time):  # it is not from before the stream
+        elif isinstance(message, protocol.Heartbeat) and self._session.present(
+            message.time
+        ):  # it is not from before the stream
             mode = message.mode
-        if mode is Mode.STREAMING:
+        if mode is protocol.Mode.STREAMING:
             return
         fault = self._end_unheard()
-        if fault is None and mode is Mode.UNCONFIGURED:
+        if fault is None and mode is protocol.Mode.UNCONFIGURED:
             self._settings = None
-            fault = BoardRestarted(f"the board at {self._session.name} has lost its settings; configure it again.")
-        raise fault or NoAnswer(f"the board at {self._session.name} has ended the scans, and its reason was lost.")
+            fault = buses.BoardRestarted(
+                f"the board at {self._session.name} has lost its settings; configure it again."
+            )
+        raise fault or buses.NoAnswer(
+            f"the board at {self._session.name} has ended the scans, and its reason was lost."
+        )
 
-    def _refused(self, refusal: CommandRefused) -> HardwareError:
+    def _refused(self, refusal: buses.CommandRefused) -> HardwareError:
         """Return the fault of a board that has stopped measuring."""
         self._settings = None
         return self._end_unheard() or refusal
@@ -318,9 +307,9 @@ class MicrocontrollerReader:
         reason = next((_SIGNS[fault] for fault in sorted(self._faults) if fault in _SIGNS), None)
         return None if reason is None else self._ended(reason)
 
-    def _ended(self, reason: StreamEndReason, text: str = "") -> HardwareError:
+    def _ended(self, reason: protocol.StreamEndReason, text: str = "") -> HardwareError:
         """Return the fault of a stream that the board ended."""
-        if reason is not StreamEndReason.LEASE:
+        if reason is not protocol.StreamEndReason.LEASE:
             self._settings = None
         kind, meaning = _ENDS[reason]
         said = f" ({text})" if text else ""

@@ -16,15 +16,7 @@ from dataclasses import dataclass
 from importlib import resources
 from types import MappingProxyType
 
-from coilarray.circuit.converter_limits import (
-    LARGEST_INPUT_DIVIDER,
-    REFERENCE,
-    SENSOR_FREQUENCY,
-    Limit,
-    least_divider,
-    require_each_positive,
-    shown_unit,
-)
+from coilarray.circuit import converter_limits
 from coilarray.design.readout import DRIVE_DELAY, LARGEST_RCOUNT, SMALLEST_RCOUNT, conversion_time
 from coilarray.errors import HardwareError, require_positive
 
@@ -219,8 +211,8 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1) -> float
     2000000
     """
     require_positive("reference", reference, "", ValueError)
-    if not 1 <= divider <= LARGEST_INPUT_DIVIDER:
-        raise ValueError(f"divider must be 1 to {LARGEST_INPUT_DIVIDER}; got {divider}.")
+    if not 1 <= divider <= converter_limits.LARGEST_INPUT_DIVIDER:
+        raise ValueError(f"divider must be 1 to {converter_limits.LARGEST_INPUT_DIVIDER}; got {divider}.")
     if not 0 < code < FULL_SCALE - 1:
         raise ValueError(f"code must be 1 to {FULL_SCALE - 2:#x} (the ends mark a range error); got {code:#x}.")
     return divider * reference * (code / FULL_SCALE)
@@ -299,7 +291,7 @@ DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
 """Cut-off frequencies of the input filter in Hz. The application table prints 0b011 for 33 MHz."""
 
 
-def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:
+def settle_count(frequency: float, quality_factor: float, reference: float = converter_limits.REFERENCE) -> int:
     """Return the least SETTLECOUNT of a sensor.
 
     It is ⌈Q f_ref/(16 f)⌉ and at least 4. `frequency` f of the sensor and `reference` f_ref of the
@@ -320,7 +312,7 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
     >>> settle_count(2e6, 20, 21.7e6)
     14
     """
-    require_each_positive(frequency=frequency, quality_factor=quality_factor, reference=reference)
+    converter_limits.require_each_positive(frequency=frequency, quality_factor=quality_factor, reference=reference)
     return max(4, math.ceil(quality_factor * reference / (16 * frequency)))
 
 
@@ -351,16 +343,18 @@ def input_divider(frequency: float, reference: float) -> int:
     >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
     (1, 2)
     """
-    divider = least_divider(frequency, reference)
-    if divider > LARGEST_INPUT_DIVIDER:
-        shown, of_reference = (shown_unit("Hz", one).text(one, ".4") for one in (frequency, reference))
-        raise ValueError(f"frequency {shown} must be below {LARGEST_INPUT_DIVIDER}/4 of {of_reference}.")
+    divider = converter_limits.least_divider(frequency, reference)
+    if divider > converter_limits.LARGEST_INPUT_DIVIDER:
+        shown, of_reference = (converter_limits.shown_unit("Hz", one).text(one, ".4") for one in (frequency, reference))
+        raise ValueError(
+            f"frequency {shown} must be below {converter_limits.LARGEST_INPUT_DIVIDER}/4 of {of_reference}."
+        )
     return divider
 
 
 def deglitch_for(frequency: float) -> int:
     """Return the code of DEGLITCH for a sensor's frequency."""
-    limit = Limit("frequency (Hz)", frequency, *SENSOR_FREQUENCY)
+    limit = converter_limits.Limit("frequency (Hz)", frequency, *converter_limits.SENSOR_FREQUENCY)
     if not limit.kept:
         raise ValueError(limit.refusal)
     return next(code for code, edge in DEGLITCH.items() if frequency < edge)

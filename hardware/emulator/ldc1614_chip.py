@@ -22,23 +22,7 @@ from coilarray.circuit.converter_limits import (
     SENSOR_FREQUENCY,
 )
 from coilarray.design.readout import LARGEST_RCOUNT, conversion_time
-from coilarray.hardware.chips.ldc1614 import (
-    BUS_RATE,
-    CHANNELS,
-    DEGLITCH,
-    EXTERNAL_CLOCK_RANGE,
-    FULL_SCALE,
-    LEAST_SETTLE_COUNT,
-    READ_BITS,
-    SLOWEST_BUS_RATE,
-    SWITCH_CYCLES,
-    SWITCH_TIME,
-    WAKE_CYCLES,
-    WRITE_BITS,
-    Register,
-    largest_reference,
-    registers,
-)
+from coilarray.hardware.chips import ldc1614
 from coilarray.hardware.wire.buses import BusFault, BusTimeout, Clock
 
 if TYPE_CHECKING:
@@ -102,7 +86,7 @@ class Setting:
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
         channels = []
-        for k in range(CHANNELS):
+        for k in range(ldc1614.CHANNELS):
             rcount, offset, settle, dividers, drive = (registers[first + k] for first in (0x08, 0x0C, 0x10, 0x14, 0x1E))
             channels.append(ChannelSetting(rcount, offset, settle, dividers >> 12, dividers & 0x3FF, drive >> 11))
         sequence = tuple(range(_SEQUENCES[mux >> 13 & 0b11])) if scan else (config >> 14,)
@@ -125,11 +109,11 @@ class Setting:
         """Yield the violations of the data sheet."""
         if not clock:
             yield "the chip was woken with an external clock, but the pin CLKIN is grounded."
-        elif self.external and not EXTERNAL_CLOCK_RANGE[0] <= clock <= EXTERNAL_CLOCK_RANGE[1]:
+        elif self.external and not ldc1614.EXTERNAL_CLOCK_RANGE[0] <= clock <= ldc1614.EXTERNAL_CLOCK_RANGE[1]:
             yield f"the pin CLKIN has {clock:.4g} Hz; 2 to 40 MHz are allowed."
         if self.high_current and self.sequence != (0,):
             yield "HIGH_CURRENT_DRV was set although channel 0 is not the only one."
-        if self.deglitch not in DEGLITCH:
+        if self.deglitch not in ldc1614.DEGLITCH:
             yield f"DEGLITCH is {self.deglitch:#05b}, which is reserved."
         for channel in self.sequence:
             one = self.channels[channel]
@@ -141,7 +125,7 @@ class Setting:
             if self.scan and one.settle <= 3:
                 yield f"SETTLECOUNT{channel} is {one.settle}; with several channels it must be more than 3."
             reference = clock / one.fref_divider
-            largest = largest_reference(external=self.external, channels=len(self.sequence))
+            largest = ldc1614.largest_reference(external=self.external, channels=len(self.sequence))
             if reference > largest:
                 yield f"the reference of channel {channel} is {reference:.4g} Hz; at most {largest:.4g} Hz are allowed."
 
@@ -184,7 +168,7 @@ class Run:
         self._turn = 0  # position in the sequence of channels
         self._done = 0  # number of conversions
         self._found: dict[int, int] = {}  # drive codes that the chip chose itself, by channel
-        self._time = time + WAKE_CYCLES / surroundings.clock_of(time, external=False)
+        self._time = time + ldc1614.WAKE_CYCLES / surroundings.clock_of(time, external=False)
         self._activate()
 
     def advance(self, until: float, *, changing: bool) -> None:
@@ -224,7 +208,7 @@ class Run:
         if reference == 0:
             self._time = self._end = math.inf  # no result ever comes
         else:
-            self._end = self._time + 16 * max(self._one.settle, LEAST_SETTLE_COUNT) / reference
+            self._end = self._time + 16 * max(self._one.settle, ldc1614.LEAST_SETTLE_COUNT) / reference
 
     def _watched(self, until: float) -> bool:
         """Check whether the watchdog may fire by a time."""
@@ -267,7 +251,7 @@ class Run:
             self._finish(sensor)
             if self._setting.scan or self._done < _UNTOUCHED:
                 return
-            turn = self._length + SWITCH_TIME + SWITCH_CYCLES / self._reference_now
+            turn = self._length + ldc1614.SWITCH_TIME + ldc1614.SWITCH_CYCLES / self._reference_now
             unseen = math.floor((until - self._time) / turn) - _UNTOUCHED
             if unseen > 0:  # unread conversions are left out, except the last few
                 self._done += unseen
@@ -283,14 +267,14 @@ class Run:
             weaker = max(1.0, AMPLITUDE_LOW / max(self._least_amplitude, AMPLITUDE_STOPS))
             spread = self._surroundings.noise * math.sqrt(LARGEST_RCOUNT / one.rcount) * weaker
             ratio *= 1 + spread * self._random.standard_normal()
-        code = round((ratio - one.offset / 0x10000) * FULL_SCALE)
+        code = round((ratio - one.offset / 0x10000) * ldc1614.FULL_SCALE)
         self._take(
             Result(
                 self._channel,
-                min(max(code, 0), FULL_SCALE - 1),
+                min(max(code, 0), ldc1614.FULL_SCALE - 1),
                 last,
                 under_range=code <= 0,
-                over_range=code >= FULL_SCALE - 1,
+                over_range=code >= ldc1614.FULL_SCALE - 1,
                 high=self._high,
                 low=self._low,
                 no_edges=self._cycles < 1,
@@ -299,7 +283,7 @@ class Run:
         )
         self._done += 1
         self._turn = (self._turn + 1) % len(self._setting.sequence)
-        self._time += SWITCH_TIME + SWITCH_CYCLES / self._reference_now
+        self._time += ldc1614.SWITCH_TIME + ldc1614.SWITCH_CYCLES / self._reference_now
         if self._setting.scan:
             self._activate()
         else:
@@ -309,7 +293,7 @@ class Run:
         """Check the settling time and frequency of the sensor."""
         one = self._one
         needed = math.ceil(sensor.quality_factor * self._reference_now / (16 * sensor.frequency))
-        if max(one.settle, LEAST_SETTLE_COUNT) < needed:
+        if max(one.settle, ldc1614.LEAST_SETTLE_COUNT) < needed:
             self._low = True  # the amplitude is still growing
             self._note(f"SETTLECOUNT{self._channel} is {one.settle}; this sensor needs {needed}.")
         if not SENSOR_FREQUENCY[0] <= sensor.frequency <= SENSOR_FREQUENCY[1]:
@@ -335,7 +319,7 @@ class Run:
             code = self._found.setdefault(self._channel, sensor.automatic_drive())
         amplitude = sensor.amplitude(DRIVE_CURRENTS[code] * (_HIGH_CURRENT if self._setting.high_current else 1.0))
         frequency = sensor.frequency if amplitude >= AMPLITUDE_STOPS else 0.0
-        if frequency > DEGLITCH.get(self._setting.deglitch, math.inf):
+        if frequency > ldc1614.DEGLITCH.get(self._setting.deglitch, math.inf):
             frequency = 0.0  # suppressed by the input filter
         elif amplitude > AMPLITUDE_HIGH:
             frequency *= 1 + _CLAMP_PULL * (min(amplitude, 2 * AMPLITUDE_HIGH) / AMPLITUDE_HIGH - 1)
@@ -394,7 +378,7 @@ class Ldc1614:
     ) -> None:
         self.clock, self.surroundings = clock, surroundings
         self.misuse = misuse or Misuse(strict=True)
-        self.table = {register.address: register for register in registers().values()}
+        self.table = {register.address: register for register in ldc1614.registers().values()}
         self.resets = 0
         self.excused = False
         """Whether undocumented use is ignored until CLOCK_DIVIDERS0 is written again."""
@@ -420,7 +404,7 @@ class Ldc1614:
         if address not in self.table:
             self._note(f"register {address:#04x} was read; it is not documented.")
             return 0
-        if address < 2 * CHANNELS:
+        if address < 2 * ldc1614.CHANNELS:
             return self._read_data(address >> 1, lsb=bool(address & 1))
         if address != _STATUS:
             return self.registers[address]
@@ -452,7 +436,7 @@ class Ldc1614:
         if address == _CONFIG and value & _SLEEP:
             self._run = None
             self._forget_results()
-            for channel in range(CHANNELS):
+            for channel in range(ldc1614.CHANNELS):
                 self.registers[_DRIVE + channel] &= ~_INIT_DRIVE
         elif address == _CONFIG and self._run is None:  # it wakes
             now, setting, around = self.clock.now(), Setting.of(self.registers), self.surroundings
@@ -481,17 +465,17 @@ class Ldc1614:
 
     def _forget_results(self) -> None:
         """Clear all results, flags and the status."""
-        self._codes = [0] * CHANNELS
-        self._flags = [0] * CHANNELS
-        self._latched = [0] * CHANNELS
-        self._fresh = [False] * CHANNELS  # MSB was read, LSB not yet
-        self._unread = [False] * CHANNELS
+        self._codes = [0] * ldc1614.CHANNELS
+        self._flags = [0] * ldc1614.CHANNELS
+        self._latched = [0] * ldc1614.CHANNELS
+        self._fresh = [False] * ldc1614.CHANNELS  # MSB was read, LSB not yet
+        self._unread = [False] * ldc1614.CHANNELS
         self._drdy = False
         self._interrupting = False  # by an error
         self._announced = False
         self._frozen = None
 
-    def _check_write(self, register: Register, value: int) -> None:
+    def _check_write(self, register: ldc1614.Register, value: int) -> None:
         """Note violations of the data sheet by a written value."""
         if not 0 <= value <= 0xFFFF:
             raise ValueError(f"value must be 0 to 0xFFFF; got {value:#x}.")
@@ -533,7 +517,7 @@ class Ldc1614:
 
     def _ready_bits(self) -> int:
         ready = _DRDY if self._drdy and self.registers[_ERROR_CONFIG] & 1 else 0
-        return ready | sum(1 << 3 - channel for channel in range(CHANNELS) if self._unread[channel])
+        return ready | sum(1 << 3 - channel for channel in range(ldc1614.CHANNELS) if self._unread[channel])
 
     def _read_data(self, channel: int, *, lsb: bool) -> int:
         """Return a data register of a channel with all side effects of reading."""
@@ -556,7 +540,7 @@ class Ldc1614:
 class EmulatedBus:
     """I²C bus to one converter."""
 
-    def __init__(self, chip: Ldc1614, clock: Clock, *, speed: float = BUS_RATE) -> None:
+    def __init__(self, chip: Ldc1614, clock: Clock, *, speed: float = ldc1614.BUS_RATE) -> None:
         self.chip = chip
         self.clock = clock
         self.speed = speed
@@ -566,12 +550,12 @@ class EmulatedBus:
 
     def read(self, register: int) -> int:
         """Return a register."""
-        self._pass(READ_BITS, register)
+        self._pass(ldc1614.READ_BITS, register)
         return self._damaged(self.chip.read(register))
 
     def write(self, register: int, value: int) -> None:
         """Write a register."""
-        self._pass(WRITE_BITS, register)
+        self._pass(ldc1614.WRITE_BITS, register)
         arriving = self._damaged(value)
         if arriving != value:
             self.chip.excused = True
@@ -599,7 +583,7 @@ class EmulatedBus:
 
     def _pass(self, bits: int, register: int) -> None:
         """Spend the time of a transaction or raise its fault."""
-        if not SLOWEST_BUS_RATE <= self.speed <= BUS_RATE:
+        if not ldc1614.SLOWEST_BUS_RATE <= self.speed <= ldc1614.BUS_RATE:
             self.chip.misuse.note(f"the bus runs at {self.speed:.4g} Hz; 10 to 400 kHz are allowed.")
         if self._held:
             self.clock.sleep(_BUS_TIMEOUT)

@@ -19,14 +19,7 @@ from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.emulator.board import LIFTED, ROOM_TEMPERATURE, Place
 from coilarray.hardware.emulator.ldc1614_chip import Resonator
-from coilarray.response.interpolation import (
-    LEAST_POSITIONS,
-    PARAMETERS,
-    ResponseSpline,
-    coil_extent,
-    even_row,
-    response_spline,
-)
+from coilarray.response import interpolation
 from coilarray.response.map import inductance_changes
 from coilarray.response.setup import map_axes
 
@@ -54,10 +47,10 @@ def table_axes(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
     deepest = max(setup.depths)
     if setup.sample_bounds is None:
         deepest *= _DEEPEST
-        edges = np.concatenate((edges, coil_extent(design)))
+        edges = np.concatenate((edges, interpolation.coil_extent(design)))
     (x_min, y_min), (x_max, y_max) = edges.min(axis=0), edges.max(axis=0)
     depth = deepest * (np.arange(1, _PLANES + 1) / _PLANES) ** 1.5
-    return depth, even_row(y_min, y_max, SPACING), even_row(x_min, x_max, SPACING)
+    return depth, interpolation.even_row(y_min, y_max, SPACING), interpolation.even_row(x_min, x_max, SPACING)
 
 
 def response_table(
@@ -67,7 +60,7 @@ def response_table(
     *,
     frequency: float | None = None,
     progress: Progress | None = None,
-) -> ResponseSpline:
+) -> interpolation.ResponseSpline:
     """Change of the inductance matrix in H over the axes.
 
     It is dented minus flat, and computing it takes 12 s for gast2020. `axes` are depth, y and x in
@@ -75,7 +68,7 @@ def response_table(
     indenter counts at a `frequency` in Hz. Its losses do not count.
     """
     depth, y, x = table_axes(design) if axes is None else axes
-    if min(len(y), len(x)) < LEAST_POSITIONS or len(depth) < LEAST_POSITIONS - 1:
+    if min(len(y), len(x)) < interpolation.LEAST_POSITIONS or len(depth) < interpolation.LEAST_POSITIONS - 1:
         raise HardwareError("a table of the response needs 4 positions along x and y and 3 depths.")
 
     def compute() -> xr.Dataset:
@@ -85,7 +78,7 @@ def response_table(
 
     table = store.dataset(("response table", design.digest, depth, y, x, frequency), compute)
     change = table.inductance_change.values.transpose(2, 1, 0, 3, 4)
-    return response_spline(x, y, depth, change, zero_plane=True, in_root=True)
+    return interpolation.response_spline(x, y, depth, change, zero_plane=True, in_root=True)
 
 
 _TEMPERATURE_STEP = 0.01  # K: it changes a frequency by 2e-8, half a step of the converter's code
@@ -105,7 +98,7 @@ class SensorWorld:
     def __init__(
         self,
         network: Network,
-        table: Callable[[], ResponseSpline],
+        table: Callable[[], interpolation.ResponseSpline],
         origin: tuple[float, float] = (0.0, 0.0),
         *,
         copper: float = COPPER_PER_KELVIN,
@@ -116,7 +109,7 @@ class SensorWorld:
         self._found: dict[Hashable, Resonator] = {}
 
     @cached_property
-    def table(self) -> ResponseSpline:
+    def table(self) -> interpolation.ResponseSpline:
         """Change of the inductance matrix over position and depth."""
         return self._make_table()
 
@@ -129,7 +122,7 @@ class SensorWorld:
             low, high, got = ((self._origin[axis] + edge) * 1e3 for edge in edges)
             where = " on the board" if axis < 2 else ""
             raise HardwareError(
-                f"{PARAMETERS[axis]} of the emulated indenter must be {low:.4g} to {high:.4g} mm{where}; "
+                f"{interpolation.PARAMETERS[axis]} of the emulated indenter must be {low:.4g} to {high:.4g} mm{where}; "
                 f"got {got:.4g} mm."
             )
 

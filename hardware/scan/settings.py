@@ -17,25 +17,7 @@ from coilarray.design.readout import INTERNAL_CLOCK, LARGEST_RCOUNT, conversion_
 from coilarray.design.scan_states import CONVERTER_PIN, ScanState, paper_plan
 from coilarray.design.toml_file import first_error
 from coilarray.errors import HardwareError, require_positive
-from coilarray.hardware.chips.ldc1614 import (
-    BUS_RATE,
-    CHANNELS,
-    CLOCK_TOLERANCE,
-    EXTERNAL_CLOCK_RANGE,
-    INTERNAL_CLOCK_RANGE,
-    MOST_DISCARDED,
-    SWITCH_BITS,
-    WAKE_CYCLES,
-    bus_time,
-    deglitch_for,
-    encode,
-    input_divider,
-    next_conversion_time,
-    reference_divider,
-    settle_count,
-    settle_time,
-    smallest_rcount,
-)
+from coilarray.hardware.chips import ldc1614
 from coilarray.hardware.scan.wiring import Wiring, check_switching, first_repeated
 
 if TYPE_CHECKING:
@@ -64,7 +46,7 @@ def _from_hex(text: object) -> bytes:
 # as in JSON
 _Code = Annotated[int, Field(ge=0, le=0xFFFF)]
 _Words = Annotated[bytes, BeforeValidator(_from_hex)]
-_Clock = Annotated[float, Field(ge=EXTERNAL_CLOCK_RANGE[0], le=INTERNAL_CLOCK_RANGE[1])]
+_Clock = Annotated[float, Field(ge=ldc1614.EXTERNAL_CLOCK_RANGE[0], le=ldc1614.INTERNAL_CLOCK_RANGE[1])]
 _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
@@ -103,7 +85,7 @@ class StateSettings:
     name: str
     words: _Words  # the first byte goes to the far end of the chain
     drive: Annotated[int, Field(ge=0, le=LARGEST_DRIVE)]
-    channel: Annotated[int, Field(ge=0, lt=CHANNELS)] = 0  # without switches. It may have its own:
+    channel: Annotated[int, Field(ge=0, lt=ldc1614.CHANNELS)] = 0  # without switches. It may have its own:
     settle_count: _Code | None = None
     fin_divider: _Code | None = None
     __pydantic_config__ = _STRICT
@@ -151,8 +133,8 @@ class ScanSettings:
     fin_divider: _Code
     fref_divider: Annotated[int, Field(ge=1, le=0x3FF)]
     deglitch: _Code
-    slowest_clock: _Clock = INTERNAL_CLOCK_RANGE[0]
-    discard: Annotated[int, Field(ge=0, le=MOST_DISCARDED)] = 0
+    slowest_clock: _Clock = ldc1614.INTERNAL_CLOCK_RANGE[0]
+    discard: Annotated[int, Field(ge=0, le=ldc1614.MOST_DISCARDED)] = 0
     automatic_drive: bool = False
     __pydantic_config__ = _STRICT
 
@@ -209,7 +191,11 @@ class ScanSettings:
             mux |= {"AUTOSCAN_EN": 1, "RR_SEQUENCE": len(self.channels) - 2}
         else:
             active |= {"ACTIVE_CHAN": self.channels[0]}
-        values = [(0x19, ERROR_CONFIG), (0x1A, encode("CONFIG", active)), (0x1B, encode("MUX_CONFIG", mux))]
+        values = [
+            (0x19, ERROR_CONFIG),
+            (0x1A, ldc1614.encode("CONFIG", active)),
+            (0x1B, ldc1614.encode("MUX_CONFIG", mux)),
+        ]
         measured = {state.channel: state for state in self.states}
         for channel in self.channels:
             rcount, settle_count = self._counts(channel)
@@ -219,10 +205,10 @@ class ScanSettings:
                 f"FREF_DIVIDER{channel}": self.fref_divider,
             }
             values += [
-                (0x08 + channel, encode(f"RCOUNT{channel}", {f"RCOUNT{channel}": rcount})),
+                (0x08 + channel, ldc1614.encode(f"RCOUNT{channel}", {f"RCOUNT{channel}": rcount})),
                 (0x0C + channel, 0),  # OFFSET
-                (0x10 + channel, encode(f"SETTLECOUNT{channel}", {f"SETTLECOUNT{channel}": settle_count})),
-                (0x14 + channel, encode(f"CLOCK_DIVIDERS{channel}", dividers)),
+                (0x10 + channel, ldc1614.encode(f"SETTLECOUNT{channel}", {f"SETTLECOUNT{channel}": settle_count})),
+                (0x14 + channel, ldc1614.encode(f"CLOCK_DIVIDERS{channel}", dividers)),
             ]
             if self.wired:
                 values.append((0x1E + channel, 0 if state is None else self.drive_register(state)))
@@ -230,19 +216,19 @@ class ScanSettings:
 
     def drive_register(self, state: StateSettings) -> int:
         """Return register DRIVE_CURRENT of the channel of a state."""
-        return encode(f"DRIVE_CURRENT{state.channel}", {f"IDRIVE{state.channel}": state.drive})
+        return ldc1614.encode(f"DRIVE_CURRENT{state.channel}", {f"IDRIVE{state.channel}": state.drive})
 
     def input_divider(self, state: StateSettings) -> int:
         """Return FIN_DIVIDER of the channel of a state."""
         return self.fin_divider if state.fin_divider is None else state.fin_divider
 
-    def period(self, bus_rate: float = BUS_RATE) -> float:
+    def period(self, bus_rate: float = ldc1614.BUS_RATE) -> float:
         """Shortest time between scans in s, with an I²C clock of `bus_rate` in Hz."""
         time = self.state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
             return max(self.again_us * 1e-6, time.result + time.control)
         # Once per scan a register is read back, which shows whether the converter was reset.
-        return len(self.states) * time.total + bus_time(reads=1, rate=bus_rate)
+        return len(self.states) * time.total + ldc1614.bus_time(reads=1, rate=bus_rate)
 
     @property
     def wait_us(self) -> int:
@@ -253,9 +239,9 @@ class ScanSettings:
     def again_us(self) -> int:
         """Time from a discarded result to STATUS in µs."""
         counts = [self._counts(channel) for channel in self.channels]
-        again = sum(next_conversion_time(rcount, self.slowest_reference) for rcount, _ in counts)
+        again = sum(ldc1614.next_conversion_time(rcount, self.slowest_reference) for rcount, _ in counts)
         if len(counts) > 1:  # every channel starts its sensor again
-            again += sum(settle_time(settle, self.slowest_reference) for _, settle in counts)
+            again += sum(ldc1614.settle_time(settle, self.slowest_reference) for _, settle in counts)
         return math.ceil(again * 1e6)
 
     @property
@@ -263,7 +249,7 @@ class ScanSettings:
         """Time from waking to giving up in µs."""
         slowest = self.state_time().until_ready
         if not self.external_clock:
-            slowest *= self.slowest_clock / min(self.slowest_clock, INTERNAL_CLOCK_RANGE[0])
+            slowest *= self.slowest_clock / min(self.slowest_clock, ldc1614.INTERNAL_CLOCK_RANGE[0])
         return math.ceil((_MARGIN * slowest + _RESTART) * 1e6)
 
     def check_switching(self) -> None:
@@ -292,35 +278,35 @@ class ScanSettings:
         parts += [state.words + self.drive_register(state).to_bytes(2, "big") for state in self.states]
         return b"".join(parts)
 
-    def state_time(self, bus_rate: float = BUS_RATE) -> StateTime:
+    def state_time(self, bus_rate: float = ldc1614.BUS_RATE) -> StateTime:
         """Return the times of a state, or of all channels, with an I²C clock of `bus_rate` in Hz."""
         reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
-        settle = sum(settle_time(settle, reference) for _, settle in counts)
+        settle = sum(ldc1614.settle_time(settle, reference) for _, settle in counts)
         if self.wired:
             states = len(self.states)
             return StateTime(
-                wake=WAKE_CYCLES / self.slowest_clock,
+                wake=ldc1614.WAKE_CYCLES / self.slowest_clock,
                 settle=settle,
-                conversion=sum(next_conversion_time(rcount, reference) for rcount, _ in counts),
-                discarded=self.discard * (self.again_us * 1e-6 + bus_time(reads=1 + states, rate=bus_rate)),
-                result=bus_time(reads=2 * states, rate=bus_rate),
-                control=bus_time(reads=2, rate=bus_rate),  # STATUS, and the register that shows a reset
+                conversion=sum(ldc1614.next_conversion_time(rcount, reference) for rcount, _ in counts),
+                discarded=self.discard * (self.again_us * 1e-6 + ldc1614.bus_time(reads=1 + states, rate=bus_rate)),
+                result=ldc1614.bus_time(reads=2 * states, rate=bus_rate),
+                control=ldc1614.bus_time(reads=2, rate=bus_rate),  # STATUS, and the register that shows a reset
             )
-        result = bus_time(reads=2, rate=bus_rate)
+        result = ldc1614.bus_time(reads=2, rate=bus_rate)
         return StateTime(
-            wake=WAKE_CYCLES / self.slowest_clock,
+            wake=ldc1614.WAKE_CYCLES / self.slowest_clock,
             settle=settle,
             conversion=conversion_time(self.rcount, reference),
-            discarded=self.discard * (next_conversion_time(self.rcount, reference) + result),
+            discarded=self.discard * (ldc1614.next_conversion_time(self.rcount, reference) + result),
             result=result,
-            control=bus_time(reads=1, writes=3, rate=bus_rate) + SWITCH_BITS / BUS_RATE,
+            control=ldc1614.bus_time(reads=1, writes=3, rate=bus_rate) + ldc1614.SWITCH_BITS / ldc1614.BUS_RATE,
         )
 
     def _counts(self, channel: int) -> tuple[int, int]:
         """Return RCOUNT and SETTLECOUNT of a channel."""
         state = next((state for state in self.states if state.channel == channel), None)
         if state is None:
-            return smallest_rcount(len(self.channels)), self.settle_count
+            return ldc1614.smallest_rcount(len(self.channels)), self.settle_count
         return self.rcount, self.settle_count if state.settle_count is None else state.settle_count
 
     def to_json(self) -> str:
@@ -418,7 +404,7 @@ def scan_settings(
     clock: ConverterClock | None = None,
     rate: float | None = None,
     rcount: int | None = None,
-    bus_rate: float = BUS_RATE,
+    bus_rate: float = ldc1614.BUS_RATE,
     discard: int = 0,
 ) -> ScanSettings:
     """Make the settings of a scan.
@@ -477,8 +463,8 @@ def scan_settings(
     if rate is not None and rcount is not None:
         raise HardwareError(f"give rate or rcount, not both; got {rate} and {rcount}.")
     require_positive("bus_rate", bus_rate, "", HardwareError)
-    if isinstance(discard, bool) or not isinstance(discard, int) or not 0 <= discard <= MOST_DISCARDED:
-        raise HardwareError(f"discard must be an integer from 0 to {MOST_DISCARDED}; got {discard!r}.")
+    if isinstance(discard, bool) or not isinstance(discard, int) or not 0 <= discard <= ldc1614.MOST_DISCARDED:
+        raise HardwareError(f"discard must be an integer from 0 to {ldc1614.MOST_DISCARDED}; got {discard!r}.")
     if not isinstance(sensors, Mapping):
         sensors = dict.fromkeys((state.name for state in states), sensors or Sensor())
     if missing := [state.name for state in states if state.name not in sensors]:
@@ -486,18 +472,18 @@ def scan_settings(
     tanks = [sensors[state.name] for state in states]
     clock = clock or ConverterClock()
     channels = [wiring.channel(state.measured[0][0]) for state in states]
-    slowest_clock, fastest_clock = INTERNAL_CLOCK_RANGE
+    slowest_clock, fastest_clock = ldc1614.INTERNAL_CLOCK_RANGE
     if clock.frequency is not None and not clock.external:
-        slowest_clock, fastest_clock = (clock.frequency * (1 + sign * CLOCK_TOLERANCE) for sign in (-1, 1))
+        slowest_clock, fastest_clock = (clock.frequency * (1 + sign * ldc1614.CLOCK_TOLERANCE) for sign in (-1, 1))
     try:
-        fref_divider = reference_divider(clock.hertz, external=clock.external, channels=len(set(channels)))
+        fref_divider = ldc1614.reference_divider(clock.hertz, external=clock.external, channels=len(set(channels)))
         slowest, fastest = (
             (clock.hertz if clock.external else oscillator) / fref_divider
             for oscillator in (slowest_clock, fastest_clock)
         )
-        dividers = [input_divider(tank.frequency, slowest) for tank in tanks]
-        deglitch = max(deglitch_for(tank.frequency) for tank in tanks)
-        settle_counts = [settle_count(tank.frequency, tank.quality, fastest) for tank in tanks]
+        dividers = [ldc1614.input_divider(tank.frequency, slowest) for tank in tanks]
+        deglitch = max(ldc1614.deglitch_for(tank.frequency) for tank in tanks)
+        settle_counts = [ldc1614.settle_count(tank.frequency, tank.quality, fastest) for tank in tanks]
     except ValueError as error:
         raise HardwareError(str(error)) from None
     settings = ScanSettings(
@@ -537,7 +523,7 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
     """Return the largest RCOUNT that reaches a rate."""
     require_positive("rate", rate, " scans/s", HardwareError)
     count = len(settings.states)
-    least = smallest_rcount(len(settings.channels))
+    least = ldc1614.smallest_rcount(len(settings.channels))
     fastest = 1 / replace(settings, rcount=least).period(bus_rate)
     if rate > fastest:
         raise HardwareError(
@@ -554,10 +540,10 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
 
 def _check_limits(settings: ScanSettings) -> None:
     """Refuse settings that break a rule of the data sheet."""
-    clocks = EXTERNAL_CLOCK_RANGE if settings.external_clock else INTERNAL_CLOCK_RANGE
+    clocks = ldc1614.EXTERNAL_CLOCK_RANGE if settings.external_clock else ldc1614.INTERNAL_CLOCK_RANGE
     for limit in (
         Limit("clock (Hz)", settings.clock, *clocks),
-        Limit("RCOUNT", settings.rcount, smallest_rcount(len(settings.channels)), LARGEST_RCOUNT),
+        Limit("RCOUNT", settings.rcount, ldc1614.smallest_rcount(len(settings.channels)), LARGEST_RCOUNT),
         Limit("SETTLECOUNT", settings.settle_count, 0, 0xFFFF),
     ):
         if not limit.kept:
@@ -607,7 +593,7 @@ def design_settings(
     *,
     states: Sequence[str] | None = None,
     rate: float | None = None,
-    bus_rate: float = BUS_RATE,
+    bus_rate: float = ldc1614.BUS_RATE,
     clock: ConverterClock | None = None,
     drives: Mapping[str, int] | int | None = None,
     discard: int = 0,

@@ -14,15 +14,7 @@ from urllib.parse import parse_qsl
 from coilarray.compute.extras import import_extra
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.chips.ldc1614 import BUS_RATE, CHANNELS, EXTERNAL_CLOCK_RANGE
-from coilarray.hardware.wire.buses import (
-    I2C_SPEED,
-    SPI_MODE,
-    DeviceLost,
-    NoAnswer,
-    ft232h_adapters,
-    i2c_clock,
-    linux_buses,
-)
+from coilarray.hardware.wire import buses
 
 try:
     import termios
@@ -121,7 +113,7 @@ class OpenSerialPort:
             try:
                 self._port.write(data)
             except self._library.SerialTimeoutException:
-                raise NoAnswer(f"{self.name} took no bytes for {_WRITE_TIMEOUT:g} s.") from None
+                raise buses.NoAnswer(f"{self.name} took no bytes for {_WRITE_TIMEOUT:g} s.") from None
 
     def close(self) -> None:
         """Close the port, and never raise."""
@@ -133,7 +125,7 @@ class OpenSerialPort:
         try:
             yield
         except _GONE as error:
-            raise DeviceLost(f"{self.name} is gone: {error}.") from None
+            raise buses.DeviceLost(f"{self.name} is gone: {error}.") from None
 
 
 EMULATOR = "emulator"  # name of the port of the emulated board
@@ -185,7 +177,7 @@ class LinuxPort:
     address: int = ADDRESSES[0]
     spi_bus: int = 0
     spi_device: int = 0
-    mode: int = SPI_MODE
+    mode: int = buses.SPI_MODE
     readback: bool = False  # whether the end of the chain of switches is wired back
     board: ChannelBoard | None = None
 
@@ -196,7 +188,7 @@ class FtdiPort:
 
     url: str
     address: int = ADDRESSES[0]
-    mode: int = SPI_MODE
+    mode: int = buses.SPI_MODE
     readback: bool = False
     board: ChannelBoard | None = None
 
@@ -315,9 +307,9 @@ def bus_rate(port: Port) -> float:
         case SerialPort():
             return _FIRMWARE_BUS_RATE
         case FtdiPort():
-            return I2C_SPEED
+            return buses.I2C_SPEED
         case LinuxPort():
-            return i2c_clock(port.bus) or _LINUX_BUS_RATE
+            return buses.i2c_clock(port.bus) or _LINUX_BUS_RATE
     return BUS_RATE
 
 
@@ -327,4 +319,4 @@ def found_ports() -> Mapping[str, tuple[str, ...]]:
         serial = tuple(port.text for port in list_serial_ports())
     except MissingDependencyError:  # without pyserial
         serial = ()
-    return {EMULATOR: (EMULATOR,), "serial": serial, "linux": linux_buses(), "ftdi": ft232h_adapters()}
+    return {EMULATOR: (EMULATOR,), "serial": serial, "linux": buses.linux_buses(), "ftdi": buses.ft232h_adapters()}

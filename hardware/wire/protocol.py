@@ -20,16 +20,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.scan.readings import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import SWITCHES
-from coilarray.hardware.wire.buses import (
-    BoardRestarted,
-    BusFault,
-    Clock,
-    CommandRefused,
-    DeviceLost,
-    NoAnswer,
-    NotABoard,
-    VersionMismatch,
-)
+from coilarray.hardware.wire import buses
 from coilarray.hardware.wire.ports import OpenSerialPort
 
 VERSION = (2, 0)  # major and minor version of this package's protocol
@@ -296,15 +287,15 @@ class BoardTime:
 
 
 _MEANINGS: dict[int, tuple[type[HardwareError], str]] = {
-    1: (CommandRefused, "unknown command"),
-    2: (CommandRefused, "bad argument"),
-    3: (CommandRefused, "out of order"),
-    4: (CommandRefused, "illegal switching"),
-    5: (CommandRefused, "hash differs or settings are incomplete"),
-    6: (BusFault, "a chip does not answer"),
-    7: (BusFault, "a register reads back otherwise than it was written"),
-    8: (BusFault, "the converter is another chip"),
-    9: (CommandRefused, "busy with a stream"),
+    1: (buses.CommandRefused, "unknown command"),
+    2: (buses.CommandRefused, "bad argument"),
+    3: (buses.CommandRefused, "out of order"),
+    4: (buses.CommandRefused, "illegal switching"),
+    5: (buses.CommandRefused, "hash differs or settings are incomplete"),
+    6: (buses.BusFault, "a chip does not answer"),
+    7: (buses.BusFault, "a register reads back otherwise than it was written"),
+    8: (buses.BusFault, "the converter is another chip"),
+    9: (buses.CommandRefused, "busy with a stream"),
 }
 _MOST_EARLY = 1024  # messages before the reply to START. Older messages are lost and show as a gap
 _QUIET = 0.05  # s without a line after which all old lines have come
@@ -332,8 +323,8 @@ class Session:
     `receive`.
     """
 
-    def __init__(self, port: OpenSerialPort, *, times: LinkTimes, clock: Clock | None = None) -> None:
-        self._port, self.name, self.times, self.clock = port, port.name, times, clock or Clock()
+    def __init__(self, port: OpenSerialPort, *, times: LinkTimes, clock: buses.Clock | None = None) -> None:
+        self._port, self.name, self.times, self.clock = port, port.name, times, clock or buses.Clock()
         self._parser = LineParser()
         self._number = random.randrange(IDS)  # of the last command. The board does not repeat one of the same number
         self._kept: deque[Message] = deque()
@@ -351,7 +342,7 @@ class Session:
         """Reply of the board to HELLO."""
         major, minor = self.greeting.version
         if major != VERSION[0]:
-            raise VersionMismatch(
+            raise buses.VersionMismatch(
                 f"the board at {self.name} speaks version {major}.{minor} of the protocol, this package "
                 f"{VERSION[0]}.{VERSION[1]}; flash the firmware that belongs to it."
             )
@@ -411,8 +402,8 @@ class Session:
             until = self.clock.now() + self.times.reply + patience
             while (message := self.receive(until)) is not None:
                 if isinstance(message, Refusal):
-                    kind, meaning = _MEANINGS.get(message.code, (CommandRefused, "unknown reason"))
-                    if kind is CommandRefused and self._boot is not None and verb != "PING":
+                    kind, meaning = _MEANINGS.get(message.code, (buses.CommandRefused, "unknown reason"))
+                    if kind is buses.CommandRefused and self._boot is not None and verb != "PING":
                         self.ping(patience)  # raises BoardRestarted in another session
                     said = f": {message.text}" if message.text else ""
                     raise kind(f"the board refused {verb} (error {message.code:X}, {meaning}){said}.")
@@ -448,28 +439,28 @@ class Session:
         """Raise BoardRestarted for a message of another session."""
         if self._boot is not None and boot != self._boot:
             with self._recording_end():
-                raise BoardRestarted(
+                raise buses.BoardRestarted(
                     f"the board at {self.name} has restarted (session {boot:08X} after {self._boot:08X}), "
                     "so its settings are gone; open it again."
                 )
 
     def silence_fault(self, otherwise: str) -> HardwareError:
         """Return NotABoard if bytes come but no lines, else NoAnswer."""
-        return NoAnswer(otherwise) if self._foreign < self.times.foreign else self._not_a_board()
+        return buses.NoAnswer(otherwise) if self._foreign < self.times.foreign else self._not_a_board()
 
     def close(self) -> None:
         """End the session and close the port, and never raise."""
         self._port.close()
-        self.end = self.end or DeviceLost(f"{self.name} was closed.")
+        self.end = self.end or buses.DeviceLost(f"{self.name} was closed.")
 
     def _wake_and_stop(self) -> None:
         """Stop the board and discard its earlier messages."""
         self.wake()
         try:
             self.ask(ANYTHING, "STOP")
-        except BusFault:  # the board has received the command. Configuring shows the fault of its converter
+        except buses.BusFault:  # the board has received the command. Configuring shows the fault of its converter
             pass
-        except NoAnswer:
+        except buses.NoAnswer:
             if self._foreign:
                 raise self._not_a_board() from None
             raise
@@ -487,12 +478,12 @@ class Session:
     def _recording_end(self) -> Iterator[None]:
         try:
             yield
-        except (DeviceLost, BoardRestarted) as fault:
+        except (buses.DeviceLost, buses.BoardRestarted) as fault:
             self.end = fault
             raise
 
-    def _not_a_board(self) -> NotABoard:
-        return NotABoard(
+    def _not_a_board(self) -> buses.NotABoard:
+        return buses.NotABoard(
             f"{self.name} sends bytes but no intact line ({self._foreign} since the last one): "
             "another device, or another baud rate."
         )

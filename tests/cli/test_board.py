@@ -18,8 +18,8 @@ good, answer = successes("board", "test")
 
 @pytest.fixture(autouse=True)
 def known_ports(monkeypatch):
-    monkeypatch.setattr(ports, "linux_buses", lambda: ("i2c:1", "spi:0.0"))
-    monkeypatch.setattr(ports, "ft232h_adapters", tuple)
+    monkeypatch.setattr(ports.buses, "linux_buses", lambda: ("i2c:1", "spi:0.0"))
+    monkeypatch.setattr(ports.buses, "ft232h_adapters", tuple)
     port = PortInfo("/dev/ttyACM0", "000591234567", "/dev/ttyACM0 1366:0105 usb:000591234567 (J-Link)")
     monkeypatch.setattr(ports, "list_serial_ports", lambda: (port,))
 

@@ -135,8 +135,8 @@ def test_the_line_tells_a_converter_that_does_not_answer_or_is_another_chip():
 
 
 def test_ports_of_this_computer_are_found_by_kind(monkeypatch):
-    monkeypatch.setattr(ports, "linux_buses", lambda: ("i2c:1",))
-    monkeypatch.setattr(ports, "ft232h_adapters", lambda: ("ftdi://ftdi:232h/1",))
+    monkeypatch.setattr(ports.buses, "linux_buses", lambda: ("i2c:1",))
+    monkeypatch.setattr(ports.buses, "ft232h_adapters", lambda: ("ftdi://ftdi:232h/1",))
     monkeypatch.setitem(sys.modules, "serial", None)
     found = {"emulator": ("emulator",), "serial": (), "linux": ("i2c:1",), "ftdi": ("ftdi://ftdi:232h/1",)}
     assert ports.found_ports() == found

@@ -63,12 +63,12 @@ def _said():
 def ports(monkeypatch):
     """Let every port but the emulator's lead to an emulated board with switches."""
     board = emulated_board(load_design("gast2020"), load_wiring())
-    monkeypatch.setattr(connect, "LinuxRegisterBus", lambda *_: board.bus)
-    monkeypatch.setattr(connect, "SpiSwitchChain", lambda *_, **__: board.chain)
+    monkeypatch.setattr(connect.buses, "LinuxRegisterBus", lambda *_: board.bus)
+    monkeypatch.setattr(connect.buses, "SpiSwitchChain", lambda *_, **__: board.chain)
     both = SimpleNamespace(read=board.bus.read, write=board.bus.write, clear=board.bus.clear, close=board.bus.close)
     both.shift = board.chain.shift
-    monkeypatch.setattr(connect, "Ft232h", lambda *_, **__: both)
-    monkeypatch.setattr(connect, "Clock", lambda: board.clock)
+    monkeypatch.setattr(connect.buses, "Ft232h", lambda *_, **__: both)
+    monkeypatch.setattr(connect.buses, "Clock", lambda: board.clock)
     with ExitStack() as hosts:
 
         def to_the_firmware(name):
