@@ -41,11 +41,7 @@ _LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: t
 
 @contextmanager
 def compiling_beside() -> Iterator[None]:
-    """Compile kernels in another process while the block runs.
-
-    Nothing happens on one core, without numba, if the kernels are on disk, or if numba may not
-    write beside them.
-    """
+    """Compile kernels in another process, unless on disk, while the block runs."""
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1] / "electromagnetics/kernels/__pycache__")
     off = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
     there = next((folder for folder in (kept, *kept.parents) if os.access(folder, os.F_OK)), kept)

@@ -38,11 +38,8 @@ _heard = Event()  # of the block that lasts
 
 @contextmanager
 def ending_on_interrupt() -> Iterator[None]:
-    """End on Ctrl-C if a library does not return.
-
-    Otherwise KeyboardInterrupt is raised as usual. Files stay whole, as each gets its name in one
-    step. It does nothing if another program handles Ctrl-C itself.
-    """
+    """End on Ctrl-C if a library does not return."""
+    # Files stay whole, as each gets its name in one step. Another program's handler of Ctrl-C is left.
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return

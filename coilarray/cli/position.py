@@ -38,11 +38,7 @@ _FEWER_UNKNOWNS = (
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
-    """Read coil1=7.1e-4,... or a .csv or .jsonl file.
-
-    Bad readings are errors in their order. Raises LocalizeError for a file that cannot be read at
-    all, and for no reading.
-    """
+    """Read coil1=7.1e-4,... or a .csv or .jsonl file, with bad readings as errors."""
     path = Path(text)
     suffix = path.suffix.lower()
     if suffix not in _READINGS:

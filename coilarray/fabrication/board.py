@@ -33,23 +33,18 @@ class Track:
 
 @dataclass(frozen=True)
 class Hole:
-    """Plated hole of a via or a pad, in m.
-
-    Slots and pads that are not round have their smaller side as `drill` and `pad`. `layers` are
-    joined, top to bottom. `number` is that of a pad in its footprint ("1", "A4"), empty for vias.
-    `shapes` are the pad on its layers, empty for a disc on all. Nets begin and end at a "pad".
-    """
+    """Plated hole of a via or a pad, in m."""
 
     x: float
     y: float
-    drill: float
-    pad: float
-    layers: tuple[str, ...]
+    drill: float  # smaller side of a slot
+    pad: float  # smaller side
+    layers: tuple[str, ...]  # that it joins, top to bottom
     net: str | None
-    kind: Literal["via", "pad"]
+    kind: Literal["via", "pad"]  # nets begin and end at a "pad"
     where: str
-    number: str = ""
-    shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)
+    number: str = ""  # of a pad in its footprint ("1", "A4"), empty for vias
+    shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)  # none: a disc
 
     @property
     def what(self) -> str:
@@ -104,22 +99,17 @@ Copper = Track | Hole | SurfacePad | CopperArea
 
 @dataclass(frozen=True, eq=False)
 class BoardCopper:
-    """Conductors of a board as its file has them.
-
-    `assumed` has dotted keys of [stackup] with the reason. `areas` cannot be followed as a path.
-    `edge` is x_min, y_min, x_max, y_max in m of the outline, if known. `notes` are sentences for
-    the user.
-    """
+    """Conductors of a board as its file has them."""
 
     source: str
     stackup: Stackup
     tracks: tuple[Track, ...]
     holes: tuple[Hole, ...]
     pads: tuple[SurfacePad, ...]
-    assumed: dict[str, str] = field(default_factory=dict)
-    areas: tuple[CopperArea, ...] = ()
-    edge: tuple[float, float, float, float] | None = None
-    notes: tuple[str, ...] = ()
+    assumed: dict[str, str] = field(default_factory=dict)  # reasons by dotted keys of [stackup]
+    areas: tuple[CopperArea, ...] = ()  # copper that cannot be followed as a path
+    edge: tuple[float, float, float, float] | None = None  # x_min, y_min, x_max, y_max in m of the outline
+    notes: tuple[str, ...] = ()  # sentences for the user
 
 
 Slab = tuple[float | None, float | None]

@@ -107,14 +107,10 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
 @dataclass(frozen=True)
 class _Board:
-    """Context of a file: layers, nets, and origin in mm.
-
-    `names` maps KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up, which the user
-    gave.
-    """
+    """Context of a file: layers, nets, and origin in mm."""
 
     stackup: Stackup
-    names: dict[str, str]
+    names: dict[str, str]  # names of the stack-up, which the user gave, by KiCad's layers (F.Cu, In1.Cu, …, B.Cu)
     assumed: dict[str, str]
     nets: dict[str, str]
     origin: Point

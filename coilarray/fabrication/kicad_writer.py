@@ -90,15 +90,11 @@ def at(name: str, point: npt.ArrayLike) -> str:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Mapping of a design into one file, whose identifiers begin with `root`.
+    """Mapping of a design into one file."""
 
-    `layers` are KiCad's names. `x0` and `y0` are the origin in nm on the sheet, whose y points
-    down.
-    """
-
-    root: str
-    layers: dict[str, str]
-    x0: int = 0
+    root: str  # beginning of all identifiers
+    layers: dict[str, str]  # KiCad's names
+    x0: int = 0  # origin in nm on the sheet, whose y points down
     y0: int = 0
 
     def points(self, xy: npt.ArrayLike) -> IntArray:
@@ -420,10 +416,8 @@ def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
 
 
 def _project_text(array: Array, name: str, rules: FabRules) -> str:
-    """Text of a ``.kicad_pro`` file, with the sizes of the first coil for new tracks.
-
-    KiCad has no limit for turns: `FabRules.min_gap` holds between nets, and from holes.
-    """
+    """Text of a ``.kicad_pro`` file, with the first coil's sizes for new tracks."""
+    # KiCad has no limit for turns: `FabRules.min_gap` holds between nets, and from holes.
 
     def in_mm(metres: float) -> float:
         return round(metres * 1e3, 6)  # to 1 nm

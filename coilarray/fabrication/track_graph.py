@@ -225,20 +225,15 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand], tracks: Sequence[
 
 @dataclass(frozen=True, eq=False)
 class TracedCoil:
-    """Net that is one path from end to end.
+    """Net that is one path from end to end."""
 
-    `name` is "coil1", "coil2", … without a `net`. `lines` (n, 2) run with the current, each on one
-    of `layers`, with `widths` (n − 1,). `passed` are holes along the path that lead to no other
-    layer.
-    """
-
-    name: str
-    lines: tuple[FloatArray, ...]
+    name: str  # coil1, coil2, … without a `net`
+    lines: tuple[FloatArray, ...]  # (n, 2), with the current, each on one of `layers`
     layers: tuple[str, ...]
-    widths: tuple[FloatArray, ...]
+    widths: tuple[FloatArray, ...]  # (n − 1,)
     vias: tuple[Hole, ...]
     ends: tuple[Hole | SurfacePad | None, Hole | SurfacePad | None]
-    passed: tuple[Hole, ...]
+    passed: tuple[Hole, ...]  # holes along the path that lead to no other layer
     where: str
     net: str | None = None
 
@@ -281,11 +276,8 @@ class TracedCoil:
 
     @cached_property
     def poles(self) -> tuple[Pole, ...]:
-        """Places about which the path winds, most turns first.
-
-        A single loop and a meander, whose bends are no turns, have their centre: 0 turns around
-        nothing.
-        """
+        """Places about which the path winds, most turns first."""
+        # A single loop and a meander, whose bends are no turns, have their centre: 0 turns around nothing.
         found = find_turns(FlatPath.of_lines(self.lines, self.widths))
         if found is not None:
             several = len(found.poles) > 1
@@ -312,11 +304,8 @@ def natural_order(name: str) -> list[tuple[bool, int, str]]:
 
 
 def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int]) -> TracedCoil:
-    """Follow a connected piece of copper, by its edges, from end to end.
-
-    `what` is the piece in messages: "net A". Raises BoardError if it branches, is closed or crosses
-    itself.
-    """
+    """Follow connected copper, `what` in messages, from end to end."""
+    # A piece that branches, is closed or crosses itself raises BoardError.
     numbers = list(dict.fromkeys(node for index in piece for node in graph.edges[index].ends))
     for number in numbers:
         node = graph.nodes[number]

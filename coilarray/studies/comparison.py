@@ -248,29 +248,20 @@ def _compared(
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Scale and shift of one map onto another, with deviations.
+    """Scale and shift of one map onto another, with deviations."""
 
-    The scale is NaN if the other map is flat. The shift along x and y in m is NaN along an axis
-    without a search, or taken as 0 if its standard deviation exceeds the largest shift. `used`
-    (places,) marks the used places. `at_limit` is a shift at the end of the searched range.
-    `scatter` is the residual standard deviation of δ, NaN without degrees of freedom.
-    """
-
-    scale: float
-    shift: tuple[float, float]
+    scale: float  # NaN if the other map is flat
+    shift: tuple[float, float]  # along x and y in m, NaN without a search, 0 if its deviation exceeds the largest shift
     scale_std: float
     shift_std: tuple[float, float]
-    used: BoolArray
-    at_limit: bool
-    scatter: float
+    used: BoolArray  # (places,)
+    at_limit: bool  # whether a shift is at the end of the searched range
+    scatter: float  # residual standard deviation of δ, NaN without degrees of freedom
 
 
 def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
-    """Test which places (n, 3) lie in a model's table.
-
-    Places and the margin along x and y are in m. Rounding puts no place outside. The depth counts
-    if the model has more than one.
-    """
+    """Test which places (n, 3) in m lie in a model's table."""
+    # Rounding puts no place outside. The depth counts if the model has more than one.
     free = model.free
     room = np.array([*margin, 0.0])[free]
     slack = _ROUNDING * (model.upper - model.lower)[free]
@@ -370,11 +361,8 @@ def _solve(
 
 
 def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
-    """Root mean square of the difference, with deviation under noise.
-
-    A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴, which r² estimates as
-    4r²σ² − 2σ⁴.
-    """
+    """Root mean square of the difference, with deviation under noise."""
+    # A residual r is misfit and noise: E r² = μ² + σ², var r² = 4μ²σ² + 2σ⁴, which r² estimates as 4r²σ² − 2σ⁴.
     remains = measured - other
     if not remains.size or not np.isfinite(remains).all():
         return np.nan, np.nan

@@ -157,15 +157,11 @@ def run_cached(
 
 @dataclass(frozen=True)
 class Axis:
-    """Entry of a design with its values in a sweep.
-
-    The `values` differ. For an `interval` they are its two ends, and samples lie anywhere between
-    them, on whole numbers for an entry that takes no others.
-    """
+    """Entry of a design with its values in a sweep."""
 
     key: str
-    values: tuple[Any, ...]
-    interval: bool = False
+    values: tuple[Any, ...]  # all different
+    interval: bool = False  # whether the values are its ends, with samples anywhere between them, or on whole numbers
 
     def __post_init__(self) -> None:
         if not self.values:
@@ -254,14 +250,11 @@ def _evenly(low: float, high: float, count: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Checked sweep that is ready to run, made by `plan_sweep`.
-
-    `points` are the changes of every point, with the last axis of a grid running fastest.
-    """
+    """Checked sweep that is ready to run, made by `plan_sweep`."""
 
     file: DesignFile
     axes: tuple[Axis, ...]
-    points: tuple[Mapping[str, Any], ...]
+    points: tuple[Mapping[str, Any], ...]  # changes of every point, with the last axis of a grid running fastest
     requests: tuple[Request, ...]
     sampling: str = "grid"
     accuracy: Accuracy = "full"

@@ -114,10 +114,8 @@ class ChipDriver:
             self.clock.sleep(_LOOK_AGAIN)
 
     def _sample(self, channel: int, looks: Sequence[int], *, scanning: bool) -> RawSample:
-        """Read the result of a channel.
-
-        Reading STATUS clears its errors, so all looks count.
-        """
+        """Read the result of a channel, counting errors of all looks."""
+        # Reading STATUS clears its errors.
         try:
             msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
             drive = None if self._active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
@@ -159,10 +157,8 @@ class ChipDriver:
                 return
 
     def hold(self, *, thoroughly: bool) -> bool:
-        """Check whether the converter still has its settings.
-
-        One register shows a reset. All registers show a corrupted transfer.
-        """
+        """Check whether the converter still has its settings."""
+        # One register shows a reset. All registers show a corrupted transfer.
         kept = self._resting
         addresses = kept if thoroughly else [address for address in _CLOCK_DIVIDERS if address in kept][:1]
         return all((self.bus.read(address) ^ kept[address]) & _mask(address) == 0 for address in addresses)
@@ -340,11 +336,8 @@ class DirectReader:
         return RawScan(sequence, start, time.time(), settings.hash, self._identity.boot, tuple(samples))
 
     def _sample(self, settings: ScanSettings, state: StateSettings) -> RawSample:
-        """Measure a state.
-
-        The converter is asleep and the coils are grounded before and, even if the converter fails,
-        after.
-        """
+        """Measure a state."""
+        # The converter sleeps and the coils are grounded before and, even if the converter fails, after.
         chips, same, words = self._chips, True, state.words
         try:
             if not chips.asleep:

@@ -155,10 +155,8 @@ class MicrocontrollerReader:
         return self._session.ask(_CHAIN, "CHAIN")[1]
 
     def close(self) -> None:
-        """Put a board that still answers to rest, and close.
-
-        A board that did not answer STOP gets another STOP, whose reply is not awaited.
-        """
+        """Put a board that still answers to rest, and close."""
+        # A board that did not answer STOP gets another STOP, whose reply is not awaited.
         try:
             with suppress(Exception):
                 if self._silent:
@@ -170,10 +168,8 @@ class MicrocontrollerReader:
             self._session.close()
 
     def reconnect(self, patience: float = 0.0) -> MicrocontrollerReader:
-        """Close this session and open another with the same device.
-
-        The device is found by its USB serial number within `patience` in s. It is not configured.
-        """
+        """Open another session with the same device within `patience` in s."""
+        # The device is found by its USB serial number, and not configured.
         self.close()
         if self._reopen is None:
             raise HardwareError(f"{self._session.name} cannot be opened again by this reader.")

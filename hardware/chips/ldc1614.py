@@ -36,12 +36,9 @@ _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = {
 
 @dataclass(frozen=True)
 class Field:
-    """Bits of a register, from `lsb` to `msb`.
+    """Bits of a register, from `lsb` to `msb`."""
 
-    The name is ``"RESERVED"`` for bits that must be written as they are after a reset.
-    """
-
-    name: str
+    name: str  # "RESERVED" for bits that must be written as they are after a reset
     msb: int
     lsb: int
     reset: int
@@ -117,10 +114,7 @@ def register(name: str) -> Register:
 
 
 def encode(name: str, fields: Mapping[str, int]) -> int:
-    """Return the 16-bit value to write to a register.
-
-    Read-only registers, unknown fields and values that the data sheet forbids are refused.
-    """
+    """Return the 16-bit value to write to a register, checked."""
     target = register(name)
     if not target.writable_mask:
         raise HardwareError(f"register {target.name} is read-only.")
@@ -275,10 +269,7 @@ def next_conversion_time(rcount: int, reference: float) -> float:
 
 
 def settle_time(settle_count: int, reference: float) -> float:
-    """Return the settling time of the sensor in s.
-
-    It is 16·SETTLECOUNT/f_ref from starting the sensor to converting, and 32/f_ref for 0 and 1.
-    """
+    """Return the time in s from starting the sensor to converting."""
     return 16 * max(settle_count, LEAST_SETTLE_COUNT) / reference
 
 

@@ -156,11 +156,8 @@ class Indenter:
         self.press(x, y, 0.0)
 
     def follow(self, path: Sequence[tuple[float, float, float, float]]) -> None:
-        """Move along straight lines through points in time.
-
-        Each point has a rising time in s by the board's clock, and x, y and depth in m. The
-        indenter stands still before the first and after the last time.
-        """
+        """Move along straight lines through (time, x, y, depth) in s and m."""
+        # It stands still before the first and after the last time. Times are the board's and rise.
         for point in path:
             self._check(Place(*point[1:]))
         self._before_change()

@@ -193,10 +193,8 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
 
 
 def simulated_inductances(recording: Recording) -> dict[str, float]:
-    """Return the simulated L_0 in H of every recorded state.
-
-    The design is in an ideal circuit, so that all strays count as capacitance.
-    """
+    """Return the simulated L_0 in H of every recorded state."""
+    # an ideal circuit, so that all strays count as capacitance
     design, setup = recording.design, recording.design.indentation
     if setup is None:
         raise HardwareError(

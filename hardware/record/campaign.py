@@ -76,11 +76,9 @@ class Stage:
 
 
 class PersonStage(Stage):
-    """A person who moves the indenter by hand.
+    """A person who moves the indenter by hand."""
 
-    `ask` shows an instruction and returns when it was carried out. The map has its `origin` in m on
-    the board.
-    """
+    # `ask` returns when its instruction was carried out. The map has its `origin` in m on the board.
 
     def __init__(self, ask: Callable[[str], None], origin: tuple[float, float] = (0.0, 0.0)) -> None:
         self._ask, self._origin = ask, origin

@@ -112,10 +112,7 @@ def recorded_response(
 def _measured(
     recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
 ) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    """Give L_0, L_peak and doubt, and L_0 by scan.
-
-    The first three have the shape (repeat, depth, y, x, state).
-    """
+    """Give L_0, L_peak and doubt (repeat, depth, y, x, state), and L_0 by scan."""
     series = recorded_series(recording, capacitances=capacitances, clock=clock)
     series = series.isel(scan=np.flatnonzero(series.finished.values))
     if (series.place.values >= campaign.size).any():
@@ -287,11 +284,8 @@ def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str])
 
 
 def response_less_reference(response: xr.Dataset, reference: Sequence[str]) -> xr.Dataset:
-    """Return a response less its reference coils.
-
-    The mean δ of the reference coils is subtracted from the other states, and its noise is added to
-    ``delta_std``.
-    """
+    """Return a response less the mean δ of its reference coils."""
+    # The noise of that mean is added to ``delta_std``.
     others = list(referenced_names(tuple(response.state.values.tolist()), reference, HardwareError))
     mean = response.delta.sel(state=list(reference)).mean("state", skipna=False)
     left = response.sel(state=others)

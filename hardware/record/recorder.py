@@ -75,11 +75,8 @@ def file_temperature(path: Path) -> float:
 
 @contextmanager
 def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
-    """Read a file once a second in the background.
-
-    The returned function gives the temperature in °C, or None if it is outdated or can no longer be
-    read.
-    """
+    """Read a file once a second, and return its temperature in °C."""
+    # None if it is outdated or can no longer be read
     latest = (file_temperature(path), time.monotonic())
     ended = threading.Event()
 
@@ -111,10 +108,9 @@ Thermometer = Callable[[], float | None]
 
 
 class Recorder:
-    """A recording that is open for writing.
+    """A recording that is open for writing, after `start`."""
 
-    Call `start` before any other method. Every method writes completely or not at all.
-    """
+    # Every method writes completely or not at all.
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
@@ -325,10 +321,8 @@ def record_stream(
 
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
-    """Switch SQLite to its write-ahead log, making a missing file.
-
-    Readers and a recorder then do not wait for each other.
-    """
+    """Let readers and a recorder not wait for each other."""
+    # SQLite's write-ahead log, which makes a missing file
     with writing(path, sqlite3.Error):
         connection.execute("PRAGMA journal_mode = WAL")
 

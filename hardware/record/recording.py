@@ -102,10 +102,7 @@ def require_recording(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def connect_to_read(path: Path) -> sqlite3.Connection:
-    """Open a file read-only.
-
-    This works while a recorder writes the file, and in a folder that is not writable.
-    """
+    """Open a file read-only, also in a folder that is not writable."""
     try:
         if path.is_dir():
             raise HardwareError(f"cannot read {path}: it is a folder.")
@@ -359,10 +356,8 @@ def _place(row: Mapping[str, Any]) -> GridPlace:
 
 @contextmanager
 def open_recording(path: Path) -> Iterator[Recording]:
-    """Open a recording for reading, without disturbing its writer.
-
-    The structure of the file is checked at once, its contents on reading.
-    """
+    """Open a recording for reading, without disturbing its writer."""
+    # The structure of the file is checked at once, its contents on reading.
     with closing(connect_to_read(path)) as connection:
         check_database(connection, path, "integrity_check(1)")
         yield Recording(path, connection)

@@ -66,10 +66,7 @@ def switch_table(wiring: bytes) -> SwitchTable:
 def closed_switches(
     table: SwitchTable, words: bytes, *, stuck: Mapping[tuple[int, int], bool] = MappingProxyType({})
 ) -> tuple[WiredSwitch, ...]:
-    """Return the wired switches that conduct under these words.
-
-    `stuck` has the broken switches by device and bit, True for closed.
-    """
+    """Return the switches that conduct under these words, or are `stuck` closed."""
     return tuple(
         switch
         for device, (switches, word) in enumerate(zip(table, words, strict=True))
@@ -79,10 +76,7 @@ def closed_switches(
 
 
 class Closure:
-    """Nets and ends of coils, connected by closed switches.
-
-    The ends of `shorted` coils are connected to each other. `coils` conduct between their ends.
-    """
+    """Nets and ends of coils, connected by switches and `shorted` coils."""
 
     def __init__(self, coils: Collection[int], closed: Iterable[WiredSwitch], shorted: Collection[int] = ()) -> None:
         self._group: dict[Node, Node] = {net: net for net in NETS}
@@ -298,15 +292,11 @@ class Switch(NamedTuple):
 
 @dataclass(frozen=True)
 class Device:
-    """One package of eight switches.
-
-    `part` is an entry of `coilarray.design.scan_states.PARTS`. `bits` are the names of the
-    switches from bit 0 to bit 7 of its word.
-    """
+    """One package of eight switches."""
 
     name: str
-    part: str
-    bits: tuple[str, ...]
+    part: str  # an entry of `coilarray.design.scan_states.PARTS`
+    bits: tuple[str, ...]  # names of the switches from bit 0 to bit 7 of its word
     switches: tuple[Switch, ...]
 
 

@@ -165,10 +165,7 @@ def linux_buses() -> tuple[str, ...]:
 
 
 def i2c_clock(bus: int) -> float | None:
-    """Return the clock of a computer's I²C bus in Hz.
-
-    It is None if the device tree does not set it. The property is a big-endian 32-bit number.
-    """
+    """Return a bus's clock in Hz, None if the device tree lacks it."""
     for node in ("of_node", "device/of_node"):
         with contextlib.suppress(OSError):
             held = (SYSTEM / f"i2c-{bus}" / node / "clock-frequency").read_bytes()
@@ -398,10 +395,8 @@ class Ft232h:
             self._controller.close(freeze=True)  # a SYNC that floats could latch anything
 
     def _commands(self, bits: Iterable[bool]) -> Iterator[int]:
-        """Yield the commands of a transfer.
-
-        A level is read just before the edge at which the switches read the bit.
-        """
+        """Yield the commands of a transfer."""
+        # A level is read just before the edge at which the switches read the bit.
         idle_high, second_edge = bool(self._mode & 2), bool(self._mode & 1)  # CPOL and CPHA
         idle = _CLOCK if idle_high else 0
         before, after = (_CLOCK - idle, idle) if second_edge else (idle, _CLOCK - idle)

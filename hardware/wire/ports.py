@@ -78,10 +78,7 @@ def choose_serial_port(name: str) -> PortInfo:
 
 
 class OpenSerialPort:
-    """An open serial port, 8N1 without flow control.
-
-    This program alone uses it. Every error of pyserial that shows a lost device becomes DeviceLost.
-    """
+    """A serial port of this program alone, 8N1 without flow control."""
 
     def __init__(self, name: str, *, baud: int = BAUD) -> None:
         self._library = import_extra("serial", _PURPOSE, package="pyserial", extra="serial")

@@ -271,11 +271,8 @@ class BoardTime:
         self._then = 0.0
 
     def unwrap(self, microseconds: int, now: float) -> int:
-        """Return the board's time without wraps in µs.
-
-        `microseconds` may be older than a previous time. `now` is the computer's monotonic time in
-        s.
-        """
+        """Return the board's time without wraps in µs, at `now` in s."""
+        # `microseconds` may be older than a previous time.
         if self._newest is None:
             self._newest, self._then = microseconds, now
             return microseconds
@@ -365,11 +362,8 @@ class Session:
         self._write(b"\n")
 
     def receive(self, until: float) -> Message | None:
-        """Return the next message before a time in s.
-
-        Bytes that came before that time are still read after it. Replies that no command waits for
-        are skipped.
-        """
+        """Return the next message before a time in s, without replies."""
+        # Bytes that came before that time are still read after it.
         while True:
             while self._kept:
                 message = self._kept.popleft()
@@ -389,10 +383,8 @@ class Session:
                 return None
 
     def ask(self, reading: Callable[[str], T | None], verb: str, *arguments: str, patience: float = 0.0) -> T:
-        """Send a command until a reply comes that can be read.
-
-        Scans that came before the reply to START are received after it.
-        """
+        """Send a command until a reply comes that can be read."""
+        # Scans that came before the reply to START are received after it.
         self.post(verb, *arguments)
         number = self._number
         self._early.clear()

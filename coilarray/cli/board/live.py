@@ -352,11 +352,8 @@ class LiveSource:
 
 
 def live_readings(source: LiveSource, options: LiveOptions, orders: Callable[[], str]) -> Generator[LiveReading]:
-    """Evaluate scan after scan.
-
-    `orders` returns the new orders `QUIT` and `ZERO`. A position is computed at most twenty times a
-    second, so that it never delays the scans of a board.
-    """
+    """Evaluate scan after scan, until `orders` returns `QUIT`."""
+    # Positions are computed at most twenty times a second, so as never to delay the scans of a board.
     from coilarray.hardware.record.live_tracking import LiveTracker
 
     file = options.board.file
@@ -389,11 +386,7 @@ def live_readings(source: LiveSource, options: LiveOptions, orders: Callable[[],
 
 @contextmanager
 def live_source(options: LiveOptions, design: Design, *, locate: bool, progress: Progress) -> Iterator[LiveSource]:
-    """Open the recording or the board, which rests afterwards.
-
-    `progress` gets (done, total) while responses of the design are computed, of an emulated board
-    and for positions with `locate`.
-    """
+    """Open the recording or the board, which rests afterwards."""
     from coilarray.design.scan_states import referenced_names
 
     # A wrong port or file must fail before the table is computed, which may take minutes; the

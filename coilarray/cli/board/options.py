@@ -132,11 +132,7 @@ def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., Non
 def opened_board(
     options: BoardOptions, design: Design, *, real_time: bool, progress: Progress | None = None
 ) -> Iterator[tuple[Board, ScanSettings]]:
-    """Open and configure a board, grounded at the end.
-
-    With `real_time` the emulator takes as long as a board, otherwise its time is virtual.
-    `progress` gets (done, total) while it computes its response table.
-    """
+    """Open and configure a board, emulated in `real_time` or virtual time."""
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.emulator import Conditions, Drift, Oscillator, PacedClock, VirtualClock
     from coilarray.hardware.record.recorder import thermometer

@@ -47,18 +47,14 @@ DRAWS = 1000  # number of draws from the posterior of every combination
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Least-squares problem of a fit, unknowns in any units.
-
-    A flat prior has a mean of NaN and an infinite deviation. `measured`, `std`, `weight` and
-    `noise_freedom` are as in `coilarray.studies.calibrate.plan.Measurement`.
-    """
+    """Least-squares problem of a fit, unknowns in any units."""
 
     low: FloatArray
     high: FloatArray
     start: FloatArray
-    prior_mean: FloatArray
-    prior_std: FloatArray
-    measured: FloatArray
+    prior_mean: FloatArray  # NaN if flat
+    prior_std: FloatArray  # infinite if flat
+    measured: FloatArray  # these four as in `coilarray.studies.calibrate.plan.Measurement`
     std: FloatArray
     weight: FloatArray
     noise_freedom: float
@@ -121,18 +117,14 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Result of a fit, or the `problem` without one.
+    """Result of a fit, or the `problem` without one."""
 
-    `values` (n,) are the model's numbers at the best `point`, `before` (n,) at the first guess.
-    `scale` is the factor of all deviations. `converged` is True if no better point is near.
-    """
-
-    point: FloatArray
-    values: FloatArray
-    before: FloatArray
+    point: FloatArray  # the best
+    values: FloatArray  # (n,), the model's numbers there
+    before: FloatArray  # (n,), at the first guess
     slopes: FloatArray
-    scale: float
-    converged: bool
+    scale: float  # factor of all deviations
+    converged: bool  # whether no better point is near
     evaluations: int
     problem: str = ""
 
@@ -317,11 +309,8 @@ def _log_prior(problem: Problem, point: FloatArray) -> float:
 def bounded_normal(
     mean: FloatArray, covariance: FloatArray, low: FloatArray, high: FloatArray, count: int, freedom: float = np.inf
 ) -> tuple[FloatArray, float]:
-    """Draw from a normal distribution with bounds (n,).
-
-    Returns draws (count, n), and the logarithm of the normal probability of the box. With a finite
-    `freedom` the draws are from Student's distribution, whose scale is only estimated.
-    """
+    """Draw (count, n) within bounds, with the log of their probability."""
+    # A finite `freedom` gives Student's distribution, as the scale is only estimated.
     n = len(mean)
     lower = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     parts = np.clip(qmc.Sobol(n + 1, seed=np.random.default_rng(0)).random(_DRAWS), 1e-12, 1 - 1e-12)

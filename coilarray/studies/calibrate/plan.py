@@ -261,10 +261,7 @@ def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
 
 
 def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
-    """Return the plan of unknowns by entry, without priors.
-
-    Each has (low, high) or (low, high, start).
-    """
+    """Return a plan of entries with (low, high) or (low, high, start)."""
     tables = []
     for entry, values in unknowns.items():
         numbers = [float(value) for value in values]
@@ -276,20 +273,14 @@ def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Measured numbers, and the request for a model's numbers.
+    """Measured numbers (n,) in SI, and the request for a model's numbers."""
 
-    `values` and `std` (n,) are in SI, NaN if unknown. `weight` (n,) is the number of independent
-    numbers for which each stands, 0 if only predicted. `coords` are ``quantity``, ``state``, for a
-    response ``depth``, ``y`` and ``x`` in m, for ellipses ``level``. `noise_freedom` are the
-    degrees of freedom of the scale of `std`: infinite if given, 0 if from the residuals.
-    """
-
-    values: FloatArray
+    values: FloatArray  # NaN if unknown, as `std`
     std: FloatArray
-    weight: FloatArray
-    coords: Mapping[str, Sequence[object]]
+    weight: FloatArray  # number of independent numbers for which each stands, 0 if only predicted
+    coords: Mapping[str, Sequence[object]]  # quantity, state; of a response depth, y and x in m, of ellipses level
     request: Mapping[str, Any]
-    noise_freedom: float
+    noise_freedom: float  # of the scale of `std`: infinite if given, 0 if from the residuals
 
 
 def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
@@ -394,11 +385,8 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
 
 
 def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
-    """Select A, B, x0 and the peak of every state.
-
-    x0 is always predicted. The levels of a polynomial with five coefficients are together no more
-    than five independent numbers.
-    """
+    """Select A, B, x0 and the peak of every state."""
+    # x0 is always predicted. The levels of a polynomial of five coefficients are at most five independent numbers.
     setup, levels = indentation_of(design).in_ellipse_window(), np.array(sorted(table.levels))
     share = min(1.0, (DEGREE + 1) / len(levels))
     window = (min(setup.x), max(setup.x)), (min(setup.y), max(setup.y))

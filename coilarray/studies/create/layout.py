@@ -156,11 +156,8 @@ def _side_by_side(plan: Plan) -> float:
 
 
 def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
-    """Yield the boards to try, the fewest layers first.
-
-    Coils side by side need one set of layers. Coils that overlap need more, and a wide hole for the
-    terminals of their neighbours.
-    """
+    """Yield the boards to try, the fewest layers first."""
+    # Coils that overlap need more than one set of layers, and a wide hole for the terminals of their neighbours.
     overlap = choices.overlap == "decoupled" or (choices.pitch is not None and choices.pitch < plan.width)
     some_sets: tuple[int, ...] = (1,)
     if overlap:

@@ -57,11 +57,7 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
 
 
 def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
-    """List the LDC1614's broken limits with the states.
-
-    The frequency may also be no more than a share of the coil's self-resonance. None are broken
-    without a converter.
-    """
+    """List the LDC1614's broken limits with the states, none without a converter."""
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     broken: list[tuple[str, Limit]] = []
     if "readable" not in scan:

@@ -216,15 +216,10 @@ class Winding:
 
 @dataclass(frozen=True)
 class Room:
-    """Limits for a winding in m.
+    """Limits for a winding in m."""
 
-    `radius` and `hole` are from the centre to the outer edge of the nearest side, and to the inner
-    edge of the innermost turn. A circle's inner end lies a pitch further in. Polygons get the same
-    room.
-    """
-
-    radius: float
-    hole: float
+    radius: float  # from the centre to the outer edge of the nearest side
+    hole: float  # to the inner edge of the innermost turn; a circle's inner end lies a pitch further in
     trace_width: float
     gap: float
     widest_trace: float = math.inf
@@ -303,10 +298,7 @@ def _drawn(width: float, widest: float) -> float:
 
 
 def _first(holds: Callable[[int], bool], most: int) -> int:
-    """Least number from 1 that fulfils a monotonic condition.
-
-    It is `most` + 1 if none does.
-    """
+    """Least number from 1 that fulfils a monotonic condition, or `most` + 1."""
     return 1 + bisect_left(range(1, most + 1), True, key=holds)
 
 

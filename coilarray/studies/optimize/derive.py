@@ -52,15 +52,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two coils with distance and touching distance in m.
-
-    `shared` is whether they share copper layers.
-    """
+    """Two coils with distance and touching distance in m."""
 
     names: tuple[str, str]
     distance: float
     touching: float
-    share_copper: bool
+    share_copper: bool  # whether they share copper layers
 
 
 def pairs(design: Design) -> list[Pair]:

@@ -248,10 +248,7 @@ class Goal(Table):
         }
 
     def searched(self) -> dict[str, Any]:
-        """Everything that determines the points of the search.
-
-        Title, trials, polish and watch do not.
-        """
+        """Everything that determines the points of the search."""
         whole = self.model_dump(mode="json", by_alias=True, exclude={"title", "watch"})
         del whole["search"]["trials"], whole["search"]["polish"]
         whole["search"]["sampler"] = self.sampler
@@ -270,19 +267,15 @@ def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
 
 @dataclass(frozen=True)
 class Trial:
-    """Evaluated point of a search.
+    """Evaluated point of a search."""
 
-    `kind` is its origin: the design if it lies outside the bounds, the sampler, or the local
-    solver. `place` is its number of this kind. An impossible point has a `reason` and no numbers.
-    """
-
-    kind: Literal["start", "search", "polish"]
-    place: int
+    kind: Literal["start", "search", "polish"]  # the design outside the bounds, the sampler, or the local solver
+    place: int  # number of this kind
     changes: Mapping[str, Any]
     quantities: Mapping[str, float]
     scores: tuple[float, ...]
     violations: Mapping[str, float]
-    reason: str = ""
+    reason: str = ""  # why there are no numbers
     accuracy: Accuracy = "full"
 
     @property
@@ -319,10 +312,7 @@ def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
 
 
 def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> list[int]:
-    """Numbers of the Pareto front by the first score.
-
-    A sign of −1 marks a maximum.
-    """
+    """Numbers of the Pareto front, where a sign of −1 marks a maximum."""
     costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
     # sorted by all costs, a point is not beaten by a later point
@@ -333,10 +323,8 @@ def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> lis
 
 
 def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Pareto front of the trials that beat the start.
-
-    It is complete if the start breaks a bound.
-    """
+    """Pareto front of the trials that beat the start."""
+    # It is complete if the start breaks a bound.
     found = [trial for trial in front_of((start, *trials), goal) if trial.kind != "start"]
     if not start.feasible:
         return tuple(found)
@@ -369,20 +357,16 @@ def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...
 
 @dataclass(frozen=True)
 class Axis:
-    """Variable of a goal with its design value.
-
-    `choices` are JSON texts, empty for a number. `low`, `high` and `step` are in the unit of the
-    entry, with a step of None for any value. `start` is None if the design has no value.
-    """
+    """Variable of a goal, in the unit of its entry."""
 
     entry: str
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  # JSON texts, empty for a number
     low: float = 0.0
     high: float = 1.0
-    step: float | None = None
+    step: float | None = None  # None for any value
     log: bool = False
     whole: bool = False
-    start: Any = None
+    start: Any = None  # None if the design has no value
 
     @property
     def continuous(self) -> bool:

@@ -213,11 +213,8 @@ def study_name(design: Design, goal: Goal) -> str:
 
 
 def read_studies(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """Read the points of a folder's studies by name.
-
-    A point has the ``objectives`` of the goal, ``start``, whether it is the given design, and the
-    values of a `Trial`.
-    """
+    """Read the points of a folder's studies by name."""
+    # A point has the objectives of the goal, whether it is the given design (``start``), and the values of a `Trial`.
     path = folder / FILE
     try:
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
@@ -261,11 +258,8 @@ def _key(changes: Mapping[str, Any], accuracy: Accuracy) -> str:
 
 @contextmanager
 def _open_points(folder: Path, design: Design, goal: Goal, axes: Sequence[Axis]) -> Iterator[_Points]:
-    """Open the points of a study in a folder.
-
-    A study is identified by code, design and goal except its trials, polish and watch. Only one
-    search may run in a folder.
-    """
+    """Open the points of a study in a folder."""
+    # A study is code, design and goal except its trials, polish and watch. A folder has one search at a time.
     import_extra("optuna", "optimisations", package="Optuna", extra="optimize")
     make_folder(folder)
     busy = f"another search is running in {folder}; wait for it or give another folder."
@@ -289,11 +283,8 @@ def _search(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Choose and evaluate points, and return them in their order.
-
-    The first point is the design itself, with the outcome `start`, if it lies within the bounds.
-    `report` is called with each trial.
-    """
+    """Choose and evaluate points, and return them in their order."""
+    # The first is the design itself, with the outcome `start`, if it lies within the bounds.
     from optuna import create_study, samplers
     from optuna.trial import TrialState
 
@@ -473,10 +464,8 @@ def design_names(result: Optimization) -> tuple[str, ...]:
 
 
 def trial_text(file: DesignFile, trial: Trial, label: str, folder: Path) -> str:
-    """Design file of a trial for a `folder`, named after design and `label`.
-
-    Entries that were chosen are no longer marked as assumed.
-    """
+    """Design file of a trial for a `folder`, named after design and `label`."""
+    # Entries that were chosen are no longer marked as assumed.
     design = file.design
     document = vary_chosen(file.document, trial.changes)
     document["name"] = f"{design.name}-{label}"

@@ -162,29 +162,22 @@ _EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in
 
 @dataclass(frozen=True)
 class Option:
-    """Option of a quantity.
-
-    `read` returns the value of a text or a TOML value, or None. `must_be` describes allowed values,
-    `says` the meaning. A `bare` option stands in a text without its name.
-    """
+    """Option of a quantity."""
 
     name: str
-    must_be: str
-    read: Callable[[Any], Value | None]
-    says: str
+    must_be: str  # allowed values
+    read: Callable[[Any], Value | None]  # value of a text or a TOML value, or None
+    says: str  # its meaning
     required: bool = False
-    bare: bool = False
+    bare: bool = False  # whether a text has it without its name
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Number of a design to optimize, limit or tabulate.
+    """Number of a design to optimize, limit or tabulate."""
 
-    Its name ends with the unit, "1" for pure numbers.
-    """
-
-    name: str
-    unit: str
+    name: str  # ends with the unit
+    unit: str  # "1" for pure numbers
     cost: Cost
     says: str
     compute: Callable[[Evaluation, Mapping[str, Any]], float]

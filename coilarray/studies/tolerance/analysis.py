@@ -99,10 +99,8 @@ class Outputs:
 
 
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the outputs of one board, on a worker.
-
-    `UNREAD` among them is the number of values that no converter can read.
-    """
+    """Compute the outputs of one board, on a worker."""
+    # `UNREAD` among them is the number of values that no converter can read.
     document, outputs = item["document"], item["outputs"]
     board = perturb(build_design(document, document["name"]), item["errors"])
     evaluation = Evaluation(board, outputs.accuracy)
@@ -308,16 +306,12 @@ def _check_places(design: Design, outputs: Outputs) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """Shifts of located positions by errors of the board.
-
-    `points` (places, 3) are the true x, y and depth in m, and `noise` is the standard deviation of
-    δ. `determined` lists for each place the indices of x, y and depth that a reading determines.
-    """
+    """Shifts of located positions by errors of the board."""
 
     model: ForwardModel
-    points: FloatArray
-    noise: float | None
-    determined: tuple[tuple[int, ...], ...]
+    points: FloatArray  # (places, 3), the true x, y and depth in m
+    noise: float | None  # standard deviation of δ
+    determined: tuple[tuple[int, ...], ...]  # indices of x, y and depth that a reading determines, by place
 
     def names(self, places: Sequence[str]) -> tuple[str, ...]:
         """Names of the outputs, place by place."""
@@ -369,11 +363,8 @@ class Shifts:
 
 
 def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shifts:
-    """Prepare to locate readings at positions within the table.
-
-    An unknown counts as determined if its standard deviation by the usual noise alone is up to
-    `largest` in m. The least known are left out until the others are.
-    """
+    """Prepare to locate readings at positions within the table."""
+    # Unknowns with more than `largest` in m by noise are left out, the least known first.
     points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
     require_states(model.states, model.unknowns, "scan")
     determined = []
@@ -492,10 +483,8 @@ def _yields(
     values: FloatArray,
     unread: BoolArray,
 ) -> xr.Dataset:
-    """Yield for each limit and, last, for all together.
-
-    No converter reads the boards `unread`.
-    """
+    """Yield for each limit and, last, for all together."""
+    # No converter reads the boards `unread`.
     units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
     columns = [names.index(limit.quantity) for limit in limits]
     picked = [limit.quantity for limit in limits]

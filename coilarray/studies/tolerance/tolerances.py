@@ -81,29 +81,21 @@ _MOST_CLEARED = 0.6  # errors, of the boards of a block, up to which each can be
 
 @dataclass(frozen=True)
 class Spread:
-    """Spread of one kind of error.
-
-    `board` and `layer` are the standard deviations in SI of the part that all layers of a board
-    share, and of the part of each layer. The parts are independent and add up.
-    """
+    """Spread of one kind of error, of two independent parts in SI."""
 
     distribution: Distribution = "normal"
-    board: float = 0.0
-    layer: float = 0.0
+    board: float = 0.0  # standard deviation of the part that all layers of a board share
+    layer: float = 0.0  # of the part of each layer
 
 
 @dataclass(frozen=True)
 class Positions:
-    """Grid of the indenter in m from the map's origin.
-
-    `noise` is the standard deviation of δ for locating readings, by default of the design's noise
-    budget.
-    """
+    """Grid of the indenter in m from the map's origin."""
 
     x: tuple[float, ...]
     y: tuple[float, ...]
     depth: float
-    noise: float | None = None
+    noise: float | None = None  # standard deviation of δ, by default of the design's noise budget
 
 
 @dataclass(frozen=True)
@@ -140,25 +132,19 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Contributor:
-    """Independent error, which moves one or more errors equally.
-
-    ``board`` parts are common to all layers of a board, ``layer`` parts belong to a single layer.
-    The `deviation` is in SI and the mean is zero.
-    """
+    """Independent error, which moves one or more errors equally."""
 
     name: str
     table: str
-    part: Literal["board", "layer"]
+    part: Literal["board", "layer"]  # common to all layers of a board, or of a single layer
     targets: tuple[str, ...]
     distribution: Distribution
-    deviation: float
+    deviation: float  # standard deviation in SI, of mean zero
 
 
 def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, ...]:
-    """Independent errors with a spread, or GoalError without any.
-
-    The board part and the layer part stay separate even for a single layer or sheet.
-    """
+    """Independent errors with a spread, or GoalError without any."""
+    # Board part and layer part stay separate even for a single layer or sheet.
     names = error_names(design)
     found = []
     for table, kinds in KINDS.items():
