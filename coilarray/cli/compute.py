@@ -158,7 +158,6 @@ def _report_beside(
     as_json: bool,
     allow: bool,
 ) -> None:
-    """Write the report of two designs."""
     if any(results):
         raise DesignError("--distortion and --link are for the report of one design.")
     with compiling_beside():  # each report has a drawing process of its own
@@ -357,7 +356,6 @@ def impedance(
 
 
 def _limit_lines(scan: xr.Dataset, design: Design) -> list[str]:
-    """Name the broken limits of the converter."""
     from coilarray.report.summary import verdicts
 
     if not design.readout.is_judged:
@@ -369,7 +367,6 @@ def _limit_lines(scan: xr.Dataset, design: Design) -> list[str]:
 
 
 def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
-    """Write the network of a design for another program."""
     from coilarray.circuit.board_circuit import board_circuit
     from coilarray.circuit.coupling import couple_design
     from coilarray.circuit.network_files import exchange_frequencies, export_network, fasthenry_input
@@ -387,7 +384,6 @@ def _write_network(design: Design, scan: xr.Dataset, out: Path) -> None:
 
 
 def _print_noise(design: Design, reference: list[str], *, as_json: bool) -> None:
-    """Print the noise budget of a design."""
     from coilarray.circuit.noise_budget import noise_budget
     from coilarray.report.tables import budget_lines, converter_line, noise_table, sigma_table
 
@@ -584,7 +580,6 @@ def response(
 def _print_dent(
     name: str | None, depths: list[float] | None, out: Path | None, plot: Path | None, *, as_json: bool
 ) -> None:
-    """Compute and print a design's dent and force."""
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero with --dent; got {depths[0] * 1e3:g}.")
     from coilarray.circuit.coupling import provenance
@@ -614,7 +609,6 @@ def _print_dent(
 
 
 def _experiment(texts: Sequence[str]) -> Imperfections:
-    """Return the imperfections of an experiment."""
     from coilarray.studies.calibrate.plan import IMPERFECTIONS, imperfections_of
 
     values: dict[str, float] = {}

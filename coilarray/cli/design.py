@@ -245,7 +245,6 @@ def init(
 
 
 def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) -> list[str]:
-    """Say what has been found."""
     import numpy as np
 
     from coilarray.circuit.coupling import design_inductance, scan_design
@@ -307,7 +306,6 @@ def _described(file: DesignFile, chosen: Mapping[str, Any], progress: Progress) 
 
 
 def _why_not_met(design: Design) -> str:
-    """Describe why coils do not have the wanted inductance."""
     if design.array.routing is not None:
         return " without the leads to the connector"
     if len({place.layers for place in design.array.placements}) > 1:
@@ -316,7 +314,6 @@ def _why_not_met(design: Design) -> str:
 
 
 def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whole: bool) -> str:
-    """Describe whether an LDC1614 can read the coils."""
     if not broken:
         kept = "every limit of an LDC1614 is kept"
         return f"✔ converter: {kept if whole else f'as far as these numbers go, {kept}'}"

@@ -289,7 +289,6 @@ def _answer_to(error: Exception, command: str) -> int:
 
 
 def _is_lack_of_memory(error: BaseException) -> bool:
-    """Whether an error or its cause is lacking memory."""
     causes: list[BaseException] = []
     one: BaseException | None = error
     while one is not None and one not in causes:
@@ -360,7 +359,6 @@ _READABLE = {
 
 
 def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    """Return ASCII for characters that an encoding lacks."""
     assert isinstance(error, UnicodeEncodeError)
     text = ""
     for one in error.object[error.start : error.end]:

@@ -69,7 +69,6 @@ def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
 
 
 def _json_reading(text: str) -> Reading:
-    """Return a JSON object or list as a reading."""
     try:
         value = json.loads(text, object_pairs_hook=_named_once)
     except LocalizeError:

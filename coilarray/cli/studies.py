@@ -145,7 +145,6 @@ def sweep(
 
 
 def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:
-    """Say which points are best by a goal."""
     wishes = " and ".join(objective.wish for objective in goal.objectives)
     if not best:
         return [f"{wishes}: no point keeps all bounds: {', '.join(bound.wish for bound in goal.constraints)}"]
@@ -298,7 +297,6 @@ def optimize(
 def _goal(
     file: DesignFile, named: str | None, wishes: Sequence[str], vary: Sequence[str], keep: Sequence[str]
 ) -> DerivedGoal:
-    """Read or derive the goal of the command line."""
     from coilarray.studies.optimize.derive import DerivedGoal, adjusted, derive_goal, is_named, load_goal, parse_bound
     from coilarray.studies.sweep import parse_axis
 
@@ -340,7 +338,6 @@ def _lines(result: Optimization) -> list[str | Table]:
 
 @contextmanager
 def _progress(goal: Goal) -> Iterator[SearchProgress]:
-    """Show a progress bar with the best result."""
     first = goal.objectives[0].quantity
     with shared.progress_bar("search") as show:
 
@@ -445,7 +442,6 @@ def _numbers(result: xr.Dataset) -> dict[str, Any]:
 
 
 def _remarks(result: xr.Dataset) -> list[str]:
-    """Sentences below the tables."""
     import numpy as np
 
     boards, drawn = int(result.attrs["boards"]), int(result.sizes.get("sample", 0))

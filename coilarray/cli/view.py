@@ -201,7 +201,6 @@ _NOT_OF_FILMS = {"--show", "--layers", "--coil", "--spacing-mm", "--at-mm", "--d
 
 
 def _kind(out: Path | None) -> Kind:
-    """Return the kind of a file that can be written."""
     if out is None:
         return "window"
     kind = _KINDS.get(out.suffix.lower())

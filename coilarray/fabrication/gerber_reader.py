@@ -109,7 +109,6 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _recognized(label: str, data: bytes) -> DataFile | None:
-    """Recognize a Gerber, Excellon or job file, or None."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -187,7 +187,6 @@ def _gerbers(array: Array, project: _Project) -> Iterator[_File]:
 
 
 def _copper(array: Array, name: str) -> _Layer:
-    """Make a copper layer of traces and pads."""
     layer = _Layer()
     holes = drills(array)
     for placement in array.placements:
@@ -210,7 +209,6 @@ def _copper(array: Array, name: str) -> _Layer:
 
 
 def _silk(array: Array) -> _Layer:
-    """Make the silk screen with the names of the coils."""
     font = gerbonara("newstroke").Newstroke.load()
     layer = _Layer()
     for placement, label in zip(array.placements, silk_labels(array), strict=True):
@@ -253,7 +251,6 @@ def _drill_files(array: Array, project: _Project) -> Iterator[_File]:
 
 
 def _job(array: Array, project: _Project, files: Sequence[_File]) -> str:
-    """Make the text of the Gerber job file."""
     stackup = array.stackup
     software = {"Vendor": "coilarray", "Application": "coilarray", "Version": metadata.version("coilarray")}
     x_min, y_min, x_max, y_max = array.bounds

@@ -365,7 +365,6 @@ def _sheet(array: Array, name: str, layers: dict[str, str]) -> tuple[tuple[str, 
 
 
 def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
-    """Make the stack-up of a board."""
     copper = [(kicad, thickness) for kicad, thickness in zip(layers.values(), stackup.copper_thickness, strict=True)]
     slabs = list(zip(stackup.dielectric_thickness, stackup.epsilon_r, strict=True))
     if len(layers) == 1:
@@ -392,7 +391,6 @@ def _stackup_layer(name: str, kind: str, *properties: str) -> str:
 
 
 def _coils(array: Array, drawing: Drawing) -> Iterator[str]:
-    """Yield the footprints, tracks and vias of all coils."""
     for number, (placement, label) in enumerate(zip(array.placements, silk_labels(array), strict=True), start=1):
         own = replace(drawing, root=f"{drawing.root}/{placement.name}")
         net = node("net", str(number))

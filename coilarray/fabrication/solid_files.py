@@ -135,7 +135,6 @@ def write_step(boards: Sequence[PlacedArray], path: Path, *, name: str) -> None:
 
 
 def _location(pose: Pose) -> Any:
-    """Make the location of a pose."""
     from OCP.gp import gp_Trsf
     from OCP.TopLoc import TopLoc_Location
 
@@ -255,7 +254,6 @@ def _document(name: str, parts: Mapping[str, tuple[Any, Any]]) -> Any:
 
 
 def _write(document: Any, path: Path, name: str) -> None:
-    """Write a document to a STEP file."""
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.Interface import Interface_Static

@@ -199,7 +199,6 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _require_turns(coil: TracedCoil) -> None:
-    """Raise BoardError for a path that is not a coil."""
     if (turns := abs(coil.turns)) < LEAST_TURNS:
         raise BoardError(f"it makes {turns:.2f} turns around a place; a coil makes at least one.")
 

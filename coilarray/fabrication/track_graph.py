@@ -190,7 +190,6 @@ def _points(places: Sequence[tuple[str, Point]]) -> npt.NDArray[np.object_]:
 
 
 def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand], tracks: Sequence[Track]) -> TrackGraph:
-    """Graph of pieces that meet at stands and ends."""
     places = [
         *((stand.layer, stand.at) for stand in stands),
         *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),

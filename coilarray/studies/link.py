@@ -326,7 +326,6 @@ def _row(poses: Iterable[Any]) -> npt.NDArray[np.object_]:
 
 
 def _require_few(count: int) -> None:
-    """Refuse too many poses."""
     if count > MOST_POSES:
         raise DesignError(f"a link must have at most {MOST_POSES} poses; got {count}.")
 

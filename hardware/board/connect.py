@@ -196,7 +196,6 @@ def wiring_of_board(
 
 
 def _require_kind(where: str, board: ports.ChannelBoard | None, wiring: Wiring) -> None:
-    """Refuse a wiring that does not fit the port."""
     if board is None and wiring.channels:
         raise HardwareError(
             f"{where}: wiring {wiring.name} has coils at channels; give a port without switches, such as "
@@ -212,7 +211,6 @@ def _require_kind(where: str, board: ports.ChannelBoard | None, wiring: Wiring) 
 
 
 def _direct_reader(port: ports.LinuxPort | ports.FtdiPort, wiring: Wiring) -> DirectReader:
-    """Open the buses of a port and their reader."""
     bus: buses.RegisterBus
     switches: buses.SwitchChain | None = None
     with ExitStack() as opened:

@@ -100,7 +100,6 @@ class ChipDriver:
         return tuple(self._sample(channel, looks, scanning=scanning) for channel in channels)
 
     def _ready(self, wait: float, timeout: float) -> list[int] | None:
-        """Wait until results are ready."""
         start, looks = self.clock.now(), []
         self.clock.sleep(wait)
         while True:
@@ -294,7 +293,6 @@ class DirectReader:
         self._chips.close()
 
     def _stream(self, interval: float) -> Generator[RawScan]:
-        """Scan at the interval until the generator is closed."""
         start, sequence, turn = self._clock.now(), 0, 0
         try:
             while True:
@@ -406,7 +404,6 @@ class DirectReader:
 
     @contextlib.contextmanager
     def _resting_on_failure(self) -> Iterator[None]:
-        """Rest if any exception leaves the block."""
         try:
             yield
         except BaseException:
@@ -421,7 +418,6 @@ def _mask(address: int) -> int:
 
 
 def _no_sample(fault: SampleFault | buses.BusFault) -> RawSample:
-    """Return the sample of a state without a measurement."""
     if isinstance(fault, buses.BusFault):
         fault = SampleFault.BUS_TIMEOUT if isinstance(fault, buses.BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
     return RawSample(0, 0, 0, fault)

@@ -294,7 +294,6 @@ class MicrocontrollerReader:
         )
 
     def _refused(self, refusal: buses.CommandRefused) -> HardwareError:
-        """Return the fault of a board that has stopped measuring."""
         self._settings = None
         return self._end_unheard() or refusal
 
@@ -304,7 +303,6 @@ class MicrocontrollerReader:
         return None if reason is None else self._ended(reason)
 
     def _ended(self, reason: protocol.StreamEndReason, text: str = "") -> HardwareError:
-        """Return the fault of a stream that the board ended."""
         if reason is not protocol.StreamEndReason.LEASE:
             self._settings = None
         kind, meaning = _ENDS[reason]

@@ -52,7 +52,6 @@ def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDri
 
 
 def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> FoundDrive:
-    """Find the drive current of one state."""
     proposal = _sample(reader, replace(settings, automatic_drive=True), state, 0)
     proposed = ((proposal.drive or 0) & _INIT.mask) >> _INIT.lsb
 
@@ -193,7 +192,6 @@ def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
 
 
 def _other_maps(wiring: Wiring) -> Iterator[Fault]:
-    """Boards whose switches have other bits."""
     places = tuple(range(SWITCHES))
     low, high = places[:4], places[4:]
     interleaved = [
@@ -357,7 +355,6 @@ def _of_channels(reader: Reader, settings: ScanSettings) -> SelfTest:
 
 
 def _answered(reader: Reader) -> RawScan:
-    """Return a scan in which the converter has answered."""
     for _ in range(_ATTEMPTS):
         scan = reader.scan()
         if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
@@ -373,7 +370,6 @@ def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
 
 
 def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) -> list[_Seen]:
-    """Measure the trials of a group in one scan."""
     drives = {state.name: state.drive for state in settings.states}
     states = tuple(
         StateSettings(f"trial {k}", trial.words, drives.get(trial.coil or "", settings.states[0].drive))
@@ -397,7 +393,6 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
 
 
 def _check(coil: str, seen: Sequence[_Seen]) -> CoilCheck:
-    """Collect the measurements of one coil."""
     scan = {one.trial.turned: one.frequency for one in seen if one.trial.coil == coil and one.trial.rest == "ground"}
     changes = [(one.trial, one.change) for one in seen if one.trial.other == coil and one.change is not None]
     felt_by = max(changes, key=lambda pair: abs(pair[1]), default=(None, 0.0))[0]
@@ -415,7 +410,6 @@ def _check(coil: str, seen: Sequence[_Seen]) -> CoilCheck:
 
 
 def _symptom(one: _Seen, rise: int | None) -> str:
-    """Describe a measurement in words."""
     trial, does = one.trial, "oscillates" if one.frequency is not None else "does not oscillate"
     if trial.coil is None:
         return f"with all coils {'grounded' if trial.rest == 'ground' else 'open'} the converter {does}"

@@ -200,7 +200,6 @@ class Run:
         return clock / one.fref_divider if one.fref_divider and one.fin_divider else 0.0
 
     def _activate(self) -> None:
-        """Start the sensor and let it settle."""
         self._just_started = True
         reference = self._reference()
         self._counting = False
@@ -211,11 +210,9 @@ class Run:
             self._end = self._time + 16 * max(self._one.settle, ldc1614.LEAST_SETTLE_COUNT) / reference
 
     def _watched(self, until: float) -> bool:
-        """Check whether the watchdog may fire by a time."""
         return not self._setting.scan and self._quiet_since is not None and self._quiet_since + WATCHDOG <= until
 
     def _begin_count(self) -> None:
-        """Start a conversion of the channel."""
         self._reference_now = self._reference()
         self._length = conversion_time(self._one.rcount, self._reference_now)
         self._end = self._time + self._length
@@ -259,7 +256,6 @@ class Run:
                 self._begin_count()
 
     def _finish(self, sensor: Resonator | None) -> None:
-        """End a conversion and start the next."""
         one = self._one
         last = self._turn == len(self._setting.sequence) - 1
         ratio = self._cycles / (self._length * one.fin_divider * self._reference_now)
@@ -464,7 +460,6 @@ class Ldc1614:
         self._forget_results()
 
     def _forget_results(self) -> None:
-        """Clear all results, flags and the status."""
         self._codes = [0] * ldc1614.CHANNELS
         self._flags = [0] * ldc1614.CHANNELS
         self._latched = [0] * ldc1614.CHANNELS
@@ -476,7 +471,6 @@ class Ldc1614:
         self._frozen = None
 
     def _check_write(self, register: ldc1614.Register, value: int) -> None:
-        """Note violations of the data sheet by a written value."""
         if not 0 <= value <= 0xFFFF:
             raise ValueError(f"value must be 0 to 0xFFFF; got {value:#x}.")
         # reserved bits that must be written unchanged
@@ -496,7 +490,6 @@ class Ldc1614:
             self._note(f"{register.name} was written while the chip was active.")
 
     def _take(self, result: Result) -> None:
-        """Store the result of a conversion."""
         channel, config = result.channel, self.registers[_ERROR_CONFIG]
         raised = [result.under_range, result.over_range, result.watchdog, result.high, result.low]
         shown = [happened and bool(config & 1 << 15 - k) for k, happened in enumerate(raised)]

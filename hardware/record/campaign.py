@@ -279,7 +279,6 @@ class GcodeStage(Stage):
         self._send(_WAIT[self._dialect], seconds)
 
     def _send(self, line: str, seconds: float) -> None:
-        """Send a line and wait for its answer."""
         self._due += 1
         self._port.write(f"{line}\n".encode("ascii"))
         until = self._now() + seconds + self._patience
@@ -296,7 +295,6 @@ class GcodeStage(Stage):
         raise self._failed(f"did not answer {line!r} within {seconds + self._patience:.3g} s")
 
     def _ask(self, text: str) -> None:
-        """Let a person confirm, unless nobody is asked."""
         if self._confirm is not None:
             self._confirm(text)
 
@@ -334,7 +332,6 @@ def _machines_file() -> Path:
 
 
 def _confirmed_machines() -> set[str]:
-    """Machines whose first move a person confirmed at this computer."""
     try:
         return set(_machines_file().read_text(encoding="utf-8").splitlines())
     except (OSError, UnicodeDecodeError):  # no file yet
@@ -491,8 +488,6 @@ class _BadScanError(HardwareError):
 
 @dataclass
 class _Run:
-    """A campaign in progress."""
-
     campaign: Campaign
     reader: Reader
     stage: Stage
@@ -537,7 +532,6 @@ class _Run:
                     raise _BadScanError(f"{state.name} gave no value: {', '.join(state.reasons)}.")
 
     def _configure_again(self) -> None:
-        """Configure the board again after a fault."""
         session = self.recorder.session
         try:
             self.reader.configure(session.settings)

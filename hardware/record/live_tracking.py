@@ -140,7 +140,6 @@ class LiveTracker:
         )
 
     def _measure_baseline(self, elapsed: float, values: Mapping[str, float]) -> None:
-        """Collect baseline values of every state."""
         self._rest.append((elapsed, values))
         counts = Counter(name for _, one in self._rest for name in one)
         enough = {name for name, count in counts.items() if count >= self._scans}
@@ -205,7 +204,6 @@ class LiveTracker:
         return replace(state, delta=None, reasons=(*state.reasons, "the reference coil has no value"))
 
     def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
-        """Locate the indentation."""
         from coilarray.localize.inverse import locate  # slow, only with a model
 
         delta = {name: value for name, value in self._touchable(states).items() if name in model.states}
@@ -226,7 +224,6 @@ class LiveTracker:
         }
 
     def _count(self, scan: ScanReading) -> None:
-        """Update time and number of missing scans."""
         if self._last is not None and self._last[0] == scan.boot and scan.sequence > self._last[1]:
             self._lost += scan.sequence - self._last[1] - 1
         if self._last is None or self._last[0] != scan.boot:
@@ -239,7 +236,6 @@ class LiveTracker:
 
 
 def _live_state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
-    """Return δ of one state relative to the baseline."""
     reasons = tuple(str(reason) for reason in state.reasons)
     if state.inductance is None or base is None:
         return LiveState(state.name, None, state.verdict, reasons)

@@ -247,7 +247,6 @@ def _mean(values: FloatArray) -> FloatArray:
 
 
 def _provenance(recording: Recording) -> dict[str, str | int]:
-    """Return the attributes that name the equipment."""
     session = recording.sessions[0]
     return {
         "source": "measured",

@@ -328,7 +328,6 @@ def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bool) -> None:
-    """Refuse a file that cannot be continued."""
     with reading(path):
         if is_blank(connection):  # killed before the session began
             return
@@ -342,7 +341,6 @@ def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bo
 
 
 def _require_same(recording: Recording, session: RecordedSession, campaign: str | None) -> None:
-    """Refuse to continue a recording of another campaign or board."""
     before = recording.sessions[0]
     pairs = (
         (

@@ -162,7 +162,6 @@ def _row_checksum(table: str, row: dict[str, Any]) -> str:
 
 
 def _one_line(text: str) -> str:
-    """Shorten a text of SQLite to one line."""
     line = "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
     return line if len(line) <= _LONGEST_TEXT else f"{line[:_LONGEST_TEXT]}…"
 
@@ -307,7 +306,6 @@ class Recording:
         return rows
 
     def _scan(self, rows: list[tuple[Any, ...]], places: dict[int, GridPlace]) -> RecordedScan:
-        """Build a scan from its rows and check it."""
         number, session, position, stage, depth, sequence, time, received, celsius, kept = rows[0][:10]
         try:
             index = self._sessions[session]
@@ -329,7 +327,6 @@ class Recording:
             raise HardwareError(f"{self.path} is damaged: scan {number}: {error}.") from None
 
     def _session(self, row: Mapping[str, Any]) -> RecordedSession:
-        """Build a session from its row and check it."""
         try:
             settings = ScanSettings.from_json(row["settings"])
             if settings.hash != row["settings_hash"]:
@@ -350,7 +347,6 @@ _UNREADABLE = (KeyError, TypeError, ValueError, OverflowError, AttributeError, R
 
 
 def _place(row: Mapping[str, Any]) -> GridPlace:
-    """Return the place in the row of a position."""
     return GridPlace(row["place"], row["repeat"], row["depth"], row["y"], row["x"])
 
 

@@ -188,7 +188,6 @@ def ready_status(channel: int) -> int:
 
 
 def _of_status(status: int, channel: int) -> set[Reason]:
-    """Reasons that STATUS shows."""
     ready = ready_status(channel)
     if status == ready:  # nearly always
         return set()

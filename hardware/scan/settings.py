@@ -303,7 +303,6 @@ class ScanSettings:
         )
 
     def _counts(self, channel: int) -> tuple[int, int]:
-        """Return RCOUNT and SETTLECOUNT of a channel."""
         state = next((state for state in self.states if state.channel == channel), None)
         if state is None:
             return ldc1614.smallest_rcount(len(self.channels)), self.settle_count
@@ -520,7 +519,6 @@ def scan_settings(
 
 
 def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int:
-    """Return the largest RCOUNT that reaches a rate."""
     require_positive("rate", rate, " scans/s", HardwareError)
     count = len(settings.states)
     least = ldc1614.smallest_rcount(len(settings.channels))
@@ -539,7 +537,6 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
 
 
 def _check_limits(settings: ScanSettings) -> None:
-    """Refuse settings that break a rule of the data sheet."""
     clocks = ldc1614.EXTERNAL_CLOCK_RANGE if settings.external_clock else ldc1614.INTERNAL_CLOCK_RANGE
     for limit in (
         Limit("clock (Hz)", settings.clock, *clocks),

@@ -199,7 +199,6 @@ def _sense(branch: Branch, start: Node) -> Sense:
 
 
 def _passive(branch: Branch, ground: Node) -> Passive:
-    """Return the termination of a coil without converter current."""
     if branch.ends[0] == branch.ends[1]:
         return "ground"  # connected ends carry the induced current wherever they are
     first, second = (end == ground for end in branch.ends)
@@ -241,7 +240,6 @@ def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str
 
 
 def _nets(table: SwitchTable, words: bytes, where: str) -> dict[NumberedEnd, list[Net]]:
-    """Nets that the words connect to every end."""
     for device, (switches, word) in enumerate(zip(table, words, strict=True)):
         for bit, switch in enumerate(switches):
             if switch is None and word >> bit & 1:
@@ -440,7 +438,6 @@ class Wiring:
         return bytes(words)
 
     def _check_device(self, device: Device) -> None:
-        """Refuse a device with wrong bits, or switches that cannot share their common pin."""
         part = switch_part(device.part)
         if sorted(device.bits) != sorted(part.bits):
             got = listed(map(shown, device.bits)) or "none"

@@ -366,7 +366,6 @@ class Ft232h:
 
     @contextlib.contextmanager
     def _translated_errors(self) -> Iterator[None]:
-        """Translate errors of pyftdi within a block."""
         try:
             yield
         except self._not_acknowledged:

@@ -247,7 +247,6 @@ def _parse(text: str) -> Port:
 
 
 def _channel_board(options: dict[str, str]) -> ChannelBoard | None:
-    """Take the options of a board without switches."""
     if "channels" not in options:
         if "clock" in options:
             raise ValueError("clock needs channels=")

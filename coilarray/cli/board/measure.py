@@ -138,7 +138,6 @@ def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
 
 
 def _test_parts(result: SelfTest) -> list[str | Table]:
-    """Return the table and the findings of a self-test."""
     rise = DisplayUnit("10⁻⁶", 1e6, 1)
     columns = (
         Column("coil"),
@@ -448,7 +447,6 @@ def _ask(text: str) -> None:
 
 
 def _agree(text: str) -> None:
-    """Show a text, and wait for a yes."""
     if _answer(f"{text} [y/N] ").strip().lower() not in ("y", "yes"):
         raise HardwareError("the move of the stage was not confirmed.")
 

@@ -166,7 +166,6 @@ def opened_board(
 
 
 def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> ScanSettings:
-    """Make a scan's settings from the options and the file."""
     from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
     from coilarray.hardware.scan.settings import ConverterClock, design_settings
     from coilarray.hardware.wire.ports import bus_rate, parse_port
@@ -200,7 +199,6 @@ def _scan_settings(options: BoardOptions, design: Design, wiring: Wiring) -> Sca
 
 
 def _emulation(texts: Sequence[str]) -> dict[str, Any]:
-    """Read the values of --emulate by their keys."""
     from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK_RANGE
 
     low, high = (frequency / 1e6 for frequency in INTERNAL_CLOCK_RANGE)

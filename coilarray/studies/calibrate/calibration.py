@@ -246,7 +246,6 @@ class Calibration:
 
     @property
     def _misfit(self) -> str:
-        """Quality of the fit of the best combination, as text."""
         best = self.dataset.isel(combination=0)
         return f"χ² {float(best.chi_square):.4g} of {float(best.degrees_of_freedom):.4g} degrees of freedom"
 
@@ -503,7 +502,6 @@ def posterior_draws(
 
 
 def _best(calibration: xr.Dataset) -> xr.Dataset:
-    """Return the best combination with its unknowns."""
     best = CALIBRATION.checked(calibration, "the dataset").isel(combination=0)
     own = np.flatnonzero(np.isfinite(best["value"].values))
     return best[list(CALIBRATION.variables)].isel(unknown=own)

@@ -108,7 +108,6 @@ class Unknown(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Unknown:
-        """Require consistent bounds, start, prior and entries."""
         if not self.low < self.high:
             raise ValueError(f"needs low below high; got {self.low:g} and {self.high:g}")
         if self.start is not None and not self.low <= self.start <= self.high:
@@ -143,7 +142,6 @@ class Choice(Table):
     @field_validator("set")
     @classmethod
     def _finite(cls, values: dict[str, Any]) -> dict[str, Any]:
-        """Require finite numbers in all values."""
         for key, value in values.items():
             try:
                 json.dumps(value, allow_nan=False, default=str)
@@ -209,7 +207,6 @@ class Plan(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Plan:
-        """Require different names and entries in every combination."""
         names = [one.name for one in self.alternatives]
         if len(set(names)) != len(names):
             raise ValueError(f"needs every [[alternative]] to have a name of its own; got {', '.join(names)}")
@@ -347,7 +344,6 @@ def _check_places(data: xr.Dataset, design: Design) -> None:
 
 
 def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
-    """Select the numbers of a response, with their noise."""
     _check_places(data, design)
     data = data.transpose(*_DIMS, ...).sel(state=list(states))
     noise = None if table.delta_std is not None else own_noise(data)

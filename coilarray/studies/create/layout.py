@@ -113,7 +113,6 @@ def lay_out(plan: Plan, choices: Choices) -> Plan:
 
 
 def _completed(wound: Plan, choices: Choices) -> Plan:
-    """Find pitch and terminals for a winding, or raise DesignError."""
     problem = _problem(wound)
     if problem is not None:  # more layers than have room for the via pads
         fewer = (replace(wound, winding_layers=n) for n in range(wound.winding_layers - 2, 0, -2))
@@ -142,7 +141,6 @@ def _completed(wound: Plan, choices: Choices) -> Plan:
 
 
 def _problem(wound: Plan) -> DesignError | None:
-    """Return the reason why one coil is impossible, or None."""
     try:
         _ = wound.one.design
     except DesignError as error:

@@ -400,7 +400,6 @@ class Plan:
         }
 
     def _title(self) -> str:
-        """Describe the coils, for the title."""
         count = self.arrangement
         shape = {"hexagon": "hexagonal", "circle": "circular", "rectangle": "rectangular"}.get(self.shape, self.shape)
         if count.lattice == "single":
@@ -413,7 +412,6 @@ class Plan:
         return f"{shape.capitalize()} coils, {count.columns}" + (f" × {count.rows}" if count.rows > 1 else " in a row")
 
     def _stackup(self, names: list[str]) -> dict[str, Any]:
-        """Make the stack-up table of a board with usual thicknesses."""
         n = len(names)
         copper = [min(_COPPER, self.rules.most_copper(k, n) or _COPPER) for k in range(n)]
         thin = n // 2 if n > 2 and n % 2 == 0 else 0  # each between the two layers of a pair
@@ -441,7 +439,6 @@ class Plan:
         return math.ceil(pad / _PAD_STEP * (1 - 1e-9)) * _PAD_STEP
 
     def _coil(self) -> dict[str, Any]:
-        """Make the coil's table."""
         width, height = (_mm(side) for side in self.size)
         sizes: Mapping[str, dict[str, Any]] = {
             "twelve sides": {"shape": "polygon", "sides": 12, "outer_across_flats_mm": width, "winding_rule": "corner"},

@@ -116,7 +116,6 @@ def lattice_coupling(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stackup
 
 
 def _filaments(paths: list[Conductor] | tuple[Conductor, ...]) -> list[Conductor]:
-    """Return the centre lines of paths."""
     return [Conductor(path.vertices) for path in paths]
 
 

@@ -435,7 +435,6 @@ def unfit_goals(design: Design | DesignFile) -> dict[str, str]:
 
 
 def _named(wish: str) -> _Named:
-    """Goal of a name or wish, over coils and distances."""
     if wish in _NAMED:
         return _NAMED[wish]
     if found := _DIRECTED.fullmatch(wish.strip()):
@@ -483,7 +482,6 @@ def _position_error(file: DesignFile) -> _Part:
 
 
 def _a_target(design: Design) -> None:
-    """Refuse a design without a target."""
     _ = Evaluation(design).target
 
 
@@ -520,7 +518,6 @@ def _smallest(file: DesignFile) -> _Part:
 
 
 def _fab(file: DesignFile) -> Row:
-    """Bound of the fabrication margin."""
     margin = evaluate(file.design, ["fab_margin_mm"])["fab_margin_mm"]
     if margin < _KEPT:
         least, says = rounded(_WORSE * margin, 3, up=False), "no worse than it is: the design itself breaks a rule"
@@ -530,7 +527,6 @@ def _fab(file: DesignFile) -> Row:
 
 
 def _areas(file: DesignFile) -> list[Row]:
-    """Bounds of board area and covered area."""
     board, covered = evaluate(file.design, ["board_area_mm2", "covered_mm2"]).values()
     return [
         Row(

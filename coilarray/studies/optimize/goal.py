@@ -77,7 +77,6 @@ class Variable(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Variable:
-        """Require either bounds or choices, with consistent values."""
         if self.choices is not None:
             if (self.low, self.high, self.step) != (None, None, None) or self.log:
                 raise ValueError("needs either low and high or choices, not both")
@@ -208,7 +207,6 @@ class Goal(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Goal:
-        """Require different variables and objectives."""
         for one, other in itertools.permutations([variable.entry for variable in self.variables], 2):
             if one == other or other.startswith(f"{one}."):
                 raise ValueError(f"names the entry {one} in more than one variable")

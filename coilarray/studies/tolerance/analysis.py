@@ -257,7 +257,6 @@ def check_analysis(
 def _asked(
     design: Design, tolerances: Tolerances, quantities: Sequence[str], samples: int, seed: int, accuracy: Accuracy
 ) -> tuple[Sequence[Contributor], Outputs, list[Limit], FloatArray]:
-    """Check an analysis, and return contributors, outputs, limits and errors."""
     if 0 < samples < LEAST_SAMPLES:
         raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
     found = contributors(design, tolerances)
@@ -401,7 +400,6 @@ def _with_shifts(
 def _linear_part(
     names: Sequence[str], found: Sequence[Contributor], tolerances: Tolerances, nominal: FloatArray, effects: FloatArray
 ) -> xr.Dataset:
-    """Make the part of the result from the linear model."""
     both, single, of_error = ("contributor", "output"), ("output",), ("contributor",)
     variance = (effects**2).sum(axis=0)
     shares = np.divide(effects**2, variance, out=np.zeros_like(effects), where=variance > 0)
@@ -423,7 +421,6 @@ def _linear_part(
 
 
 def _sampled_part(linear: xr.Dataset, drawn: FloatArray, values: FloatArray, failures: Sequence[str]) -> xr.Dataset:
-    """Make the part of the result from drawn boards."""
     single, names, expected = ("output",), linear.output.values.tolist(), linear.linear_deviation.values
     # a board without a position still has its other outputs
     columns = [column[np.isfinite(column)] for column in values.T]

@@ -498,7 +498,6 @@ def _scaled(value: float, errors: Mapping[str, float], name: str) -> float:
 
 
 def _sheet(sheet: Sheet, errors: Mapping[str, float]) -> Sheet:
-    """Return a sheet with its errors."""
     magnetic = sheet.magnetic
     return replace(
         sheet,
@@ -530,7 +529,6 @@ def _plate(
 
 
 def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None:
-    """Return a target with its errors."""
     if target is None:
         return None
     body = replace(target.body, material=_conducting(target.body.material, errors))
@@ -542,8 +540,6 @@ def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None
 
 
 def _array(array: Array, errors: Mapping[str, float]) -> Array:
-    """Return an array with its errors."""
-
     def thickened(kind: str, parts: Iterable[str], thickness: Sequence[float]) -> tuple[float, ...]:
         names = (f"{kind}.{part}" for part in parts)
         return tuple(value * (1 + errors.get(name, 0.0)) for name, value in zip(names, thickness, strict=True))
