@@ -227,11 +227,8 @@ def program(name: str) -> Callable[..., Any]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return its exit code.
-
-    It is 0 for done, 2 for bad input, with one line on standard error, and 130 for interrupted. A
-    fault of the program itself keeps its traceback.
-    """
+    """Return the exit code: 0 done, 2 bad input, 130 interrupted."""
+    # A fault of the program itself keeps its traceback.
     for variable in _BLAS_THREADS:
         os.environ.setdefault(variable, "1")
     collect_seldom()

@@ -135,11 +135,8 @@ def completed_stackup(
     files: str,
     assumed: dict[str, str],
 ) -> Stackup:
-    """Make a stack-up in m, with usual values where some are missing.
-
-    `board` is the thickness of the whole board, `slabs` are dielectrics in series. What is assumed
-    is recorded in `assumed`. `files` is "the files do".
-    """
+    """Make a stack-up in m, with usual values where some are missing."""
+    # `board` is the whole thickness, `slabs` are dielectrics in series, `assumed` records, `files` is "the files do".
     between = [united(parts) for parts in slabs]
     if None in copper:
         assumed["stackup.copper_thickness_um"] = f"{files} not say; standard 1 oz copper"

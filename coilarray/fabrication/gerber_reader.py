@@ -584,11 +584,9 @@ def _holes(
     lands: Sequence[tuple[str, Flash]],
     openings: Sequence[Point],
 ) -> tuple[list[Hole], set[int], int]:
-    """Make the plated holes with pads.
-
-    `lands` are flashes with their layers, `openings` places without solder mask. Returns also the
-    ids of the flashes that are drilled through, and the number of holes without a pad.
-    """
+    """Make plated holes with pads: `lands`, flashes with their layers."""
+    # `openings` are places without solder mask. Also the ids of the flashes that are drilled through, and the number
+    # of holes without a pad.
     tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
     holes: list[Hole] = []
     bored: set[int] = set()

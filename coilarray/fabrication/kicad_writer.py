@@ -130,11 +130,9 @@ _ALL_COPPER = frozenset({"F.Cu", "B.Cu", *(f"In{k}.Cu" for k in range(1, BOTTOM)
 
 
 def _winding(array: Array, alike: Sequence[Placement]) -> str:
-    """Library footprint of equal coils, named after the first of them.
-
-    Vias are pads V1, V2, … without a net, under the solder mask, through the whole board. As a net
-    tie, it may have different nets at its terminals, pads 1 and 2, in KiCad's check.
-    """
+    """Library footprint of equal coils, named after the first of them."""
+    # Vias are pads V1, V2, … without a net, under the solder mask, through the whole board. As a net tie, it may
+    # have different nets at its terminals, pads 1 and 2, in KiCad's check.
     name = alike[0].name
     placement = replace(alike[0].at_origin(), name="REF**")
     single = replace(array, placements=(placement,), through_holes=True)

@@ -98,12 +98,9 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 def check_nets(
     array: Array, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel]
 ) -> tuple[NetFault, ...]:
-    """Compare the copper of a file with its coils: bridges, cuts, missing and foreign copper.
-
-    Shapes may differ by `_TOLERANCE`, because of rounding and polygons of arcs. Copper of a
-    coil must be present also if it carries no current. Copper that joins turns of one coil is
-    foreign.
-    """
+    """Compare the copper of a file with its coils: bridges, cuts, missing and foreign copper."""
+    # Shapes may differ by `_TOLERANCE`. Copper of a coil must be present also if it carries no current. Copper that
+    # joins turns of one coil is foreign.
     for layer in layers:
         array.stackup.index(layer)
     pieces = connected_pieces(layers, holes)

@@ -227,11 +227,9 @@ class Obstacles:
 
 
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
-    """Raise BoardError if pads or holes of the coil's net join stretches.
-
-    Along the path the stretches within them must follow each other. Outside the path may run no
-    longer than its width, a bend beside the pad.
-    """
+    """Raise BoardError if pads or holes of the coil's net join stretches."""
+    # Stretches within them must follow each other along the path, and the path outside them run no longer than its
+    # width, a bend beside the pad.
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
     shapes = [item.copper for item in items]
@@ -303,11 +301,8 @@ class TracedArray:
 
 
 def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
-    """Place traced coils, about the centre of their area, on the board's stack-up.
-
-    The gap is that of the turns by `turn_gap`, or else the trace width. Of several sizes of vias or
-    terminals a coil has the commonest, with a note.
-    """
+    """Place traced coils, about the centre of their area, on the board's stack-up."""
+    # The gap is that by `turn_gap`, or else the trace width. Of several sizes of holes a coil has the commonest.
     assumed = {**board.assumed, "coils.*.via.plating_um": f"board files do not say; usual, {_PLATING * 1e6:g} µm"}
     notes = [*board.notes]
     shapes: list[Placement] = []

@@ -396,11 +396,8 @@ def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
 
 
 def own_noise(response: xr.Dataset) -> FloatArray | None:
-    """Return the deviation of δ (depth, y, x, state).
-
-    It is ``delta_std``, or with the attribute ``repeats`` the standard deviation of the mean. A
-    position without a value takes the value of its state.
-    """
+    """Return the deviation of δ (depth, y, x, state)."""
+    # ``delta_std``, with the attribute ``repeats`` that of the mean. A position without takes its state's value.
     if "delta_std" not in response:
         return None
     spread = response["delta_std"].broadcast_like(response["delta"]).transpose(*_DIMS).values.astype(np.float64)

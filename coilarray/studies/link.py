@@ -141,11 +141,8 @@ def together(design: Design, names: Sequence[str], poses: xr.DataArray) -> dict[
 
 
 def moved_boards(design: Design, poses: Mapping[str, xr.DataArray], number: int) -> Design:
-    """Return a design with its boards at one of many poses.
-
-    The `poses` by board are those of `link`, of which the `number` counts from 0. Boards that cut
-    through each other raise a DesignError.
-    """
+    """Return a design with its boards at pose `number` of `link`'s `poses`."""
+    # Boards that cut through each other raise a DesignError.
     boards = (
         replace(board, pose=poses[name].values.ravel()[number]) if name in poses else board
         for name, board in _boards(design).items()

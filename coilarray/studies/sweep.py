@@ -56,11 +56,8 @@ def evaluate_points(
     progress: Progress | None = None,
     accuracy: Accuracy = "full",
 ) -> Iterator[tuple[int, Outcome]]:
-    """Evaluate variations of a design, and yield numbers and outcomes.
-
-    Raises GoalError for an unknown quantity, ClusterError if workers are lost, and OutputError if
-    the store cannot be written.
-    """
+    """Evaluate variations of a design, and yield numbers and outcomes."""
+    # GoalError: unknown quantity; ClusterError: lost workers; OutputError: store that cannot be written
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
     document = decisive(as_file(design).document)
 
@@ -188,10 +185,8 @@ class Axis:
         return [_label(value) for value in self.values]
 
     def spread(self, parts: Sequence[float] | None, *, whole: bool) -> list[Any]:
-        """Values at fractions (below 1) of the interval, or from end to end for a grid.
-
-        Raises GoalError if the interval has no whole number for an entry that takes no others.
-        """
+        """Values at fractions (below 1) of the interval, or from end to end for a grid."""
+        # GoalError if the interval has no whole number for an entry that takes no others
         if not self.interval:
             return list(self.values) if parts is None else [self.values[int(part * len(self.values))] for part in parts]
         low, high = self.values
@@ -374,12 +369,9 @@ def run_sweep(
     progress: Progress | None = None,
     watch: Callable[[Callable[[], xr.Dataset]], None] | None = None,
 ) -> xr.Dataset:
-    """Evaluate all new points, as the dataset of `sweep`.
-
-    Dimensions are the entries of a grid, or ``sample``. After every point `watch` gets a function
-    that returns the result so far, with NaN and no reason for points to come. Raises ClusterError
-    if workers are lost, and OutputError if the store cannot be written.
-    """
+    """Evaluate all new points, as a dataset over entries or ``sample``."""
+    # After every point `watch` gets a function that returns the result so far, NaN without a reason for points to
+    # come. ClusterError if workers are lost, OutputError if the store cannot be written.
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)
     keys = [one.key for one in plan.requests]

@@ -81,12 +81,9 @@ class ChipDriver:
         self.bus.write(_CONFIG, self._active)
 
     def results(self, settings: ScanSettings, wait: float | None = None) -> tuple[RawSample, ...]:
-        """Wait for the next results of all channels.
-
-        The first look at STATUS comes after `wait` in s, or after the discarded conversions of a
-        converter that just woke. A drive current that the converter chose is read before sleep
-        clears it.
-        """
+        """Wait for the next results of all channels."""
+        # STATUS is first read after `wait` in s, or after the discarded conversions of a converter that just woke.
+        # A drive current that the converter chose is read before sleep clears it.
         channels, timeout = tuple(dict.fromkeys(state.channel for state in settings.states)), settings.timeout_us * 1e-6
         looks = self._ready(settings.wait_us * 1e-6 if wait is None else wait, timeout)
         for _ in range(settings.discard if wait is None else 0):
@@ -201,11 +198,10 @@ class ChipDriver:
 
 
 class DirectReader:
-    """A `Reader` that drives the chips itself, for one thread.
+    """A `Reader` that drives the chips itself, for one thread."""
 
-    Without switches the converter converts all the time in a stream. The next result replaces a
-    result that a slow computer does not fetch, which only the times of the scans show.
-    """
+    # Without switches the converter converts all the time in a stream. The next result replaces one that a slow
+    # computer does not fetch, which only the times of the scans show.
 
     def __init__(
         self,

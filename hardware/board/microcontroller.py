@@ -52,11 +52,9 @@ def open_microcontroller(
 
 
 class MicrocontrollerReader:
-    """Reader of a serial board for one session.
+    """Reader of a serial board for one session, or another by `reconnect`."""
 
-    A board that restarts, or a port that comes back, needs a new session by `reconnect`, so scans
-    are never mixed. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
-    """
+    # So scans are never mixed. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
 
     def __init__(
         self,

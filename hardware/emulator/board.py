@@ -215,11 +215,8 @@ class EmulatedChain:
         """Release the port."""
 
     def transfer(self, data: bytes) -> bytes | None:
-        """Shift bytes in with SYNC low, then let SYNC rise.
-
-        Returns the bytes from the far end, or None if it is not wired back. In the SPI modes 0 and
-        3 data change at the edge at which the chip samples them, so the chip takes the bit before.
-        """
+        """Shift bytes in with SYNC low, then let SYNC rise."""
+        # In the SPI modes 0 and 3 data change at the edge at which the chip samples them: it takes the bit before.
         count = SWITCHES * len(data)
         sent = int.from_bytes(data)
         if self.mode not in _FALLING_EDGE_MODES:

@@ -172,11 +172,9 @@ class Run:
         self._activate()
 
     def advance(self, until: float, *, changing: bool) -> None:
-        """Simulate everything up to a time in s.
-
-        If something around the chip is `changing`, a running conversion is counted up to now.
-        Otherwise it is counted only if it has ended or the watchdog may fire.
-        """
+        """Simulate everything up to a time in s."""
+        # A running conversion is counted up to now if something around the chip is `changing`, otherwise only if it
+        # has ended or the watchdog may fire.
         while self._time < until:
             if not self._counting:
                 self._time = self._end

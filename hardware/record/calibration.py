@@ -166,12 +166,8 @@ def calibrate_board(
 
 
 def calibrated_response(recording: Recording, calibration: BoardCalibration, *, partial: bool = False) -> xr.Dataset:
-    """Return the response of a campaign with the board's calibration.
-
-    Beside the attributes of `recorded_response` it has ``calibration``, the source of the
-    calibration, and ``calibration_board``. If the calibration has capacitances,
-    ``capacitance_from`` is their origin.
-    """
+    """Return the response of a campaign with the board's calibration."""
+    # Its attributes `calibration`, `calibration_board` and `capacitance_from` are sources.
     if calibration.emulated != recording.emulated:
         kinds = ("a real", "an emulated")
         raise HardwareError(

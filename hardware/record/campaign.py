@@ -437,11 +437,8 @@ def design_campaign(
     depths: Sequence[float] | None = None,
     **sequence: Any,
 ) -> Campaign:
-    """Make the campaign of a design's [indentation].
-
-    It lies in the design's window for ellipses, for gast2020 in the grid of the paper. Positions
-    and depths in m and the sequence of `Campaign` may be given instead.
-    """
+    """Make the campaign of a design's [indentation], lengths in m."""
+    # By default it lies in the window for ellipses, for gast2020 in the grid of the paper.
     setup = design.indentation
     if setup is None:
         raise HardwareError(f"the design {design.name} has no [indenter] and [indentation]; a campaign needs them.")

@@ -216,23 +216,17 @@ def at_rest(series: xr.Dataset) -> BoolArray:
 
 
 def response_csv(response: xr.Dataset) -> str:
-    """Return a measured response as CSV.
-
-    The columns are depth_m, y_m, x_m, state, delta, delta_std for every position and state. The
-    last column is a checksum of the lines up to there, and the last line has a checksum of all
-    lines.
-    """
+    """Return a measured response as CSV."""
+    # depth_m, y_m, x_m, state, delta, delta_std of every position and state, and a checksum of the lines up to
+    # there; the last line has a checksum of all lines
     in_metres = response[["delta", "delta_std"]].rename(depth="depth_m", y="y_m", x="x_m")
     table = in_metres.to_dataframe(dim_order=["depth_m", "y_m", "x_m", "state"])
     return with_checksums(table[["delta", "delta_std"]].to_csv(lineterminator="\n"))
 
 
 def series_csv(series: xr.Dataset) -> str:
-    """Return a time series as CSV for ``coilarray locate``.
-
-    The columns are time_s and δ of every state, empty if unknown, ``temperature_C`` if known, and
-    checksums as in `response_csv`.
-    """
+    """Return a time series as CSV for ``coilarray locate``."""
+    # time_s, δ of every state, empty if unknown, temperature_C if known, and checksums as in `response_csv`
     table = series.delta.to_pandas()
     table.index = series.time.to_index().rename("time_s")
     if "temperature" in series.coords:

@@ -135,11 +135,8 @@ class Recorder:
     def start(
         self, session: RecordedSession, campaign: str | None = None, thermometer: Thermometer | None = None
     ) -> None:
-        """Begin a session of a recording.
-
-        The first session creates the recording, later sessions continue it. `campaign` is its plan
-        as JSON. `thermometer` returns the temperature in °C, if known.
-        """
+        """Begin a session, the first of which creates the recording."""
+        # `campaign` is its plan as JSON. `thermometer` returns the temperature in °C, if known.
         with reading(self.path):
             blank = is_blank(self._connection)
         if not blank:

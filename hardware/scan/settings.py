@@ -562,11 +562,8 @@ def board_network(design: Design, *, wired: bool = False) -> Network:
 
 
 def board_budget(design: Design, settings: ScanSettings, *, baseline_scans: int | None = None) -> NoiseBudget:
-    """Return the noise budget of all states of a design.
-
-    The settings determine the clock and the length of a conversion. With `baseline_scans` for L_0 a
-    reading is a single scan. All other values are taken from the design's `Readout`.
-    """
+    """Return the noise budget of all states with a scan's settings."""
+    # With `baseline_scans` for L_0 a reading is a single scan. Other values are those of the design's `Readout`.
     from coilarray.circuit.noise_budget import noise_budget  # not needed by the emulator
 
     readout = replace(

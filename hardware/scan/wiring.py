@@ -115,14 +115,10 @@ class Branch(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Coils that the converter sees, or why it measures none.
+    """Coils that the converter sees, or why it measures none."""
 
-    Without a state the pins are open, shorted, or grounded by a direct current path, or the coils
-    between them are tangled, neither in series nor in parallel.
-    """
-
-    kind: Literal["coils", "open", "short", "grounded", "tangled"]
-    state: ScanState | None = None
+    kind: Literal["coils", "open", "short", "grounded", "tangled"]  # grounded: by a direct current path
+    state: ScanState | None = None  # of coils; tangled ones are neither in series nor parallel
 
 
 def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:

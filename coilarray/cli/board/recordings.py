@@ -461,11 +461,8 @@ def _response(
 
 
 def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | None) -> _Source:
-    """Response of a design with all strays of its circuit.
-
-    Beside another response it is around that one's positions. L_0 is by the design's tank capacitor
-    alone, as in a recording that is not calibrated, beside a calibrated one by all capacitance.
-    """
+    """Response of a design with all strays, around another's positions."""
+    # L_0 is by all capacitance only beside a calibrated recording, otherwise by the design's tank capacitor.
     from coilarray.errors import ElastomerError
     from coilarray.hardware.scan.settings import board_network
     from coilarray.report.page import map_outlines

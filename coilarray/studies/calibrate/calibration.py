@@ -481,11 +481,8 @@ def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
 def posterior_draws(
     design: Design | DesignFile, calibration: xr.Dataset, count: int
 ) -> list[tuple[Design, Imperfections]]:
-    """Draw designs and imperfections from a calibration's best combination.
-
-    Unknown entries of the design take the drawn values. Raises GoalError if the dataset of
-    `calibrate` has fewer than `count` draws, and DesignError if the design lacks an entry.
-    """
+    """Draw designs and imperfections from a calibration's best combination."""
+    # GoalError for fewer than `count` draws in the dataset, DesignError if the design lacks an entry
     best = _best(calibration)
     if not 1 <= count <= best.sizes["draw"]:
         raise GoalError(f"the number of draws must be from 1 to {best.sizes['draw']}; got {count}.")

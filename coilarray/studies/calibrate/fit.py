@@ -278,11 +278,8 @@ def posterior(problem: Problem, found: Fit) -> tuple[FloatArray, FloatArray, flo
 
 
 def _log_likelihood(problem: Problem, found: Fit) -> float:
-    """Log-likelihood of the data, averaged over scales unless given.
-
-    The square of the scale has the scaled inverse χ² prior with `noise_freedom`. Its limit is 1/s²
-    if nothing is known.
-    """
+    """Log-likelihood of the data, averaged over scales unless given."""
+    # The square of the scale has the scaled inverse χ² prior with `noise_freedom`, 1/s² if nothing is known.
     r, n, known = problem.residuals(found.values), problem.numbers, problem.noise_freedom
     square = float(r @ r)
     constant = -float(problem.weight @ np.log(np.sqrt(2 * np.pi) * problem.std))

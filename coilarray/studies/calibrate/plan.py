@@ -281,11 +281,8 @@ class Measurement:
 
 
 def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
-    """Select the measured data of a plan.
-
-    Raises GoalError if the data or the design lack a state, or nothing could be fitted, and
-    LocalizeError if the data are not a response.
-    """
+    """Select the measured data of a plan."""
+    # GoalError if data or design lack a state or nothing could be fitted, LocalizeError if the data are no response
     if not isinstance(data, EllipseModel):
         data = RESPONSE.checked(data, "the measured response")
     known = list(data.names) if isinstance(data, EllipseModel) else [str(name) for name in data["state"].values]
@@ -308,11 +305,9 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
 
 
 def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray:
-    """Reduce a computed response to the numbers of a request.
-
-    Missing numbers are NaN. Semi-axes of a level above the peak are 0. If too little of a level is
-    in the window to determine its ellipse, they are the length of the map, which is larger.
-    """
+    """Reduce a response to a request's numbers, NaN if missing."""
+    # Semi-axes of a level above the peak are 0. If too little of a level is in the window to determine its
+    # ellipse, they are the length of the map, which is larger.
     states = list(request["states"])
     if request["kind"] == "response":
         return np.asarray(response.delta.transpose(*_DIMS).sel(state=states).values.ravel())

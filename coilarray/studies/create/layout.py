@@ -249,11 +249,9 @@ def _wind_apart(plan: Plan, choices: Choices, room: Room) -> Winding:
 
 
 def _wind(plan: Plan, choices: Choices, room: Room) -> Winding:
-    """Find the winding with a rough model, and correct it.
-
-    The rough model has no sheets and few segments, and is screened. The resistance is taken at the
-    frequency at which the coil is likely to be used, with the tank that `new_design` likely chooses.
-    """
+    """Find the winding with a rough model, and correct it."""
+    # The rough model has no sheets and few segments, and is screened. The resistance is at the frequency of the tank
+    # that `new_design` likely chooses.
     inductance = choices.inductance or 0.0  # refused with the reason
     usual = 1 / (2 * math.pi * math.sqrt((inductance or 1.0) * SMALLEST_CAPACITANCE))
     frequency = choices.frequency or min(usual, SENSOR_FREQUENCY[1])
@@ -391,11 +389,9 @@ def _nearest(points: FloatArray, lines: npt.NDArray[np.object_]) -> float:
 
 
 def with_connector(plan: Plan, side: Side, *, movable: bool) -> Plan:
-    """Find room for all leads to a connector.
-
-    The distance of the connector, the length of the leads and, if `movable`, the pitch are
-    increased, unless few coils are routed and fixed neighbours are too near for a lead.
-    """
+    """Find room for all leads to a connector."""
+    # Its distance, the length of the leads and, if `movable`, the pitch are increased, unless few coils are routed
+    # and fixed neighbours are too near for a lead.
     problem = ""
     several = plan.arrangement.rows > 1 or plan.arrangement.lattice in ("triangle", "rings")
     for k, distance in list(enumerate(_DISTANCES))[several:]:

@@ -335,11 +335,8 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
 
 
 def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
-    """Add bounds that every board must keep.
-
-    The margin of the fabrication rules is kept, or broken no more than by the design, and an
-    LDC1614 must read the quantities. A bound is left out if the goal already treats its quantity.
-    """
+    """Add bounds that every board must keep, unless the goal has them."""
+    # The margin of the rules is kept, or broken no more than by the design, and an LDC1614 reads the quantities.
     file, names = as_file(design), goal.quantities
     more = [] if any(name.startswith(RULES) for name in names) else [_fab(file).table]
     read = any(request(name).quantity.is_read for name in names)
@@ -358,11 +355,8 @@ def is_named(name_or_path: str | Path) -> bool:
 
 
 def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequence[Axis] = ()) -> DerivedGoal:
-    """Make a goal for a design from `NAMES` or wishes.
-
-    Several make a goal with several objectives and all their variables, or the axes `vary`. Raises
-    GoalError for a wish that is not valid, and if nothing could be changed.
-    """
+    """Make a design's goal of all `wishes`, some of which may be `NAMES`."""
+    # Its variables are those of all, or the axes `vary`. GoalError for a bad wish, or if nothing could be changed.
     file = as_file(design)
     if file.design.boards and (not vary or any(wish in _NAMED for wish in wishes)):
         raise GoalError(_SEVERAL.format(file.design.name))

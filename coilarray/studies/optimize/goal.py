@@ -333,11 +333,8 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
 
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
-    """Best point of a sweep, or Pareto front.
-
-    The result has the quantities of the goal. Points that break fabrication rules, and points that
-    no converter can read, are left out, unless the goal treats them itself.
-    """
+    """Best point of a sweep, or Pareto front."""
+    # Points that break fabrication rules or that no converter can read are left out, unless the goal treats them.
     free = any(name.startswith(RULES) for name in goal.quantities)
     kept, read = (of(result).values.ravel().tolist() for of in (keeps_rules, is_read))
     any_read = UNREAD in goal.quantities
@@ -431,11 +428,8 @@ class Axis:
 
 
 def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
-    """Check the variables of a goal against a design.
-
-    Raises GoalError for an unknown entry, or a bound or choice that the design file cannot have.
-    Impossible geometries are found only in the search.
-    """
+    """Check the variables of a goal against a design, or raise GoalError."""
+    # Impossible geometries are found only in the search.
     file, axes = as_file(design), []
     for number, variable in enumerate(goal.variables):
         key, entry, start = f"variable.{number}", variable.entry, value_of(file, variable.entry)

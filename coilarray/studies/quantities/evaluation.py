@@ -136,11 +136,8 @@ class Evaluation:
         return float(x), float(y)
 
     def window(self, depth: float, beyond: float = 0.0) -> Rectangle:
-        """Range of the indenter: x_min, x_max, y_min, y_max in m.
-
-        They are from the map's origin, up to `beyond` the coils' outlines with the contact inside
-        the sample. Raises GoalError if the sample is too small for the contact.
-        """
+        """Range of the indenter: x_min, x_max, y_min, y_max in m."""
+        # from the map's origin, up to `beyond` the coils' outlines, the contact inside the sample or GoalError
         least, greatest = self.indentation.reachable(_CONTACT_ENDS * depth)
         low, high = coil_extent(self.design)
         low, high = np.maximum(low - beyond, least), np.minimum(high + beyond, greatest)

@@ -241,11 +241,9 @@ def check_analysis(
     accuracy: Accuracy = "screen",
     with_table: bool = False,
 ) -> None:
-    """Check the arguments of `analyse`, within milliseconds.
-
-    Neither a table nor a board is computed, so some errors are found by `analyse` only. Without a
-    response table, positions must lie in the table that will be computed.
-    """
+    """Check the arguments of `analyse`, within milliseconds."""
+    # No table or board is computed, so `analyse` finds more errors. Without a response table, positions must lie in
+    # the table that will be computed.
     design = as_file(design).design
     _, outputs, limits, _ = _asked(design, tolerances, quantities, samples, seed, accuracy)
     shifts = [f"shift_{parameter}_mm[{place}]" for place in outputs.places() for parameter in PARAMETERS]

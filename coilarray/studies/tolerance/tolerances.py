@@ -347,11 +347,8 @@ def _typical() -> Tolerances:
 
 
 def draw(contributors: Sequence[Contributor], count: int, seed: int = 0) -> FloatArray:
-    """Draw the errors of boards (count, contributors) in SI.
-
-    Equal seeds give equal boards, and a larger count begins with the same boards. A power of 2 from
-    64 on suits Sobol points best.
-    """
+    """Draw the errors of boards (count, contributors) in SI."""
+    # Equal seeds begin with equal boards. A power of 2 from 64 on suits Sobol points best.
     if not 0 <= count <= MOST_SAMPLES:
         raise GoalError(f"samples must be 0 to {MOST_SAMPLES}; got {count}.")
     if seed < 0:
@@ -406,11 +403,9 @@ def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dic
 
 
 def error_names(design: Design) -> tuple[str, ...]:
-    """Names of all errors that a design can have.
-
-    Layers without copper of a coil have neither etch nor registration. The copper and laminate of
-    other boards have errors of their own, which begin with the name of the board.
-    """
+    """Names of all errors that a design can have."""
+    # Layers without copper of a coil have neither etch nor registration. Names of other boards' errors begin with
+    # the name of the board.
     if "" in design.board_names:
         raise GoalError(f"{design.name} has loops on a surface, whose fabrication errors are not known.")
     layers = design.array.stackup.names
