@@ -66,7 +66,7 @@ def report(
             help="Design file (TOML) or name of a bundled design, gast2020 by default, or two of them.",
         ),
     ] = None,
-    out: Annotated[Path, shared.file_option(("--out", "-o"), "Folder for report.html and the folder report.")] = Path(),
+    out: Annotated[Path, shared.out_option("Folder for report.html and the folder report.")] = Path(),
     distortion: Annotated[
         Path | None, typer.Option(help="Result of `coilarray paper distortion --out` (.nc), to be included.")
     ] = None,

@@ -86,7 +86,7 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user
 # a command runs.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
-GROUPS: dict[str, dict[str, Callable[..., None]]] = {
+GROUPS: dict[str, dict[str, Callable[..., None]]] = {  # every command by name, in the help's groups
     "Design": {
         "init": design.init, "check": design.check, "export": design.export, "view": view.view, "studio": view.studio,
     },
@@ -106,7 +106,6 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
     "Paper": {"paper fit": paper.fit, "paper distortion": paper.distortion},
     "Help": {"keys": help.keys, "docs": help.docs},
 }  # fmt: skip
-"""Every command by name, in the help's groups."""
 
 COMMANDS: dict[str, Callable[..., None]] = {  # every command by name, with ``board`` or ``paper``
     name: command for commands in GROUPS.values() for name, command in commands.items()
@@ -136,13 +135,12 @@ class _Grouped(typer.core.TyperGroup):
 
 
 _MOST_LINES = 40  # of a command's help
-_RARE = {
+_RARE = {  # options that only --help-all explains
     "--accuracy", "--allow-violations", "--cache", "--capacitance-pF", "--cluster", "--distortion", "--emulate",
     "--experiment", "--folder", "--force", "--help", "--host", "--ideal", "--ignore-self-test", "--json", "--linger",
     "--link", "--nets", "--rate", "--reach", "--reference", "--seed", "--series", "--settings", "--spacing-mm",
     "--stackup", "--switches", "--wiring", "--workers", "--z-mm",
 }  # fmt: skip
-"""Options that only --help-all explains."""
 
 
 class _Folded(typer.core.TyperCommand):

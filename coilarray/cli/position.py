@@ -303,9 +303,6 @@ def _by_ellipses(model: Any, names: Sequence[str]) -> _Solution:
     return lambda readings: list(map(crossed, readings)), {"noise": None}, []
 
 
-_PUBLISHED = "published"
-
-
 def calibrate(
     design: Annotated[str, typer.Argument(metavar="DESIGN", help="Design file (TOML) or name of a bundled design.")],
     data: Annotated[
@@ -331,9 +328,7 @@ def calibrate(
     cache: shared.Cache = None,
     out: Annotated[
         Path | None,
-        shared.file_option(
-            ("--out", "-o"), "Folder for page, tables, netCDF and the calibrated design (calibrated.toml)."
-        ),
+        shared.out_option("Folder for page, tables, netCDF and the calibrated design (calibrated.toml)."),
     ] = None,
     plot: Annotated[Path | None, shared.plot_option("data, model and residuals")] = None,
     as_json: shared.AsJson = False,

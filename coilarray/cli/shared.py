@@ -158,8 +158,8 @@ Noise = Annotated[
     float | None,
     number_option(
         ("--noise",),
-        0.0,
-        1.0,
+        0,
+        1,
         "Standard deviation of δ of a reading; that of the design's noise budget by default.",
         above=True,
     ),

@@ -206,9 +206,7 @@ def optimize(
         ),
     ] = None,
     force: shared.Force = False,
-    out: Annotated[Path, shared.file_option(("--out", "-o"), "Folder for the results and the points.")] = Path(
-        "optimization"
-    ),
+    out: Annotated[Path, shared.out_option("Folder for the results and the points.")] = Path("optimization"),
     trials: Annotated[
         int | None, shared.number_option(("--trials",), 1, 1_000_000, "Number of points to try; the goal's by default.")
     ] = None,

@@ -60,8 +60,7 @@ def view(
     ] = None,
     out: Annotated[
         Path | None,
-        shared.file_option(
-            ("--out", "-o"),
+        shared.out_option(
             "File to write instead of a window: a picture (.png), a film of the indenter over the board (.gif, .mp4), "
             "a page to turn the scene in a browser (.html), parts for ParaView (.vtm), or the numbers of "
             "the field (.nc, .vtr).",

@@ -23,15 +23,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.extras import import_extra
 from coilarray.compute.memory import require_memory
 from coilarray.errors import BoardError, GeometryError, shown
-from coilarray.fabrication.board import (
-    BoardCopper,
-    CopperArea,
-    Hole,
-    Slab,
-    SurfacePad,
-    Track,
-    completed_stackup,
-)
+from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, Slab, SurfacePad, Track, completed_stackup
 from coilarray.geometry.arcs import Point, arc_points
 from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import Stackup

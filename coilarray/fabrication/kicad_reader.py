@@ -17,15 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import text_of_file
 from coilarray.errors import BoardError, GeometryError
-from coilarray.fabrication.board import (
-    BoardCopper,
-    CopperArea,
-    Hole,
-    Slab,
-    SurfacePad,
-    Track,
-    completed_stackup,
-)
+from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, Slab, SurfacePad, Track, completed_stackup
 from coilarray.geometry.arcs import Point, arc_points
 from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import Stackup

@@ -15,14 +15,7 @@ import shapely
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError, GeometryError
 from coilarray.fabrication.board import BoardCopper, Copper, CopperArea, Hole, SurfacePad, Track
-from coilarray.fabrication.track_graph import (
-    JOINED,
-    TracedCoil,
-    follow,
-    natural_order,
-    require_followable,
-    track_graph,
-)
+from coilarray.fabrication.track_graph import JOINED, TracedCoil, follow, natural_order, require_followable, track_graph
 from coilarray.geometry.arcs import place_in_mm
 from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.coil import VIA, PlatedHole, path_coil

@@ -40,7 +40,7 @@ _BYTES_A_PAIR, _BYTES_A_COIL_PAIR = 200.0, 100.0  # peak memory per pose and pai
 
 
 _OVER = ("pose", *AXES, "pair")
-LINK = Schema(
+LINK = Schema(  # requirements on a file of a link
     DesignError, "mutual inductances and couplings over poses and pairs",
     {
         "mutual_inductance": Entry("H", _OVER, needed=True, fewer_dims=True),
@@ -48,7 +48,6 @@ LINK = Schema(
         "pair": Entry(None, ("pair",), needed=True),
     },
 )  # fmt: skip
-"""Requirements on a file of a link."""
 
 
 def pose_grid(

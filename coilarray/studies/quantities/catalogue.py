@@ -39,11 +39,10 @@ from coilarray.studies.quantities.evaluation import (
     read_rectangle,
 )
 
-LENGTH_RULES = (
+LENGTH_RULES = (  # rules whose margin is a length
     "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing", "edge clearance",
     "copper thickness", "board size",
 )  # fmt: skip
-"""Rules whose margin is a length."""
 FARTHEST = 9.0  # margin in limits above which a distance is not measured
 COIL = Option("coil", "the name of a coil", read_name, "which coil", required=True, bare=True)
 """Name of one coil, which is required."""
@@ -143,7 +142,7 @@ def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return float(sum(evaluation.unread))
 
 
-COILS = (
+COILS = (  # quantities by rising cost
     Quantity("board_area_mm2", "mm²", "geometry", "area of the rectangular board", _board_area),
     Quantity("span_mm", "mm", "geometry", "extent of the windings' outlines along x",
              _span),
@@ -212,7 +211,6 @@ COILS = (
         _unread,
     ),
 )  # fmt: skip
-"""Quantities by rising cost."""
 
 
 _STEPS = 8  # positions of a line in the thickness of all sheets
@@ -398,7 +396,7 @@ _REGION = (
     _DEPTH, _noise("every δ"),
 )  # fmt: skip
 _TARGET_NOISE = _noise("δ in a reading")
-RESPONSES = (
+RESPONSES = (  # quantities by rising cost
     _with_target("target_delta", "1", "delta", 1.0, "relative change of a coil's inductance"),
     _with_target("target_inductance_uH", "µH", "effective_inductance", 1e6, "inductance of a measured coil"),
     _with_target("target_resistance_ohm", "Ω", "effective_resistance", 1.0, "AC resistance of a measured coil"),
@@ -440,7 +438,6 @@ RESPONSES = (
         lambda evaluation, options: _median(evaluation, options, "sigma_h"), _REGION,
     ),
 )  # fmt: skip
-"""Quantities by rising cost."""
 
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType({one.name: one for one in (*COILS, *RESPONSES)})

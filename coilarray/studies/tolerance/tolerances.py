@@ -55,12 +55,11 @@ from coilarray.errors import DesignError, GeometryError, GoalError
 from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, Sheet, Target
 
 Distribution = Literal["normal", "uniform"]
-UNITS: Mapping[str, str] = {
+UNITS: Mapping[str, str] = {  # SI units of the errors by table
     "etch": "m", "registration": "m", "rotation": "rad", "dielectric": "1", "copper": "1", "placement": "m",
     "permeability": "1", "elastomer": "m", "capacitance": "1", "plate_distance": "m", "plate_thickness": "1",
     "conductivity": "1", "target_tilt": "rad",
 }  # fmt: skip
-"""SI units of the errors by table."""
 KINDS: Mapping[str, tuple[str, ...]] = {
     table: (f"{table}_x", f"{table}_y") if table in ("registration", "placement", "target_tilt") else (table,)
     for table in UNITS
@@ -573,9 +572,8 @@ def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> 
         moved = line
         if shift.any():
             moved = line.copy()
-            moved[1:-1] += np.broadcast_to(shift @ _turn(place.rotation), line.shape)[
-                1:-1
-            ]  # v @ R(φ) turns v back by φ
+            # v @ R(φ) turns v back by φ
+            moved[1:-1] += np.broadcast_to(shift @ _turn(place.rotation), line.shape)[1:-1]
         lines.append(moved)
     return replace(
         coil,
