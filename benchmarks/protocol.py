@@ -21,7 +21,7 @@ from support.firmware_chips import StubChain, StubConverter
 from support.firmware_host import COMPILER, Firmware, FirmwareHost
 
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
-from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.emulator.board import VirtualClock
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.ports import OpenSerialPort

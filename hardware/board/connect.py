@@ -18,7 +18,7 @@ from coilarray.hardware.wire import buses, ports
 
 if TYPE_CHECKING:
     from coilarray.design.model import Design
-    from coilarray.hardware.emulator import EmulatedBoard
+    from coilarray.hardware.emulator.board import EmulatedBoard
     from coilarray.hardware.wire.protocol import LinkTimes
 
 
@@ -127,7 +127,7 @@ def open_board(
     times : LinkTimes, optional
         Time limits for a microcontroller.
     **emulation
-        Options of `coilarray.hardware.emulator.emulated_board`, which a real board ignores.
+        Options of `coilarray.hardware.emulator.board.emulated_board`, which a real board ignores.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def open_board(
     match place:
         case ports.EmulatorPort():
             from coilarray.design.model import load_design
-            from coilarray.hardware.emulator import Conditions, emulated_board
+            from coilarray.hardware.emulator.board import Conditions, emulated_board
 
             if place.board is not None:
                 conditions = replace(emulation.get("conditions") or Conditions(), clkin=place.board.clock)

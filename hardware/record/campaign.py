@@ -30,7 +30,7 @@ from coilarray.hardware.wire.buses import BoardRestarted, BusFault, Clock, NoAns
 from coilarray.hardware.wire.ports import OpenSerialPort
 
 if TYPE_CHECKING:
-    from coilarray.hardware.emulator import EmulatedBoard
+    from coilarray.hardware.emulator.board import EmulatedBoard
 
 
 SPEED = 1.5e-3  # speed of indenting and relaxing in m/s, as in the paper

@@ -49,7 +49,8 @@ from coilarray.studies.optimize.derive import derive_goal, keeping_rules
 from coilarray.studies.optimize.goal import best_points
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
-from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
+from coilarray.studies.tolerance import Spread, Tolerances, analyse
+from coilarray.studies.tolerance.tolerances import Limit
 
 STEEL = ca.MATERIALS["steel"]
 PROBE = """

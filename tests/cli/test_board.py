@@ -6,7 +6,7 @@ import sys
 import pytest
 from support.command_line import mistakes, runner, successes
 
-import coilarray.hardware.emulator as emulator_boards
+import coilarray.hardware.emulator.board as emulator_boards
 from coilarray.hardware.wire import ports
 from coilarray.hardware.wire.ports import PortInfo
 

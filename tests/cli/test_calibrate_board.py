@@ -9,7 +9,7 @@ from support.command_line import runner, successes, toml_file
 from support.quick_coils import series_tank
 from support.recorded_boards import WIRING_TEXT, QuickWorld, campaign_file, stream_file, two_coils_document
 
-from coilarray.hardware.emulator import Drift, Oscillator
+from coilarray.hardware.emulator.board import Drift, Oscillator
 from coilarray.hardware.record.calibration import calibrate_board, load_calibration
 from coilarray.hardware.record.recording import open_recording
 

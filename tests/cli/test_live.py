@@ -23,8 +23,8 @@ from support.recorded_boards import configured, quick_board, stream_file
 from coilarray import load_design, noise_budget
 from coilarray.cli import shared
 from coilarray.cli.board import live as live_command
-from coilarray.hardware import emulator
-from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.emulator import board as emulator
+from coilarray.hardware.emulator.board import VirtualClock
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.wire.buses import DeviceLost
 from coilarray.response.map import response_map

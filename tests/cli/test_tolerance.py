@@ -15,7 +15,8 @@ from support.tolerance_boards import loops
 from coilarray import load_design
 from coilarray.design.bundled import read
 from coilarray.design.write import design_document
-from coilarray.studies.tolerance import Positions, analyse, load_tolerances
+from coilarray.studies.tolerance import analyse, load_tolerances
+from coilarray.studies.tolerance.tolerances import Positions
 
 pytestmark = pytest.mark.slow
 

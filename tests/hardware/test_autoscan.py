@@ -17,7 +17,7 @@ from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.board.self_test import find_drives, self_test
-from coilarray.hardware.emulator import Oscillator
+from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.scan.readings import Reason, SampleFault, read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring, wired_to_channels

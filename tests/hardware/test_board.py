@@ -10,9 +10,9 @@ from support.refusals import refused
 
 from coilarray import hardware
 from coilarray.errors import HardwareError
-from coilarray.hardware import emulator
 from coilarray.hardware.board.connect import Board, open_board, wiring_of_board
-from coilarray.hardware.emulator import Conditions
+from coilarray.hardware.emulator import board as emulator
+from coilarray.hardware.emulator.board import Conditions
 from coilarray.hardware.wire import buses, ports
 from coilarray.hardware.wire.ports import ChannelBoard, EmulatorPort, FtdiPort, LinuxPort, SerialPort, parse_port
 

@@ -19,7 +19,7 @@ from support.patience import PATIENCE
 from support.refusals import raising
 
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.emulator import Oscillator
+from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.wire.protocol import LinkTimes

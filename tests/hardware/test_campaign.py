@@ -21,7 +21,7 @@ from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.emulator import Conditions, Drift
+from coilarray.hardware.emulator.board import Conditions, Drift
 from coilarray.hardware.record.campaign import TRIES, Campaign, EmulatedStage, design_campaign, run_campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recorder import open_recorder

@@ -11,8 +11,8 @@ from support.recorded_boards import DESIGN, QuickWorld, board_calibration, campa
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import Drift as Warming
-from coilarray.hardware.emulator import Oscillator
+from coilarray.hardware.emulator.board import Drift as Warming
+from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.record.calibration import (
     calibrate_board,
     calibrated_response,

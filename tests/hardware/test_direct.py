@@ -11,7 +11,7 @@ from support.emulated_reader import WIRING, at_rest, brown_out, plain, quick_set
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import Oscillator
+from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.scan.readings import SampleFault, judge
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, SwitchFault
 

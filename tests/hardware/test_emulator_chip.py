@@ -16,15 +16,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from coilarray.hardware.chips.ldc1614 import registers
-from coilarray.hardware.emulator import (
-    Drift,
-    Ldc1614,
-    Oscillator,
-    UndocumentedUse,
-    VirtualClock,
-    board,
-)
-from coilarray.hardware.emulator.ldc1614_chip import WATCHDOG, EmulatedBus, Misuse, Resonator
+from coilarray.hardware.emulator import board
+from coilarray.hardware.emulator.board import Drift, Oscillator, VirtualClock
+from coilarray.hardware.emulator.ldc1614_chip import WATCHDOG, EmulatedBus, Ldc1614, Misuse, Resonator, UndocumentedUse
 from coilarray.hardware.wire.buses import BusFault, BusTimeout
 
 CLOCK = 43.4e6

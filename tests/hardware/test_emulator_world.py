@@ -21,8 +21,16 @@ from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock, emulated_board
-from coilarray.hardware.emulator.board import LIFTED, Place
+from coilarray.hardware.emulator.board import (
+    LIFTED,
+    Conditions,
+    Drift,
+    EmulatedBoard,
+    Oscillator,
+    Place,
+    VirtualClock,
+    emulated_board,
+)
 from coilarray.hardware.emulator.sensor_world import SensorWorld, response_table, table_axes
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.scan.settings import board_network

@@ -18,7 +18,7 @@ from support.emulated_reader import settings_of
 from support.firmware_chips import StubChain, StubConverter
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.emulator.board import VirtualClock
 from coilarray.hardware.scan.settings import StateSettings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import BusFault, BusTimeout

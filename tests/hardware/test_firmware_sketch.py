@@ -11,7 +11,7 @@ from support.emulated_reader import settings_of
 from support.firmware_chips import I2cSlave, ShiftRegisters, StubChain, StubConverter
 from support.firmware_host import SKETCH, SUPPORT, compiled, draft, intact, logic_sources, needs_compiler, seal
 
-from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.emulator.board import VirtualClock
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import BusFault
 

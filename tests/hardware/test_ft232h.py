@@ -11,7 +11,7 @@ from support.firmware_chips import I2cSlave, ShiftRegisters, StubConverter
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.emulator.board import VirtualClock
 from coilarray.hardware.wire.buses import DeviceLost, Ft232h
 
 pyftdi_i2c = pytest.importorskip("pyftdi.i2c", reason="pyftdi is not installed")

@@ -19,7 +19,7 @@ from support.firmware_host import COMPILER, FirmwareHost
 
 from coilarray import load_design
 from coilarray.hardware.board import connect, microcontroller
-from coilarray.hardware.emulator import emulated_board
+from coilarray.hardware.emulator.board import emulated_board
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.ports import parse_port
 

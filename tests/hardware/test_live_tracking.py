@@ -13,7 +13,7 @@ from support.refusals import refused
 from coilarray.circuit.noise_budget import Cause, NoiseBudget
 from coilarray.design.readout import Readout
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import Drift
+from coilarray.hardware.emulator.board import Drift
 from coilarray.hardware.record.live_tracking import LiveTracker
 from coilarray.hardware.record.recorded_response import less_reference, response_less_reference
 from coilarray.hardware.scan.readings import Reason, ScanReading, StateReading, read_scan

@@ -26,7 +26,7 @@ from support.refusals import refused
 from coilarray.cli.position import read_readings
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import HardwareError, LocalizeError, OutputError
-from coilarray.hardware.emulator import Drift
+from coilarray.hardware.emulator.board import Drift
 from coilarray.hardware.record import recorder as recorder_module
 from coilarray.hardware.record.recorded_response import recorded_series, series_csv
 from coilarray.hardware.record.recorder import file_temperature, open_recorder, record_stream, thermometer

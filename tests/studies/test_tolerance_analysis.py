@@ -27,20 +27,9 @@ from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
 from coilarray.studies.quantities import evaluate
-from coilarray.studies.tolerance import (
-    Limit,
-    Positions,
-    Spread,
-    Tolerances,
-    analyse,
-    check_analysis,
-    contributors,
-    draw,
-    errors_of,
-    load_tolerances,
-    perturb,
-)
+from coilarray.studies.tolerance import Spread, Tolerances, analyse, check_analysis, load_tolerances
 from coilarray.studies.tolerance.analysis import shifts_at
+from coilarray.studies.tolerance.tolerances import Limit, Positions, contributors, draw, errors_of, perturb
 
 pytestmark = pytest.mark.slow
 

@@ -18,22 +18,19 @@ from coilarray.circuit.coupling import couple_design, design_inductance
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GoalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Plate, Target
-from coilarray.studies.tolerance import (
+from coilarray.studies.tolerance import Spread, Tolerances, load_tolerances, typical_text
+from coilarray.studies.tolerance.analysis import deviation_error, kept
+from coilarray.studies.tolerance.tolerances import (
     Contributor,
     Limit,
     Positions,
-    Spread,
-    Tolerances,
     contributors,
     draw,
     error_names,
     errors_of,
-    load_tolerances,
     parse_tolerances,
     perturb,
-    typical_text,
 )
-from coilarray.studies.tolerance.analysis import deviation_error, kept
 
 EVERY_TABLE = """
 schema = 1

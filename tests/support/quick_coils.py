@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from coilarray.design.readout import Readout
-from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock
+from coilarray.hardware.emulator.board import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock
 from coilarray.hardware.emulator.ldc1614_chip import Resonator
 
 NOISE = Readout().frequency_noise

@@ -12,7 +12,7 @@ import xarray as xr
 from coilarray.compute.files import unsealed
 from coilarray.design.model import build_design
 from coilarray.hardware.board.connect import Board
-from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
+from coilarray.hardware.emulator.board import Conditions, EmulatedBoard, VirtualClock
 from coilarray.hardware.record.calibration import BoardCalibration
 from coilarray.hardware.record.campaign import Campaign, EmulatedStage, run_campaign
 from coilarray.hardware.record.recorder import begin_session, open_recorder, record_stream

@@ -6,7 +6,7 @@ Written from `hardware/firmware/PROTOCOL.md` for these tests; the real firmware 
 from collections import deque
 
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
-from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.emulator.board import VirtualClock
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.buses import DeviceLost
 from coilarray.hardware.wire.protocol import LinkTimes

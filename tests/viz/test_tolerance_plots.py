@@ -9,7 +9,8 @@ import xarray as xr
 from support.tolerance_boards import loops
 
 from coilarray.report import studies as tables
-from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
+from coilarray.studies.tolerance import Spread, Tolerances, analyse
+from coilarray.studies.tolerance.tolerances import Limit
 from coilarray.viz.plots.studies import tolerance_figure
 
 K, L = "k[upper,lower]", "inductance_uH[upper]"

@@ -134,7 +134,7 @@ def opened_board(
 ) -> Iterator[tuple[Board, ScanSettings]]:
     """Open and configure a board, emulated in `real_time` or virtual time."""
     from coilarray.hardware.board.connect import open_board, wiring_of_board
-    from coilarray.hardware.emulator import Conditions, Drift, Oscillator, PacedClock, VirtualClock
+    from coilarray.hardware.emulator.board import Conditions, Drift, Oscillator, PacedClock, VirtualClock
     from coilarray.hardware.record.recorder import thermometer
     from coilarray.hardware.wire.ports import parse_port
 

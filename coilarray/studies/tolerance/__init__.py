@@ -1,26 +1,6 @@
 """Effect of fabrication errors on coils and located positions."""
 
-from __future__ import annotations
+from coilarray.studies.tolerance.analysis import analyse, check_analysis
+from coilarray.studies.tolerance.tolerances import Spread, Tolerances, load_tolerances, typical_text
 
-from coilarray.studies.tolerance.analysis import analyse, check_analysis, default_quantities
-from coilarray.studies.tolerance.tolerances import (
-    Contributor,
-    Limit,
-    Positions,
-    Spread,
-    Tolerances,
-    contributors,
-    draw,
-    error_names,
-    errors_of,
-    load_tolerances,
-    parse_tolerances,
-    perturb,
-    typical_text,
-)
-
-__all__ = [
-    "Contributor", "Limit", "Positions", "Spread", "Tolerances", "analyse", "check_analysis", "contributors",
-    "default_quantities", "draw", "error_names", "errors_of", "load_tolerances", "parse_tolerances", "perturb",
-    "typical_text",
-]  # fmt: skip
+__all__ = ["Spread", "Tolerances", "analyse", "check_analysis", "load_tolerances", "typical_text"]
