@@ -671,7 +671,7 @@ def test_results_are_two_keys_away_and_broken_places_are_shown(page):
     marks = page.evaluate("trame.state.get('marks').length")
     assert marks > 0
     change_of_row = page.locator("#margins tr.mark .change").first
-    expect(change_of_row).to_contain_text("−0.1")  # of a gap of 0.15 mm before
+    expect(change_of_row).to_contain_text("(−66.7 %)")  # of a gap of 0.15 mm before
     page.set_viewport_size({"width": 360, "height": 740})
     try:
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
