@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 
 MM_PER_M = 1e3
-RISE = "u_z (m)"
-"""Name of the point array of the upward displacement of a dented sheet, not exaggerated."""
+RISE = "u_z (m)"  # name of the point array of the upward displacement of a dented sheet, not exaggerated
 
 _BALL = (48, 32)  # meridians and circles of latitude of a ball
 
@@ -79,10 +78,7 @@ def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.Poly
 
 
 def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
-    """Surface of the copper of one layer in mm.
-
-    The cell array ``"coil"`` is the index in `names` of each triangle's coil.
-    """
+    """Surface of the copper of one layer in mm, `names` by cell in ``"coil"``."""
     return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
 
 
@@ -152,11 +148,8 @@ _OPENED = (-math.pi / 2, math.pi)  # directions that stay when the quarter at th
 def sheet_meshes(
     parts: Mapping[str, trimesh.Trimesh], lift: float = 0.0, spread: float = 0.0
 ) -> dict[str, pyvista.PolyData]:
-    """Surfaces of the sheets in mm by name, lowest first.
-
-    The `parts` are solids in m. In an exploded view `lift` is the height in m of the lowest sheet
-    above the board, `spread` the height of every other sheet above the sheet below it.
-    """
+    """Surfaces of sheets, solids in m, in mm by name, lowest first."""
+    # `lift` is the height in m of the lowest above the board, `spread` of every other above the sheet below it.
     solids = {key.removeprefix("sheet/"): solid for key, solid in parts.items() if key.startswith("sheet/")}
     in_order = sorted(solids, key=lambda name: float(solids[name].centroid[2]))
     return {
@@ -166,10 +159,7 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Radius (or half the width) and height above the tip in m.
-
-    Above its own shape an indenter continues as a rod.
-    """
+    """Radius (or half the width) and height above the tip in m, with a rod."""
     # Heights that grow as squares give even steps of the radius at a round tip.
     z = height * np.linspace(0.0, 1.0, _RADII) ** 2
     r = np.array([indenter.radius_at(level) for level in z.tolist()])
@@ -183,12 +173,9 @@ def dented_sheet_meshes(
     extent: tuple[float, float, float, float],
     exaggeration: float = 1.0,
 ) -> dict[str, pyvista.PolyData]:
-    """Surfaces of the deformed sheets in mm by name, with the point array ``"u_z (m)"``.
-
-    The quarter of lower x and y is cut out. The `indentation` is at one depth. `centre` is x and y
-    of the indenter, `extent` x_min, y_min, x_max, y_max of the flat sheet, in m. Displacements are
-    multiplied by `exaggeration`.
-    """
+    """Deformed sheets in mm by name, with the point array ``"u_z (m)"``."""
+    # The quarter of lower x and y is cut out. `centre` is x and y of the indenter, `extent` x_min, y_min, x_max,
+    # y_max of the flat sheet, in m. Displacements are multiplied by `exaggeration`.
     plane = indentation.attrs["symmetry"] == "plane"
     angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)
     radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, at the dent
@@ -205,11 +192,8 @@ def indenter_mesh(
     height: float,
     exaggeration: float = 1.0,
 ) -> pyvista.PolyData:
-    """Surface of an indenter in mm, cut open as in `dented_sheet_meshes`.
-
-    `tip` is the height in m of its tip. A cylinder goes from end to end of the extent. Heights
-    above the tip are multiplied by `exaggeration`.
-    """
+    """Surface of an indenter in mm, cut open as in `dented_sheet_meshes`."""
+    # `tip` is its height in m. A cylinder goes from end to end of the extent. Heights above the tip are exaggerated.
     plane, end = indenter.symmetry == "plane", indenter.radius_at(height / exaggeration)
     angles, lengths = _rays(centre, extent, end, plane=plane)
     radii = lengths[:, None] * np.sin(np.linspace(0.0, math.pi / 2, _RADII))  # fine at the rim, where a ball is steep

@@ -44,12 +44,8 @@ def of_state(dataset: xr.Dataset, state: str) -> xr.Dataset:
 
 
 def coupling_arcs(centres: npt.ArrayLike, coupling: npt.ArrayLike, *, least: float = 0.0) -> pyvista.PolyData:
-    """Join every pair of coils by an arc in mm.
-
-    `centres` (coils, 2) or (coils, 3) are in m. A pair with |k| below `least` has no arc. Arcs are parabolas that
-    rise by 0.3 of their span, with the cell arrays ``"coil"``, ``"other"`` (indices of the coils)
-    and ``"k"``.
-    """
+    """Join pairs of coils at `centres` in m by arcs in mm, above `least` |k|."""
+    # Parabolas rise by 0.3 of their span, with the cell arrays "coil", "other" (indices of the coils) and "k".
     places, k = np.asarray(centres, dtype=np.float64), np.asarray(coupling, dtype=np.float64)
     places = np.column_stack((places, np.zeros((len(places), 3 - places.shape[1]))))
     share = np.linspace(0.0, 1.0, _POINTS_OF_ARC)
@@ -110,14 +106,12 @@ def uncertainty_ellipse(
     return polylines([np.column_stack((points, np.full(_POINTS_OF_ELLIPSE, height)))])
 
 
-FIELD, AMOUNT = "B (T)", "|B| (T)"
-"""Names of the point arrays of the vectors and their magnitudes."""
+FIELD, AMOUNT = "B (T)", "|B| (T)"  # names of the point arrays of the vectors and their magnitudes
 
 EDDY, EDDY_AMOUNT = "K (A/m)", "|K| (A/m)"
 """Names of the point arrays of arrows, for the current per width and its magnitude."""
 
-MOST_MEMORY = 1e9
-"""Largest memory of a field for a picture, in bytes."""
+MOST_MEMORY = 1e9  # largest memory of a field for a picture, in bytes
 
 _OFF = 0.12  # height of an arrow above its face over the spacing, to keep it out of the metal
 _BYTES_A_POINT = 220.0  # measured maximum, 110 in a box, 170 to 220 on planes, which are drawn
@@ -137,11 +131,8 @@ def require_memory(points: int, what: str) -> None:
 
 
 def field_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.ArrayLike) -> pyvista.RectilinearGrid:
-    """Put B on a plane or in a box in mm.
-
-    It becomes the point arrays ``"B (T)"`` and ``"|B| (T)"``. The coordinates in m ascend, a single
-    value makes a plane. `field` (nx, ny, nz, 3) is in T.
-    """
+    """Put B (nx, ny, nz, 3) in T on a plane or in a box in mm."""
+    # Point arrays are "B (T)" and "|B| (T)". The coordinates in m ascend, a single value makes a plane.
     from coilarray.viz.extra_3d import pyvista
 
     axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
@@ -159,11 +150,8 @@ def field_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.
 
 
 def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
-    """Arrows in mm along B, with the grid's arrays.
-
-    They are at least a `spacing` in m apart along each axis, and as long as the spacing times the
-    square root of |B| over its maximum, so that they are visible where the field is weak.
-    """
+    """Arrows in mm along B, with the grid's arrays."""
+    # They are a `spacing` in m apart, and as long as this times √(|B|/max), to be visible where the field is weak.
     kept = [_thinned(np.asarray(axis, dtype=np.float64), spacing * MM_PER_M) for axis in (grid.x, grid.y, grid.z)]
     nx, ny, _ = grid.dimensions
     i, j, k = np.meshgrid(*kept, indexing="ij")
@@ -178,11 +166,9 @@ def arrows_at(
     names: tuple[str, str] = (FIELD, AMOUNT),
     largest: float | None = None,
 ) -> pyvista.PolyData:
-    """Arrows along vectors (n, 3) about points in mm.
-
-    `names` are the point arrays of the vectors and of their magnitude. An arrow as strong as
-    `largest`, by default the strongest arrow, is as long as the `spacing` in m.
-    """
+    """Arrows along vectors (n, 3) about points in mm."""
+    # `names` are the arrays of vectors and magnitude. One of `largest`, by default the strongest, is `spacing` (m)
+    # long.
     from coilarray.viz.extra_3d import pyvista
 
     amount = np.linalg.norm(vectors, axis=1)
@@ -203,22 +189,16 @@ def arrows_at(
 
 @dataclass(frozen=True, eq=False)
 class Eddies:
-    """Eddy currents of one body at an instant.
+    """Eddy currents of one body at an instant."""
 
-    `density` (n, 3) is the current per width in A/m at `points` (n, 3) on the board in m, `normals`
-    (n, 3) the outward unit vectors of its face.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    density: FloatArray
+    points: FloatArray  # (n, 3) on the board in m
+    normals: FloatArray  # (n, 3), outward unit vectors of its face
+    density: FloatArray  # (n, 3), current per width in A/m
 
 
 def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyData:
-    """Arrows along eddy currents in mm, one per cube.
-
-    An arrow as strong as `largest` in A/m is as long as the spacing.
-    """
+    """Arrows along eddy currents in mm, one per cube of `spacing`."""
+    # An arrow as strong as `largest` in A/m is as long as the spacing.
     away = (eddies.points - eddies.points.min(axis=0)) / spacing
     cubes = np.floor(away + 0.5)
     order = np.argsort(np.linalg.norm(away - cubes, axis=1), kind="stable")  # the nearest to each cube's centre first
@@ -229,11 +209,8 @@ def eddy_arrows(eddies: Eddies, spacing: float, largest: float) -> pyvista.PolyD
 
 
 def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
-    """Follow B in a box in both directions.
-
-    The polylines in mm have the point array ``"|B| (T)"``. A line ends if it leaves the grid or has
-    come round once, at its return through the plane across B at the seed.
-    """
+    """Follow B both ways, in mm with the point array ``"|B| (T)"``."""
+    # A line ends if it leaves the grid or has come round once, at its return through the plane across B at the seed.
     from coilarray.viz.extra_3d import pyvista
 
     points = np.asarray(seeds, dtype=np.float64).reshape(-1, 3)
@@ -256,8 +233,6 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
 
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
-    """Choose indices of values at least a distance apart."""
-
     def apart(first: int) -> list[int]:
         kept = [first]
         for k in range(first + 1, len(axis)):

@@ -69,11 +69,9 @@ def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
 def scene_of_board(
     array: Array, *, layers: Sequence[str] | None = None, box: Box | None = None, name_heights: npt.ArrayLike = 0.0
 ) -> Scene:
-    """Scene of a board: laminate, copper, barrels, names, rulers.
-
-    A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names.
-    `name_heights` in m lift the names, and leave out those of covered coils, NaN.
-    """
+    """Scene of a board: laminate, copper, barrels, names, rulers."""
+    # A `box` x_min, y_min, x_max, y_max in m shows this part, without rulers, barrels and names. `name_heights` in m
+    # lift the names, and leave out those of covered coils, NaN.
     _require_layers(layers, array.stackup.names)
     bare = _bare_board(array, layers, box, name_heights)
     if box is not None:
@@ -86,12 +84,9 @@ def scene_of_board(
 def scene_of_boards(
     boards: Sequence[Board], *, layers: Sequence[str] | None = None, name_heights: npt.ArrayLike = 0.0
 ) -> Scene:
-    """Scene of boards in space, as `scene_of_board` of each.
-
-    Parts of a named board begin with its name, and it is one group. Boards without a name are loops of a
-    surface if there are several: their copper is drawn together, without a laminate. The heights of
-    names are of the first board.
-    """
+    """Scene of boards in space, as `scene_of_board` of each."""
+    # Parts of a named board begin with its name. Several without a name are loops of a surface: their copper is
+    # drawn together, without a laminate. The heights of names are of the first board.
     own, *others = boards
     if not others and own.pose == Pose():
         return scene_of_board(own.array, layers=layers, name_heights=name_heights)
@@ -169,14 +164,12 @@ def in_space(scene: Scene, board: Board) -> Scene:
 
 
 def _require_layers(layers: Sequence[str] | None, known: Iterable[str]) -> None:
-    """Refuse layers that no board has."""
     for layer in layers or ():
         if layer not in known:
             raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(known)}.")
 
 
 def _bare_board(array: Array, layers: Sequence[str] | None, box: Box | None, name_heights: npt.ArrayLike) -> Scene:
-    """Board without rulers, in its own coordinates."""
     solids = board_solids(array)
     parts = []
     for layer, colour in _tones(array.stackup.names).items():
@@ -306,10 +299,8 @@ def _edges(
 def _ruler(
     axis: Literal["x", "y", "z"], ends: tuple[float, float], at: float, length: float, height: float
 ) -> tuple[Part, list[Text]]:
-    """Ticks of a length with numbers along an axis, in mm.
-
-    They are at a place on the other axis of the board, and at a height, of z at a place along y.
-    """
+    """Ticks of a length with numbers along an axis, in mm."""
+    # at a place on the other axis of the board, and at a height, of z at a place along y
     from matplotlib.ticker import MaxNLocator
 
     from coilarray.viz.extra_3d import pyvista
@@ -334,8 +325,7 @@ def _ruler(
     return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]
 
 
-VEILED = 0.13
-"""Opacity of dented sheets through which the coils are visible."""
+VEILED = 0.13  # opacity of dented sheets through which the coils are visible
 
 _WIDTH = 2.5  # width shown on each side of a dent, in stack thicknesses
 _EXAGGERATED = 3.0  # times the real displacement, unless this reaches deeper than a share of the stack
@@ -387,10 +377,7 @@ def scene_of_dent(
     *,
     opacity: float = 1.0,
 ) -> Scene:
-    """Scene of the deformed sheets and the indenter, as in `dent_scene`.
-
-    A `box` x_min, y_min, x_max, y_max in m limits the sheets, by default to the board.
-    """
+    """Scene of the deformed sheets, within a `box` in m, and the indenter."""
     extent = array.bounds if box is None else box
     thickness, deep = float(dent.height[-1]), float(dent.depth)
     factor = _EXAGGERATED if _EXAGGERATED * deep < _SOLID * thickness else 1.0

@@ -53,8 +53,7 @@ Item = Literal[
     "coupling",
     "location",
 ]
-ITEMS: tuple[Item, ...] = get_args(Item)
-"""Items that a scene of a design may contain."""
+ITEMS: tuple[Item, ...] = get_args(Item)  # items that a scene of a design may contain
 
 _PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # default distances of the points of B in m
 _CLEAR = 0.99  # of the points of a grid that crosses copper: the nearest to a wire would set the scale
@@ -125,11 +124,8 @@ def scene_of_design(design: Design, view: View | None = None, track: Tracker | N
 
 
 def scene_of_coils(design: Design, view: View, track: Tracker | None = None) -> Scene:
-    """Compute the scenes of a view with every coil measured in turn, for a slider.
-
-    The colours are the same for all coils, up to the largest value. Errors are as of
-    `scene_of_design`, and GeometryError if the view has a slider of its own.
-    """
+    """Scenes of a view with every coil measured in turn, for a slider."""
+    # The colours are the same for all coils. GeometryError if the view has a slider of its own.
     if "target" in view.show:
         raise GeometryError("a page has one slider: show the target with a single coil.")
     scenes: list[Scene] = []
@@ -162,8 +158,6 @@ def bare_scene(design: Design, *, sheets: bool) -> Scene:
 
 
 class _Making:
-    """Scene during its computation."""
-
     def __init__(self, design: Design, view: View, track: Tracker) -> None:
         self.design, self.view, self.track, self.shown = design, view, track, frozenset(view.show)
         self.coil = design.array.middle_coil if view.coil is None else view.coil
@@ -229,7 +223,6 @@ class _Making:
 
     @cached_property
     def _with_target(self) -> Design:
-        """Design whose field is shown."""
         if "target" not in self.shown or not self.shown & _OF_B:
             return self.design
         place = target_place(self.design, self.coil, self.view.at)
@@ -243,7 +236,6 @@ class _Making:
 
     @property
     def _distance(self) -> float:
-        """Distance of the target in m."""
         return min(target_of(self.design).distances) if self.view.distance is None else self.view.distance
 
     @cached_property
@@ -293,7 +285,6 @@ class _Making:
         return planes, [results.field_box(*item, spacing or _BOX_SPACING)] if "lines" in self.shown else []
 
     def _require_field(self) -> None:
-        """Refuse a field that cannot be computed."""
         if not self.shown & _OF_B:
             return
         require_endless(self._with_target)
@@ -305,7 +296,6 @@ class _Making:
         require_memory(results.count_of([*boxes, *planes]), f"a spacing of {widest * 1e3:g} mm")
 
     def _b_on(self, axes: results.Axes, what: str) -> pyvista.RectilinearGrid:
-        """Compute B on a grid."""
         view, design, coupling, (x, y, z) = self.view, self._with_target, self._coupling_with_target, axes
         if len(z) > 1:
             z = results.beside_faces(design, z, float(coupling.frequency.sel(coil=self.coil)))
@@ -352,7 +342,6 @@ class Touch:
 
     @cached_property
     def _board(self) -> tuple[tuple[Part, ...], Scene]:
-        """Copper of the board, and the rest."""
         return boards.board_in_pieces(self.design.placed)
 
     @property
@@ -390,11 +379,8 @@ class Touch:
 def touch_along(
     design: Design, *, count: int = 48, depth: float | None = None, progress: Progress | None = None
 ) -> Touch:
-    """Compute δ along a path of the indenter.
-
-    The path has `count` places at equal steps along x over all coils through the middle coil.
-    `depth` in m is by default the deepest of the design.
-    """
+    """Compute δ at `count` places along x over all coils, through the middle."""
+    # `depth` in m is by default the deepest of the design.
     setup, array = indentation_of(design), design.array
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in array.placements])
     low, high = (end + setup.origin_point[1] for end in (setup.y[0], setup.y[-1]))
@@ -421,10 +407,8 @@ def first_states(design: Design) -> dict[str, str]:
 
 
 def off_middle(setup: Indentation) -> tuple[float, float]:
-    """Place on the board off the map's centre in m.
-
-    On a symmetric board's middle line δ has no first-order dependence and so no ellipse.
-    """
+    """Place on the board off the map's centre in m."""
+    # On a symmetric board's middle line δ has no first-order dependence and so no ellipse.
     x, y = (np.add(axis, origin) for axis, origin in zip((setup.x, setup.y), setup.origin_point, strict=True))
     return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)
 

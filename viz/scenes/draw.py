@@ -201,11 +201,8 @@ def _surface(part: Part) -> pyvista.PolyData:
 
 
 def coloured_surface(part: Part) -> tuple[pyvista.PolyData, npt.NDArray[np.uint8] | None, bool]:
-    """Bare surface of a part, its colours if any, and whether they are of cells.
-
-    The colours (n, 3) are red, green and blue, or (n, 4) with the opacity. Points of a smooth part
-    have normals.
-    """
+    """Bare surface of a part, its colours if any, and whether they are of cells."""
+    # The colours (n, 3) are red, green and blue, (n, 4) with the opacity. Points of a smooth part have normals.
     mesh: Any = surface_of(part.mesh)
     surface: pyvista.PolyData = mesh.copy(deep=False)
     surface.clear_data()
@@ -297,7 +294,6 @@ def pixel_of(size: Sequence[int]) -> float:
 
 
 def _legend(view: Any, scene: Scene) -> None:
-    """Write every group in ink, beside a square of its colour."""
     pixel, height = pixel_of(view.window_size), view.window_size[1]
     look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # PyVista's points have two pixels
     for row, (group, colours) in enumerate(scene.groups.items()):
@@ -337,7 +333,6 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
 
 
 def _ink(view: Any) -> str:
-    """Colour of letters on the background."""
     return INK if sum(view.background_color.float_rgb) > _DARK else FAINT
 
 

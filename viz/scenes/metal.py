@@ -38,8 +38,7 @@ _DECADES = 2  # range of current densities that the colours resolve, in powers o
 _ARROWS, _MOST_ARROWS = 20, 32  # arrows along the longest side of a body, and of the whole picture
 _STRONG = 0.98  # quantile of the current densities with the last colour; at rims they diverge
 _SHARP = 30.0  # angle in degrees of an edge that is drawn
-CURRENT = 1e-3
-"""Current in the measured coil in A."""
+CURRENT = 1e-3  # current in the measured coil in A
 
 
 def around_board(array: Array) -> Box:
@@ -71,7 +70,6 @@ def _glass(name: str, body: Body, mesh: pyvista.PolyData, group: str, colour: st
 
 
 def _body_words(body: Body) -> str:
-    """Material and size of a body for a legend."""
     if isinstance(body, Ball):
         return f"sphere of {body.material.words}, {body.radius * 2e3:g} mm"
     kind = "infinite plate of " if isinstance(body, Plate) else ""
@@ -176,12 +174,9 @@ def scene_of_metal(
     numbers: xr.Dataset | None = None,
     first: int = 0,
 ) -> Scene:
-    """Scene of plates, target and eddy currents of a design.
-
-    `shown` has "plates" and "eddies", which flow in the bodies that are shown. A `coil` is measured
-    with 1 mA and the others are `terminated` or open. `numbers` of `target_at` show the target at a
-    `place` in m, with a slider of their distances that stands `first` at one of them.
-    """
+    """Scene of plates, target and eddy currents of a design."""
+    # Eddy currents flow in the `shown` bodies, with 1 mA in a `coil` and the others `terminated` or open. `numbers`
+    # of `target_at` show the target at a `place` in m, with a slider of distances that stands `first` at one.
     within = around_board(design.array)
     plates = design.plates if "plates" in shown else ()
     distances: list[float] = [] if numbers is None else numbers.distance.values.tolist()

@@ -35,8 +35,7 @@ from coilarray.viz.scenes.scene import SIDES, Scale, Scene, Side, aim
 
 Image = npt.NDArray[np.uint8]
 
-SIZE = (1600, 900)
-"""Default width and height of a picture in pixels."""
+SIZE = (1600, 900)  # default width and height of a picture in pixels
 
 # Pixels. VTK's anti-aliasing needs textures of more than twice this size, and 16384 is the limit of
 # graphics cards and of Mesa. A larger picture is blank.
@@ -107,8 +106,7 @@ def picture_of(plotter: Any, size: tuple[int, int]) -> Image:
     return np.asarray(Pillow.fromarray(picture).resize(size, Pillow.Resampling.LANCZOS))
 
 
-FILM_SIZE = (960, 540)
-"""Default width and height of a film in pixels."""
+FILM_SIZE = (960, 540)  # default width and height of a film in pixels
 
 _SAMPLED = 6  # pictures from which the colours of a GIF are chosen
 _SLOWEST, _FASTEST = 0.1, 100.0  # pictures per second, as a GIF counts hundredths of a second
@@ -204,7 +202,6 @@ def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
 
 
 def _write_mp4(path: Path, pictures: Iterator[Image], rate: float) -> None:
-    """Write pictures as an MP4 with H.264."""
     from fractions import Fraction
 
     import av
@@ -376,7 +373,6 @@ def _view(scene: Scene, side: Side) -> dict[str, Any]:
 
 
 def _bar(scale: Scale) -> dict[str, Any]:
-    """Title, colours and numbers of a colour bar."""
     title, colours, numbers = bar_of(scale, _STOPS)
     places = np.linspace(0.0, 100.0, len(numbers)).tolist()
     ticks = [{"at": at, "text": text} for at, text in zip(places, numbers, strict=True)]

@@ -28,11 +28,9 @@ if TYPE_CHECKING:
     from coilarray.localize.inverse import Location, Mode
 
 
-CURRENT = "current in phase (A/A)"
-"""Name of the cell array of currents, per ampere of the measured coil."""
+CURRENT = "current in phase (A/A)"  # name of the cell array of currents, per ampere of the measured coil
 
-CONFIDENCE = 0.95
-"""Probability that the drawn ellipse of a position contains the true one."""
+CONFIDENCE = 0.95  # probability that the drawn ellipse of a position contains the true one
 
 _LEAST, _LABELLED = 0.03, 0.25  # least |k| of an arc, and of an arc with a number, over the largest |k|
 _ALL = 6  # largest number of coils with arcs of weak coupling
@@ -75,10 +73,8 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
 
 
 def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
-    """Colour the coils by δ (coils,), NaN without a value.
-
-    The colours reach to `least` at least, so that noise does not look like a touch.
-    """
+    """Colour the coils by δ (coils,), NaN without a value."""
+    # up to `least` at least, so that noise does not look like a touch
     numbers = np.asarray(values, dtype=np.float64)
     small = not np.nanmax(np.abs(numbers), initial=0.0) >= least
     return CoilColours(
@@ -87,12 +83,9 @@ def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
 
 
 def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[float, float] | None = None) -> Scene:
-    """Scene of the possible positions of an indentation.
-
-    All lengths are in m and all places on the board. These are the `location`, the `bounds` of the
-    board (x_min, y_min, x_max, y_max), the height `top` of the pins, and the real place `truth`,
-    which gets a cross.
-    """
+    """Scene of a `location`'s possible positions, in m on the board."""
+    # `bounds` are x_min, y_min, x_max, y_max, `top` is the height of the pins, and `truth`, the real place, gets a
+    # cross.
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
     notes = [_summary(location)]
@@ -197,8 +190,7 @@ def _steps(length: float, spacing: float, fine: float) -> FloatArray:
     return np.asarray(every[: int(np.searchsorted(every, length * (1 - 1e-9))) + 1])
 
 
-Spans = tuple[Span, Span, Span]
-"""Spans of x, y and z."""
+Spans = tuple[Span, Span, Span]  # spans of x, y and z
 
 
 def count_of(places: Iterable[Spans]) -> int:
@@ -322,10 +314,8 @@ def scale_of_field(grids: Sequence[pyvista.DataSet], part: float = 1.0) -> Scale
 
 
 def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
-    """Scene of planes of `flux_density`, coloured by |B| and clearer where it is weak.
-
-    Lines are at 1, 2 and 5 times powers of ten. Arrows are on upright planes, or on a single one.
-    """
+    """Scene of planes of `flux_density`, by |B|, clearer where it is weak."""
+    # Lines are at 1, 2 and 5 times powers of ten. Arrows are on upright planes, or on a single one.
     parts = []
     powers = np.arange(math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high)))
     levels = np.outer(10.0**powers, DECADE[:3]).ravel()

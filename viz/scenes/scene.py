@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 Side = Literal["oblique", "low", "top", "front", "right", "cut"]
 """Side of the view: oblique, low, above, front, right, or into the cut of a dent."""
 
-SIDES: tuple[Side, ...] = ("oblique", "top", "front", "right")
-"""Sides that pages offer."""
+SIDES: tuple[Side, ...] = ("oblique", "top", "front", "right")  # sides that pages offer
 
 ANGLES: dict[Side, tuple[float, float]] = {
     "oblique": (52.0, -102.0),
@@ -33,8 +32,7 @@ ANGLES: dict[Side, tuple[float, float]] = {
 }
 """Elevation and azimuth of the camera in degrees; azimuth 0 is +x, and −90° is the front."""
 
-FILLED = 0.88
-"""Share of the picture's height or width that a scene fills."""
+FILLED = 0.88  # share of the picture's height or width that a scene fills
 
 
 @dataclass(frozen=True)
@@ -57,12 +55,9 @@ def aim(
     bottom: float = 0.0,
     angle: float = 0.0,
 ) -> Camera:
-    """Aim a camera of an `angle` so that points fill its picture.
-
-    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm, or points (n, 3) in mm. The shares
-    `left`, `right` and `bottom` of the picture's width and height stay free for a legend, colour
-    bars and notes.
-    """
+    """Aim a camera of an `angle` so that points in mm fill its picture."""
+    # `bounds` are x_min, x_max, y_min, y_max, z_min, z_max, or points (n, 3). The shares `left`, `right` and
+    # `bottom` of the picture stay free for a legend, colour bars and notes.
     if isinstance(view, Camera):
         out = np.array(view.position) - view.focus
         along = np.cross(view.up, out)
@@ -121,8 +116,7 @@ def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
 # surfaces on white, on which the white centre of the plots' map would be lost.
 _DIVERGING = "coolwarm"
 _ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # ends of scales, and steps of their ticks
-DECADE = (1.0, 2.0, 5.0, 10.0)
-"""Ends of logarithmic scales, times powers of ten."""
+DECADE = (1.0, 2.0, 5.0, 10.0)  # ends of logarithmic scales, times powers of ten
 _EQUAL = 1e-6  # relative rounding of an end or step
 _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
@@ -279,10 +273,7 @@ class Scene:
         return Scene(self.parts + other.parts, self.texts + other.texts, notes, self.slider or other.slider)
 
     def still(self, step: int | None = None) -> Scene:
-        """Scene at one position of the slider, without it.
-
-        The position is `step`, by default the first that the slider shows.
-        """
+        """Scene at a `step` of the slider, by default the first, without it."""
         if self.slider is None:
             return self
         at = self.slider.first if step is None else step
@@ -291,10 +282,7 @@ class Scene:
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Colours of the sign of every group in the legend.
-
-        There is one colour, or several of a scale, from the group's first part.
-        """
+        """Colours of every group's sign in the legend, by its first part."""
         colours: dict[str, tuple[str, ...]] = {}
         for part in self.parts:
             if part.group:

@@ -27,11 +27,9 @@ from coilarray.compute.memory import collect_seldom
 from coilarray.compute.workers import starting
 from coilarray.errors import CoilarrayError
 
-QUIT, ZERO = "q", "z"
-"""Orders to a task: end, or measure the baseline again."""
+QUIT, ZERO = "q", "z"  # orders to a task: end, or measure the baseline again
 
-PATIENCE = 0.5
-"""Default time in s to end after `Job.stop`."""
+PATIENCE = 0.5  # default time in s to end after `Job.stop`
 
 _FIRST_PART = 0.03  # share of a job before which no remaining time is shown
 _SOME_MINUTES = 90.0  # s
@@ -90,11 +88,10 @@ class Outcome:
 
 
 class Job:
-    """Function of a module that runs in its own process.
+    """Function of a module that runs in its own process with a `Link`."""
 
-    It gets pickled arguments and a `Link`. In a thread of the job, `on_message` gets every message,
-    and `on_end` once the `Outcome`. A stopped process has `patience` in s to end.
-    """
+    # In a thread, `on_message` gets every message, and `on_end` once the `Outcome`. A stopped process has `patience`
+    # in s to end.
 
     def __init__(
         self,
@@ -132,7 +129,6 @@ class Job:
         self._thread.join(self._patience + 2 * _GOODBYE)
 
     def _listen(self) -> None:
-        """Pass on messages until the process ends."""
         outcome = Outcome("cancelled")
         with suppress(EOFError, OSError):
             while True:
@@ -173,7 +169,6 @@ def time_left(part: float, since: float) -> str:
 
 
 def _serve(connection: Connection, task: bytes, patience: float) -> None:
-    """Call the function in a process, until the connection ends."""
     collect_seldom()
 
     def leave(number: int, _: object) -> None:
@@ -220,10 +215,7 @@ class Calculator:
         self._closed = False
 
     def ask(self, steps: Sequence[Step]) -> None:
-        """Request steps in their order.
-
-        Nothing is done after `close`, because a job of a page may end later than its computations.
-        """
+        """Request steps in their order, none after `close`."""
         if self._closed:
             return
         new = {step.name: step for step in steps}

@@ -42,8 +42,7 @@ from coilarray.viz.studio.session import Panel, Session
 from coilarray.viz.studio.view import BoardParts, delta_by_coil
 from coilarray.viz.studio.work import number_of, place_text
 
-LEAST = 1e-4
-"""Least δ at which bars and colours are full."""
+LEAST = 1e-4  # least δ at which bars and colours are full
 RED = "#D55E00"
 """Colour of positions that are found."""
 
@@ -142,11 +141,8 @@ def state_colours(design: Design) -> dict[str, str]:
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 0.0) -> list[dict[str, Any]]:
-    """Texts of δ in 10⁻⁶, and lengths of their bars.
-
-    Lengths are in per cent of half the width, full at the largest δ or at `least`, whichever is
-    larger.
-    """
+    """Texts of δ in 10⁻⁶, and lengths of their bars."""
+    # in per cent of half the width, full at the largest δ or at `least`
     pairs = list(delta)
     largest = max([least, *(abs(value) for _, value in pairs if value is not None)]) or 1.0
     bars = []
@@ -286,7 +282,6 @@ class TouchPanel(Panel):
             self._session.redraw()
 
     def _press_on(self, x_mm: float, y_mm: float) -> None:
-        """Press at a place of the picture."""
         if self._touched is not None:
             self._put(x_mm * 1e-3, y_mm * 1e-3, float(self._touched.place[2]))
             self._session.redraw()
@@ -307,7 +302,6 @@ class TouchPanel(Panel):
         self._session.redraw()
 
     def _put(self, x: float, y: float, depth: float) -> None:
-        """Press at a place and show the result."""
         if self._model is None:
             return
         design, state = self._session.work.design, self._state
@@ -346,11 +340,9 @@ def touch_work(design: Design) -> str:
     return f"δ of {states} at {len(depths)} depths and {len(x)} × {len(y)} places"
 
 
-SPANS = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}
-"""Times in s over which curves are shown."""
+SPANS = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}  # times in s over which curves are shown
 
-BINS = 300
-"""Number of equal times of a curve."""
+BINS = 300  # number of equal times of a curve
 
 _KEPT = 2_000_000  # values of δ that are kept at most
 
@@ -377,10 +369,7 @@ class History:
         self._count += 1
 
     def values(self, span: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Least and largest δ (state, time) of the last `span`.
-
-        NaN is a time with scans but without a value of the state.
-        """
+        """Least and largest δ (state, time) of the last `span`, NaN if unknown."""
         step = span / BINS
         numbers = np.floor(self._time[: self._count] / step)
         first = int(np.searchsorted(numbers, math.floor(self.end / step) - BINS + 1))
@@ -390,8 +379,7 @@ class History:
         return (numbers[begins] + 0.5) * step, least, largest
 
 
-TAB, WINDOW = (520.0, 300.0), (1500.0, 400.0)
-"""Width and height of the curves in studio and window."""
+TAB, WINDOW = (520.0, 300.0), (1500.0, 400.0)  # width and height of the curves in studio and window
 
 _LEFT, _RIM, _TOP, _FOOT = 64.0, 10.0, 16.0, 44.0  # about the axes
 _LEAST_RANGE = 2e-6  # of δ, so that noise of a board at rest does not fill the picture
@@ -571,7 +559,6 @@ class LivePanel(Panel):
         self._new = True
 
     def _follow(self, frame: BoardFrame) -> None:
-        """Add a scan to presses and trail."""
         last = self._presses.get(max(self._presses, default=0))
         if frame.press is None:
             if last is not None and last.end is None:  # the baseline was measured again meanwhile
@@ -588,7 +575,6 @@ class LivePanel(Panel):
             self._trail.append(places[near.index(min(near))])
 
     def _look(self) -> None:
-        """Draw new readings, if there are any."""
         if self._new and not self._state.live_paused:
             self.draw()
 

@@ -27,8 +27,7 @@ from coilarray.viz.studio.structure import without_entry
 from coilarray.viz.studio.view import BoardParts
 from coilarray.viz.studio.work import number_of, place_text
 
-KINDS = ("plate above", "plate below", "target")
-"""Kinds of a new body."""
+KINDS = ("plate above", "plate below", "target")  # kinds of a new body
 SIZES: Mapping[str, tuple[str, ...]] = {
     "infinite plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
@@ -88,10 +87,7 @@ def body_rows(design: Design) -> list[dict[str, str]]:
 
 
 def with_body(document: Document, form: Mapping[str, Any]) -> Document:
-    """Add a body to a document, or replace its target.
-
-    `form` has the texts of the fields, with the keys of `FIRST`.
-    """
+    """Add a body to a document by texts of `FIRST`, or replace its target."""
     given = {key: str(form.get(key, default)).strip() for key, default in FIRST.items()}
     kind, shape = given["kind"], given["shape"]
     if kind not in KINDS or shape not in SIZES or given["material"] not in MATERIALS:
@@ -200,7 +196,6 @@ class MetalPanel(Panel):
             self._session.redraw()
 
     def _put(self, x: str, y: str) -> None:
-        """Move the target to a place in mm."""
         session = self._session
         self._place = number_of("x", x) * 1e-3, number_of("y", y) * 1e-3
         session.state.stale = sorted({*session.state.stale, "target"})

@@ -101,12 +101,9 @@ def marks_of(design: Design, margins: Sequence[Margin]) -> list[dict[str, Any]]:
 
 
 def matrix_cells(numbers: Numbers, kind: str, before: Numbers | None = None) -> tuple[list[list[dict[str, str]]], str]:
-    """Cells of k, or of L and M in µH for "L".
-
-    The second result is the largest magnitude of two coils. A cell has its rounded `text`, its
-    `change` against `before`, all digits with name and unit, `full`, and the colours of the cell
-    and of its `ink`.
-    """
+    """Cells of k, or of L and M in µH for "L", and the largest magnitude."""
+    # A cell has its rounded `text`, its `change` against `before`, all digits with name and unit (`full`), and
+    # colours.
     names, matrix = numbers.names, _matrix(numbers, kind)
     old = matrix if before is None or before.names != names else _matrix(before, kind)
     alone = np.eye(len(matrix), dtype=bool)
@@ -178,10 +175,8 @@ def margin_table(margins: Sequence[Margin]) -> Table:
 
 
 def with_changes(table: Table, before: Table | None, keys: int = 1) -> dict[str, Any]:
-    """Table for the page, each number with its change against an earlier table.
-
-    Rows and columns belong together by their first `keys` cells and by their names.
-    """
+    """Table for the page, each number with its change against an earlier table."""
+    # Rows and columns belong together by their first `keys` cells and by their names.
     known = {} if before is None else {row[:keys]: row for row in before.rows}
     places = {} if before is None else {column.name: k for k, column in enumerate(before.columns)}
     numbers = [k for k, column in enumerate(table.columns) if column.unit]
@@ -306,7 +301,6 @@ class NumbersPanel(Panel):
         self._tell(name)
 
     def _tell(self, name: str) -> None:
-        """Show a result with its changes against the saved."""
         if name == "numbers":
             self.draw()
         elif name in self._last:
@@ -365,7 +359,6 @@ class NumbersPanel(Panel):
             self._session.slow.ask([Step("circuit", lambda: circuit_of(design), show, fail)])
 
     def _summarize(self, design: Design, circuit: Circuit) -> None:
-        """Summarize a design, with its response if this is known."""
         summarize = self._session.setup.services.summarize
         if summarize is None:
             return
@@ -416,12 +409,10 @@ def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
     return on_board(response_map(build_design(document, name), accuracy="auto", progress=progress))
 
 
-SETTINGS = ("measure", "ground", "open")
-"""Connections of a coil."""
+SETTINGS = ("measure", "ground", "open")  # connections of a coil
 FIELDS = ("as switched", "of the measured coils alone", "what the neighbours add")
 """Fields that the tab of the field shows."""
-SPACING = 1e-3
-"""Distance in m of the points on the field's plane."""
+SPACING = 1e-3  # distance in m of the points on the field's plane
 
 
 @dataclass(frozen=True, eq=False)

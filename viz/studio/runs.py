@@ -262,7 +262,6 @@ class RunsPanel(Panel):
         state.run_of = changed if of in ("", design.name) else " – of another design"
 
     def _start(self, goal: str, trials: str, limits: list[dict[str, str]]) -> None:
-        """Begin or continue a search, and show its points."""
         session, design = self._session, self._session.work.design
         folder = session.setup.shelf.folder / f"{design.name}-{goal}"
         count = round(number_of("points", trials))
@@ -362,7 +361,6 @@ class RunsPanel(Panel):
                 state.preview = {**NO_PREVIEW, **shown, "name": name, "trigger": "take_point", "point": name}
 
     def _take(self, name: str) -> None:
-        """Set the design's entries to a run's point."""
         if (found := self._point(name)) is not None:
             entries = found[1].changes
             self._session.change(lambda work: work.document_with(entries), "runs_problem")

@@ -39,7 +39,7 @@ from coilarray.viz.studio.view import ScenePanel
 from coilarray.viz.studio.work import Shelf, Work
 
 _LOG = logging.getLogger(__name__)
-_DEFAULTS = {
+_DEFAULTS = {  # looks of the parts of the page
     **{
         field: {"density": "compact", "variant": "outlined", "hideDetails": True}
         for field in ("VTextField", "VSelect", "VAutocomplete", "VCombobox", "VCheckbox")
@@ -48,7 +48,6 @@ _DEFAULTS = {
     "VBtnToggle": {"density": "compact", "variant": "outlined", "divided": True},
     "VAlert": {"density": "compact"},
 }
-"""Looks of the parts of the page."""
 _LOOKS = {
     "defaults": _DEFAULTS,
     "theme": {
@@ -235,19 +234,14 @@ def serve(
     linger: float,
     ready: Callable[[str], None],
 ) -> None:
-    """Serve the studio on a `bind` socket until stopped.
-
-    It begins with the design `work`. It also ends if all pages have been closed for `linger`
-    seconds, unless this is 0. `ready` is called with the URL of the page once it can be opened.
-    """
+    """Serve the studio on a `bind` socket until stopped."""
+    # Or until all pages have been closed for `linger` seconds, unless 0. `ready` gets the page's URL once it opens.
     logging.getLogger("wslink").setLevel(logging.CRITICAL + 1)  # a page itself shows the errors of its calls
     os.environ.setdefault("TRAME_ARGS", "")  # else trame would read our command line
     asyncio.run(_Studio(work, shelf, services, address, linger).run(listening, ready))
 
 
 class _Studio:
-    """Sessions and routes of one `run`."""
-
     def __init__(self, work: Work, shelf: Shelf, services: Services, address: Address, linger: float) -> None:
         self._work, self._shelf, self._services = work, shelf, services
         self._address, self._linger = address, linger

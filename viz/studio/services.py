@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from coilarray.localize.inverse import Location
     from coilarray.localize.presses import Press
 
-Document = Mapping[str, Any]
-"""Contents of a design file, for `coilarray.design.model.build_design`."""
+Document = Mapping[str, Any]  # contents of a design file, for `coilarray.design.model.build_design`
 
 
 @dataclass(frozen=True)
@@ -98,8 +97,7 @@ class Services:
     failed: Callable[[str], None] = lambda problem: None  # called with the reason if reading a board has failed
 
 
-LOOPBACK = "127.0.0.1"
-"""Default host of the studio, for this computer alone."""
+LOOPBACK = "127.0.0.1"  # default host of the studio, for this computer alone
 
 
 @dataclass(frozen=True)

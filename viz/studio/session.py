@@ -92,10 +92,7 @@ class Session(ABC):
 
     @abstractmethod
     def redraw(self, *, moving: bool = False) -> None:
-        """Compute the scene of the current tab again.
-
-        A `moving` scene is not marked as stale, because it is always a little late.
-        """
+        """Compute the current scene again, as stale unless it is `moving`."""
 
     async def close(self) -> None:
         """End all computations and processes."""
@@ -110,11 +107,8 @@ class Session(ABC):
             await asyncio.to_thread(job.close)
 
     def take(self, work: Work, *, typed: bool = False, joined: str = "") -> None:
-        """Show a design, `typed` if it comes from the fields.
-
-        Changes of fields that follow each other soon are one step of undo, and those with the same
-        word `joined`.
-        """
+        """Show a design, `typed` if it comes from the fields."""
+        # Changes that follow each other soon, or have the same word `joined`, are one step of undo.
         what = joined or ("fields" if typed else "")
         if work.file != self.work.file:
             self._changes.clear()
@@ -127,12 +121,9 @@ class Session(ABC):
         self._show(work, typed=typed)
 
     def change(self, made: Callable[[Work], Document], problem: str = "", *, entry: str = "", joined: str = "") -> None:
-        """Show the design with the document of `made`.
-
-        An error is the value `problem` of the state, or the error of the field of an `entry`.
-        Changes are made one after the other, and of several of one entry, or `joined` by one word,
-        only the last.
-        """
+        """Show the design with the document of `made`."""
+        # An error is the state's `problem`, or that of the field of an `entry`. Changes are made one after the
+        # other, of one entry or `joined` by one word only the last.
         change, name = _Change(made, problem, entry, joined), entry or joined
         self._changes.pop(name, None)
         self._changes[name or change] = change
@@ -216,10 +207,7 @@ class Session(ABC):
             state[place] = problem
 
     def trigger(self, name: str, function: Callable[..., Any], problem: str = "problem") -> None:
-        """Let the page call a function with checked arguments.
-
-        `problem` is the place for its errors.
-        """
+        """Let the page call a function, whose errors are the `problem`."""
         strict = validate_call(config=_STRICT)(function)
 
         async def call(*arguments: Any) -> None:
@@ -289,11 +277,9 @@ class Session(ABC):
         cancelled: Callable[[], None] = lambda: None,
         watch: Callable[[Any], None] = lambda message: None,
     ) -> bool:
-        """Start a job with a progress bar.
-
-        At its end exactly one of `done`, `failed` and `cancelled` is called. Without `failed` a
-        failure is shown above the page. Messages other than (done, total) go to `watch`.
-        """
+        """Start a job with a progress bar."""
+        # One of `done`, `failed` and `cancelled` is called at its end. Without `failed` a failure is shown above the
+        # page. Messages other than (done, total) go to `watch`.
         begun = time.monotonic()
 
         def heard(message: Any) -> None:

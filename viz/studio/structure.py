@@ -13,8 +13,7 @@ from coilarray.geometry.array import Lattice, LatticeKind
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.work import number_of
 
-LATTICES = (*get_args(LatticeKind), "free")
-"""Kinds of lattice that an array may have."""
+LATTICES = (*get_args(LatticeKind), "free")  # kinds of lattice that an array may have
 
 BASES = {"bonded": "bonded to the board", "frictionless": "without friction", "seat": "on a soft seat"}
 """Possible bases of the lowest sheet, in words."""

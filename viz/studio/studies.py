@@ -113,11 +113,8 @@ def _swept(axis: Axis) -> str:
 
 
 def sweep_rows(result: SweepResult) -> tuple[list[str], list[dict[str, Any]]]:
-    """Head and rows of a table of a sweep.
-
-    A row has `cells`, the `point` whose entries can be used, the `reason` why it has no values or
-    no board, and whether it has `broken` fabrication rules.
-    """
+    """Head and rows of a table of a sweep."""
+    # A row has `cells`, the `point` that can be taken, the `reason` without values, and whether rules are `broken`.
     keys = [str(name) for name in result.values.data_vars if name != "reason"]
     columns = [result.values[key].values.ravel().tolist() for key in keys]
     broken = (result.values[RULES] > 0).values.ravel().tolist()
@@ -208,7 +205,6 @@ class StudiesPanel(Panel):
         self._state.sweep_axes = [{**axis, **chosen} if axis["number"] == number else axis for axis in axes]
 
     def _start(self, kind: str, axes: list[Axis], quantities: list[str], file: str, boards: str) -> None:
-        """Begin a study."""
         session, state, work = self._session, self._state, self._session.work
         item: list[Any] = [work.opened.document, work.design.name]
         task: Any = sweep_entries
@@ -256,7 +252,6 @@ class StudiesPanel(Panel):
             state.study_old = design.digest != self._session.work.design.digest
 
     def _take(self, point: int) -> None:
-        """Set the design's entries to a point of the sweep."""
         found = self._found
         if isinstance(found, SweepResult) and 0 <= point < len(found.points):
             entries = found.points[point]
@@ -289,7 +284,6 @@ class StudiesPanel(Panel):
             self._session.wrote(path, f"kept in {path.name}")
 
     def _find(self) -> None:
-        """List kept studies, the newest first."""
         self._state.study_files = self._session.setup.shelf.files(".nc")
 
     async def _open(self, name: str) -> None:

@@ -140,7 +140,6 @@ def _shapes(part: Part) -> list[tuple[bool, int, dict[str, npt.NDArray[Any]]]]:
 
 
 def _numbers(array: Any) -> npt.NDArray[np.int64]:
-    """Numbers of an array of VTK."""
     from vtkmodules.util import numpy_support
 
     convert: Any = numpy_support.vtk_to_numpy
@@ -154,10 +153,8 @@ def _rgb(colour: str) -> list[float]:
 
 
 def plan_of(design: Design) -> dict[str, Any]:
-    """Outlines of the coils and of the first board in space, in mm, which take no time.
-
-    `movable` is whether coils can be dragged: on a flat board at its own place.
-    """
+    """Outlines of the coils and of the first board in space, in mm."""
+    # They take no time. `movable` coils can be dragged: on a flat board at its own place.
     coils = []
     for board in design.placed:
         for place in board.array.placements:
@@ -184,8 +181,7 @@ def _in_space(board: Board, points: npt.NDArray[np.float64]) -> list[list[float]
     return placed
 
 
-Maker = Callable[[Design, BoardParts], Scene | None]
-"""Function that makes a scene in a thread, or None."""
+Maker = Callable[[Design, BoardParts], Scene | None]  # function that makes a scene in a thread, or None
 
 
 class ScenePanel(Panel):
@@ -269,7 +265,6 @@ class ScenePanel(Panel):
             state.scene = {**one.words, "number": number, "page": key, "digest": design.digest, "poses": poses}
 
     def _shown(self, number: int) -> None:
-        """Note that the page has drawn a scene."""
         if number not in self._sent:
             return
         design, expected, scene, _ = self._sent[number]

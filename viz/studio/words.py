@@ -12,8 +12,7 @@ from coilarray.studies.quantities import QUANTITIES
 from coilarray.viz.studio.view import plan_of
 from coilarray.viz.studio.work import Work
 
-MOST_SHOWN = 200
-"""Largest number of rows of a table."""
+MOST_SHOWN = 200  # largest number of rows of a table
 NO_PREVIEW: Mapping[str, Any] = {"rows": [], "plan": None, "name": "", "trigger": "", "point": ""}
 """State of the page without a design to compare with."""
 
@@ -109,10 +108,7 @@ def preview(
     after: Mapping[str, float],
     violations: Mapping[str, float],
 ) -> dict[str, Any]:
-    """Sizes, entries and quantities before and after a change, with limits, and where its coils are.
-
-    `before` and `after` are quantities by name, and `violations` of limits as of `Trial`.
-    """
+    """Sizes, entries and quantities before and after, with violated limits."""
     changed = work.with_document(work.document_with(changes)).design
     limits = {limit.rsplit(" ", 2)[0]: (limit, broken) for limit, broken in violations.items()}
     old, new = (_size_words(design) for design in (work.design, changed))
@@ -136,7 +132,6 @@ def preview(
 
 
 def _entry(values: Mapping[str, Any], key: str) -> Any:
-    """Value of an entry, or of a number in a list by its place."""
     table, _, place = key.rpartition(".")
     return values[table][int(place)] if key not in values and place.isdecimal() and table in values else values.get(key)
 
