@@ -24,11 +24,10 @@ from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session
 from coilarray.viz.studio.work import MOST_COILS, Work, entries_of, feasible_range, number_of, text_of, work_on
 
-_FORMATS = {
+_FORMATS = {  # formats of boards in words
     "kicad": "KiCad project", "gerber": "Gerber and drill files, for the board house", "dxf": "DXF drawing",
     "step": "STEP solid, for mechanical design", "svg": "SVG drawing",
 }  # fmt: skip
-"""Formats of boards in words."""
 
 
 class DesignPanel(Panel):

@@ -28,16 +28,14 @@ from coilarray.viz.studio.view import BoardParts
 from coilarray.viz.studio.work import number_of, place_text
 
 KINDS = ("plate above", "plate below", "target")  # kinds of a new body
-SIZES: Mapping[str, tuple[str, ...]] = {
+SIZES: Mapping[str, tuple[str, ...]] = {  # keys of the sizes of a new body by shape
     "infinite plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
 }  # fmt: skip
-"""Keys of the sizes of a new body by shape."""
-FIRST: Mapping[str, str] = {
+FIRST: Mapping[str, str] = {  # first texts of the fields of a new body
     "kind": "target", "shape": "disc", "material": "aluminium", "thickness": "1", "distance": "0.5, 1, 2, 5, 10",
     "size": "20", "second": "10",
 }  # fmt: skip
-"""First texts of the fields of a new body."""
 
 
 @dataclass(frozen=True, eq=False)

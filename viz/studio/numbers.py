@@ -133,11 +133,10 @@ def _matrix(numbers: Numbers, kind: str) -> FloatArray:
     return numbers.inductance if kind == "L" else coupling_matrix(numbers.inductance)
 
 
-_COILS = {
+_COILS = {  # quantities of the table of coils, with their signs
     "coil": "coil", "open_inductance": "L", "effective_inductance": "L_eff", "inductance_change": "change",
     "resistance": "R_dc", "quality_factor": "Q", "frequency": "f", "ideal_effective_inductance": "L_eff ideal",
 }  # fmt: skip
-"""Quantities of the table of coils, with their signs."""
 
 
 def coil_table(coupling: xr.Dataset) -> Table:

@@ -48,7 +48,7 @@ _DEFAULTS = {  # looks of the parts of the page
     "VBtnToggle": {"density": "compact", "variant": "outlined", "divided": True},
     "VAlert": {"density": "compact"},
 }
-_LOOKS = {
+_LOOKS = {  # colours of the page in the light and in the dark, with a contrast of at least 4.5
     "defaults": _DEFAULTS,
     "theme": {
         "themes": {
@@ -63,7 +63,6 @@ _LOOKS = {
         }
     },
 }  # fmt: skip
-"""Colours of the page in the light and in the dark, with a contrast of at least 4.5."""
 # Results that a change of the design makes stale.
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 

@@ -237,14 +237,13 @@ def set_base(document: Document, _: Design, base: str) -> Document:
     return _changed(document, {**document, "indentation": table})
 
 
-STEPS: Mapping[str, Callable[..., Document]] = {
+STEPS: Mapping[str, Callable[..., Document]] = {  # functions of the document, the design and arguments, by name
     function.__name__: function
     for function in (
         add_coil, remove_coil, place_coil, set_lattice, set_layers, set_house, set_leads, set_connector, add_sheet,
         remove_sheet, set_base,
     )
 }  # fmt: skip
-"""Functions of the document, the design and arguments, by name."""
 
 
 def _placements(document: Document, design: Design) -> list[dict[str, Any]]:

@@ -17,7 +17,7 @@ NO_PREVIEW: Mapping[str, Any] = {"rows": [], "plan": None, "name": "", "trigger"
 """State of the page without a design to compare with."""
 
 _FOUR = DisplayUnit(digits=4, significant=True)
-_WORDS = {
+_WORDS = {  # quantities whose names say less than these words
     "span_mm": "extent of the coils along x", "covered_mm2": "area covered by coils",
     "fab_margin_mm": "tightest margin of the board house", "fab_broken": "broken limits of the board house",
     "rms_k": "root mean square of k", "worst_k": "largest |k| of two coils", "q": "quality factor",
@@ -27,7 +27,6 @@ _WORDS = {
     "depth_error_mm": "standard deviation of the depth", "target_delta": "δ of the target",
     "target_deviation_um": "standard deviation of a distance", "target_q": "quality factor beside the target",
 }  # fmt: skip
-"""Quantities whose names say less than these words."""
 
 
 def words(name: str) -> str:

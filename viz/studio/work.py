@@ -160,13 +160,12 @@ class Shelf:
 
 
 _SYMBOLS = {"deg": "°", "ohm": "Ω", "1": ""}
-_GROUPS = {
+_GROUPS = {  # tables whose numbers have sliders, with headings, in shown order
     "boards.N": "Board", "coils.NAME": "Coil", "coils.NAME.leads": "Coil", "array": "Array", "connector": "Connector",
     "elastomer.N": "Elastomer", "plate.N": "Plate", "target": "Target", "indentation": "Indentation",
     "indenter": "Indenter", "circuit": "Circuit", "stackup": "Board", "board": "Board", "field": "Field",
     "fab": "Limits of the board house",
 }  # fmt: skip
-"""Tables whose numbers have sliders, with headings, in shown order."""
 _NOT_OF = {"single": ("rows", "direction_deg"), "rings": ("rows",), "triangle": ("rows",)}
 """Keys of [array] that a lattice lacks."""
 _STEPS_IN_A_DECADE = 100
