@@ -30,7 +30,6 @@ from coilarray.compute.memory import collect_seldom, own_limit
 from coilarray.errors import CoilarrayError, UnusualValueWarning
 
 INTERRUPTED = 130  # exit code of an interrupted program
-
 _MESSAGE = b"coilarray: interrupted\n"
 _PATIENCE = 2.0  # s for a computation to return to Python
 _heard = Event()  # of the block that lasts

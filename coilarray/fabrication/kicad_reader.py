@@ -24,7 +24,6 @@ from coilarray.geometry.stackup import Stackup
 
 OLDEST_VERSION = 20211014  # format of KiCad 6
 NEWEST_VERSION = 20241229  # format of KiCad 9, the newest that this reader knows
-
 _PER_M = 1e3  # numbers in the file are in mm
 _COPPER = re.compile(r"F\.Cu|In(\d+)\.Cu|B\.Cu")
 _DRAWN = {"line": "line", "arc": "arc", "circle": "circle", "rect": "rectangle", "poly": "polygon", "curve": "curve"}

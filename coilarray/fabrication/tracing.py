@@ -23,7 +23,6 @@ from coilarray.geometry.copper import groups
 from coilarray.geometry.stackup import Stackup
 
 LEAST_TURNS = 0.9  # turns from which a net is a coil: a loop lacks the space between its leads
-
 _SHOWN = 12  # names in a message
 _REASONS = 3  # nets in a message, with the reason why they are not coils
 _LONGEST_WHY = 200  # characters of a reason
@@ -276,7 +275,6 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
 
 
 SAME_SHAPE = 2e-9  # agreement in m of points and widths of equal coils; board files round to 1 nm
-
 _GRID = 1e-9  # m: resolution of board files
 _GAP_GRID = 1e-6  # m: to which the gap of the turns is given
 _PLATING = 25e-6

@@ -19,7 +19,6 @@ from coilarray.geometry.copper import groups
 from coilarray.geometry.winding import FlatPath, Pole, find_turns, turns_about
 
 JOINED = 1e-6  # distance in m below which ends are one place, whatever lies there
-
 _BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6  # of the squared length of a path: a smaller area that it runs around counts as zero
 _MOST_PAIRS = 1e8  # of an end and a track whose bounds meet; each takes about a microsecond

@@ -34,7 +34,6 @@ from coilarray.response.dataset import RESPONSE
 SOURCES = ("measured", "simulated")  # labels of the dimension ``source``
 LEAST_PLACES = 8  # least number of places for a shift
 REPLICATES = 16  # number of noisy maps, which give deviations to 18 %
-
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis
 _SAME_DEPTH = 1e-6  # relative

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 
 ROOM_TEMPERATURE = 25.0  # temperature in °C at which the frequency of a converter's clock is given
-
 _AHEAD, _BEHIND = 1e-3, 0.05  # s
 
 

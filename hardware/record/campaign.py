@@ -37,7 +37,6 @@ SPEED = 1.5e-3  # speed of indenting and relaxing in m/s, as in the paper
 DWELL = 0.5  # time at full depth before the peak is measured, in s, as in the paper
 TRIES = 3  # number of attempts at one position before the campaign is given up
 Dialect = Literal["grbl", "marlin"]  # firmware of a machine that speaks G-code
-
 _MOST_PLACES = 1_000_000
 _SHOWN = 120  # characters of a wrong plan in messages
 _FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 1000  # m, m, m/s, s

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from coilarray.localize.inverse import Location
 
 BASELINE_SCANS = 10  # number of scans without an indentation whose mean is L_0
-
 _PATIENCE = 3  # multiple of the scans of a baseline after which a state without values is left out
 _RATE_SCANS = 20  # over which the rate is averaged
 _LARGEST = 0.5  # |δ| above which a reading is implausible

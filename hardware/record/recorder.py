@@ -44,7 +44,6 @@ from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import BoardRestarted, held_signals
 
 PERIOD = 1.0  # time in s from reading to reading
-
 COLDEST, WARMEST = -100.0, 300.0
 """Range of accepted temperatures in °C. A sensor of the 1-wire bus without power shows 85 °C."""
 
@@ -102,7 +101,6 @@ def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
 
 _DURABLE = 1.0  # s
 _PATIENCE = 5.0  # s to wait for another program that writes
-
 Thermometer = Callable[[], float | None]
 """Function that returns the temperature in °C, or None if it is not known at present."""
 

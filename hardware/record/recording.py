@@ -34,7 +34,6 @@ from coilarray.hardware.scan.settings import ScanSettings
 
 APPLICATION = 0x636F696C  # SQLite's application_id of a database of this program: "coil"
 SCHEMA = 3  # version of the tables: SQLite's user_version
-
 _LONGEST_TEXT = 160  # characters of SQLite's message to show
 _NAMES = {"session", "self_test", "campaign", "position", "scan", "sample"}
 

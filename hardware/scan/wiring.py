@@ -252,7 +252,6 @@ def _end(terminal: NumberedEnd) -> str:
 
 
 End = Literal["a", "b"]  # the two ends of a coil
-
 SCHEMA = 1  # version of the wiring file format
 WIRINGS = TomlFiles("wiring", HardwareError, "coilarray.hardware.scan.wirings")
 _STARTER = "six_coils"

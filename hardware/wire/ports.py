@@ -30,7 +30,6 @@ _PURPOSE = "microcontroller boards"
 _TICK = 0.02  # s of one wait for bytes
 _WRITE_TIMEOUT = 1.0  # s until a line that the device does not accept is given up
 _MOST_BYTES = 4096  # read at once
-
 _NOT_ALLOWED = "may not be opened by this user (on Linux: add the user to the group dialout)"
 _CANNOT_OPEN = {
     errno.ENOENT: "does not exist",

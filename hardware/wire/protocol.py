@@ -296,7 +296,6 @@ _MEANINGS: dict[int, tuple[type[HardwareError], str]] = {
 }
 _MOST_EARLY = 1024  # messages before the reply to START. Older messages are lost and show as a gap
 _QUIET = 0.05  # s without a line after which all old lines have come
-
 T = TypeVar("T")
 
 

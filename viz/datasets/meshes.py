@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 MM_PER_M = 1e3
 RISE = "u_z (m)"  # name of the point array of the upward displacement of a dented sheet, not exaggerated
-
 _BALL = (48, 32)  # meridians and circles of latitude of a ball
 
 

@@ -107,12 +107,10 @@ def uncertainty_ellipse(
 
 
 FIELD, AMOUNT = "B (T)", "|B| (T)"  # names of the point arrays of the vectors and their magnitudes
-
 EDDY, EDDY_AMOUNT = "K (A/m)", "|K| (A/m)"
 """Names of the point arrays of arrows, for the current per width and its magnitude."""
 
 MOST_MEMORY = 1e9  # largest memory of a field for a picture, in bytes
-
 _OFF = 0.12  # height of an arrow above its face over the spacing, to keep it out of the metal
 _BYTES_A_POINT = 220.0  # measured maximum, 110 in a box, 170 to 220 on planes, which are drawn
 _LONGEST_LINE = 8.0  # length in diagonals of the grid

@@ -326,7 +326,6 @@ def _ruler(
 
 
 VEILED = 0.13  # opacity of dented sheets through which the coils are visible
-
 _WIDTH = 2.5  # width shown on each side of a dent, in stack thicknesses
 _EXAGGERATED = 3.0  # times the real displacement, unless this reaches deeper than a share of the stack
 _SOLID = 0.65

@@ -54,7 +54,6 @@ Item = Literal[
     "location",
 ]
 ITEMS: tuple[Item, ...] = get_args(Item)  # items that a scene of a design may contain
-
 _PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # default distances of the points of B in m
 _CLEAR = 0.99  # of the points of a grid that crosses copper: the nearest to a wire would set the scale
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})

@@ -107,7 +107,6 @@ def picture_of(plotter: Any, size: tuple[int, int]) -> Image:
 
 
 FILM_SIZE = (960, 540)  # default width and height of a film in pixels
-
 _SAMPLED = 6  # pictures from which the colours of a GIF are chosen
 _SLOWEST, _FASTEST = 0.1, 100.0  # pictures per second, as a GIF counts hundredths of a second
 _RATE = 24  # constant rate factor of H.264; smaller is better, and 18 is visually lossless

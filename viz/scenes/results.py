@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 
 
 CURRENT = "current in phase (A/A)"  # name of the cell array of currents, per ampere of the measured coil
-
 CONFIDENCE = 0.95  # probability that the drawn ellipse of a position contains the true one
-
 _LEAST, _LABELLED = 0.03, 0.25  # least |k| of an arc, and of an arc with a number, over the largest |k|
 _ALL = 6  # largest number of coils with arcs of weak coupling
 _WIDEST = 0.02  # radius of the widest arc over the distance of the nearest coils

@@ -28,9 +28,7 @@ from coilarray.compute.workers import starting
 from coilarray.errors import CoilarrayError
 
 QUIT, ZERO = "q", "z"  # orders to a task: end, or measure the baseline again
-
 PATIENCE = 0.5  # default time in s to end after `Job.stop`
-
 _FIRST_PART = 0.03  # share of a job before which no remaining time is shown
 _SOME_MINUTES = 90.0  # s
 _GOODBYE = 5.0  # s, longest time for a killed process to end

@@ -341,9 +341,7 @@ def touch_work(design: Design) -> str:
 
 
 SPANS = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}  # times in s over which curves are shown
-
 BINS = 300  # number of equal times of a curve
-
 _KEPT = 2_000_000  # values of δ that are kept at most
 
 
@@ -380,7 +378,6 @@ class History:
 
 
 TAB, WINDOW = (520.0, 300.0), (1500.0, 400.0)  # width and height of the curves in studio and window
-
 _LEFT, _RIM, _TOP, _FOOT = 64.0, 10.0, 16.0, 44.0  # about the axes
 _LEAST_RANGE = 2e-6  # of δ, so that noise of a board at rest does not fill the picture
 _ROOM = 0.06  # of the range of δ, above and below

@@ -14,7 +14,6 @@ from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.work import number_of
 
 LATTICES = (*get_args(LatticeKind), "free")  # kinds of lattice that an array may have
-
 BASES = {"bonded": "bonded to the board", "frictionless": "without friction", "seat": "on a soft seat"}
 """Possible bases of the lowest sheet, in words."""
 

@@ -20,9 +20,7 @@ from coilarray.design.write import file_text
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 
 MOST_COILS = 64  # largest number of coils of a design in the studio
-
 MOST_SEGMENTS = 400_000  # largest number of straight segments of all windings together
-
 _LATTICE_SIZES = {"columns": 1, "rows": 1, "rings": 0}
 
 

@@ -304,7 +304,6 @@ def _place_text(reading: LiveReading) -> str:
 
 
 QUIT, ZERO = "q", "z"  # orders to a display: end, or measure the baseline again
-
 _MOST_SCANS = 100_000_000
 _LONGEST_GAP = 5.0  # s that a replay waits at most from scan to scan
 _LOCATE = 0.05  # s, at least, from position to position of a board
