@@ -21,7 +21,7 @@ def fit(
     depth_mm: Annotated[
         float | None,
         shared.number_option(
-            ("--depth-mm",), 0, shared.LONGEST_MM, "Depth of the map; the first one by default.", above=True
+            "--depth-mm", 0, shared.LONGEST_MM, "Depth of the map; the first one by default.", above=True
         ),
     ] = None,
     coil: Annotated[

@@ -54,16 +54,16 @@ def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *
     return typer.Option(*names, help=text, callback=check)
 
 
-def number_option(names: Sequence[str], low: float, high: float, text: str, *, above: bool = False) -> Any:
+def number_option(name: str, low: float, high: float, text: str, *, above: bool = False) -> Any:
     """Return an option for a number from `low` to `high`."""
     allowed = f"above {low:.12g} and at most {high:.12g}" if above else f"{low:.12g} to {high:.12g}"
 
     def check(value: float | None) -> float | None:
         if value is not None and not (low <= value <= high and (value > low or not above)):
-            raise CoilarrayError(f"{names[0]} must be {allowed}; got {value:.12g}.")
+            raise CoilarrayError(f"{name} must be {allowed}; got {value:.12g}.")
         return value
 
-    return typer.Option(*names, help=text, callback=check)
+    return typer.Option(name, help=text, callback=check)
 
 
 def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:
@@ -157,7 +157,7 @@ Ideal = Annotated[
 Noise = Annotated[
     float | None,
     number_option(
-        ("--noise",),
+        "--noise",
         0,
         1,
         "Standard deviation of δ of a reading; that of the design's noise budget by default.",
@@ -343,6 +343,7 @@ def print_result(
     tables: Sequence[Table] = (),
     lines: Sequence[str | Table] = (),
     files: Sequence[Path | None] = (),
+    emulated: bool = False,
 ) -> None:
     """Print `data` as JSON, or tables, sentences and written files."""
     if as_json:
@@ -353,15 +354,7 @@ def print_result(
         if len(tables) > 1:
             say("")
     for line in (*lines, *(f"wrote {path}" for path in files if path is not None)):
-        say(line)
-
-
-def print_marked(data: Any, parts: Sequence[str | Table], *, as_json: bool, emulated: bool) -> None:
-    """Print a result, as JSON alone or as marked texts."""
-    if as_json:
-        print_json(data)
-    for part in () if as_json else parts:
-        say(part, emulated=emulated)
+        say(line, emulated=emulated)
 
 
 def marked(text: str, *, emulated: bool) -> str:

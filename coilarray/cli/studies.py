@@ -208,7 +208,7 @@ def optimize(
     force: shared.Force = False,
     out: Annotated[Path, shared.out_option("Folder for the results and the points.")] = Path("optimization"),
     trials: Annotated[
-        int | None, shared.number_option(("--trials",), 1, 1_000_000, "Number of points to try; the goal's by default.")
+        int | None, shared.number_option("--trials", 1, 1_000_000, "Number of points to try; the goal's by default.")
     ] = None,
     workers: shared.Workers = None,
     cluster: shared.Cluster = None,

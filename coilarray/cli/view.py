@@ -44,7 +44,7 @@ _MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory 
 
 
 def _length(name: str, text: str) -> Any:
-    return shared.number_option((name,), shared.SMALLEST_MM, shared.LONGEST_MM, text)
+    return shared.number_option(name, shared.SMALLEST_MM, shared.LONGEST_MM, text)
 
 
 def view(
@@ -317,7 +317,7 @@ def studio(
     linger: Annotated[
         float,
         shared.number_option(
-            ("--linger",), 0, _LONGEST, "Seconds after the last page is closed until the studio ends; 0 for never."
+            "--linger", 0, _LONGEST, "Seconds after the last page is closed until the studio ends; 0 for never."
         ),
     ] = 20.0,
 ) -> None:

@@ -118,7 +118,7 @@ def self_test(
         "drives": None if drives is None else {name: asdict(drive) for name, drive in drives.items()},
         "self_test": result and {"passed": result.passed, **asdict(result)},
     }
-    shared.print_marked(record | tried, parts, as_json=as_json, emulated=record["emulated"])
+    shared.print_result(record | tried, as_json=as_json, lines=parts, emulated=record["emulated"])
     if result is not None and not result.passed:
         raise HardwareError(f"the self-test of {options.port} has failed: {result.symptoms[0]}.")
 
@@ -284,7 +284,7 @@ def print_recording(path: Path, *, as_json: bool) -> dict[str, Any]:
 
     with open_recording(path) as recording:
         summary = summarize_recording(recording)
-    shared.print_marked(summary, summary_parts(summary), as_json=as_json, emulated=summary["emulated"])
+    shared.print_result(summary, as_json=as_json, lines=summary_parts(summary), emulated=summary["emulated"])
     return summary
 
 
@@ -308,7 +308,7 @@ def _print_scan(raw: RawScan, board: Board, settings: ScanSettings, design: Desi
     ]
     table = text_table(("state", "f (MHz)", "L_eff (µH)", "verdict", "why"), rows)
     data = {"emulated": board.emulated, "board": board.line, "time_s": scan.time, "states": states}
-    shared.print_marked(data, [board.line, table], as_json=as_json, emulated=board.emulated)
+    shared.print_result(data, as_json=as_json, lines=[board.line, table], emulated=board.emulated)
 
 
 _PATIENCE = 10.0  # s in which the port of a board that restarted may come back

@@ -116,7 +116,8 @@ def info(
             if (known := dataset.attrs.get("calibration_board", board)) != board:
                 wrote.append(f"the calibration is for the board “{known}”, the recording is of “{board}”")
     data = {**summary, "wrote": None if out is None else str(out)}
-    shared.print_marked(data, [*summary_parts(summary), *wrote], as_json=as_json, emulated=summary["emulated"])
+    lines = [*summary_parts(summary), *wrote]
+    shared.print_result(data, as_json=as_json, lines=lines, emulated=summary["emulated"])
 
 
 def _verify(path: Path, *, as_json: bool) -> None:
@@ -215,7 +216,7 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
     shown = (tables[0], report.averages_table(found))
     parts: list[str | Table] = [*shown, *report.stability_lines(found), *report.budget_lines(budget)]
     parts += [] if plot is None else [f"wrote {plot}"]
-    shared.print_marked(data, parts, as_json=as_json, emulated=emulated)
+    shared.print_result(data, as_json=as_json, lines=parts, emulated=emulated)
 
 
 _MOST_ERROR = 0.5  # relative, of a known inductance or frequency
@@ -235,7 +236,7 @@ def calibrate(
     inductance_error: Annotated[
         float,
         shared.number_option(
-            ("--inductance-error",), 0, _MOST_ERROR, "Relative standard error of the known inductance, as 0.01."
+            "--inductance-error", 0, _MOST_ERROR, "Relative standard error of the known inductance, as 0.01."
         ),
     ] = 0.0,
     simulated: Annotated[
@@ -256,7 +257,7 @@ def calibrate(
     frequency_error: Annotated[
         float,
         shared.number_option(
-            ("--frequency-error",), 0, _MOST_ERROR, "Relative standard error of the known frequency, as 1e-6."
+            "--frequency-error", 0, _MOST_ERROR, "Relative standard error of the known frequency, as 1e-6."
         ),
     ] = 0.0,
     out: Annotated[Path, shared.out_option("File to write: .toml.", ".toml")] = Path("board.toml"),
@@ -329,10 +330,10 @@ def calibrate(
         parts.append(
             "L is taken from the simulation: measured and simulated L agree by construction, which proves nothing."
         )
-    shared.print_marked(
+    shared.print_result(
         result.model_dump(by_alias=True, exclude={"schema_", "kind", "checksum", "source", "made", "design_hash"})
         | {"expected_capacitance_F": expected and expected.across_coil, "file": str(out)},
-        [*parts, f"wrote {out}"],
+        lines=[*parts, f"wrote {out}"],
         as_json=as_json,
         emulated=result.emulated,
     )
@@ -372,7 +373,7 @@ def compare(
     largest_shift_mm: Annotated[
         float | None,
         shared.number_option(
-            ("--largest-shift-mm",), 0, 1000, "Largest shift to try; the spacing of the measured positions by default."
+            "--largest-shift-mm", 0, 1000, "Largest shift to try; the spacing of the measured positions by default."
         ),
     ] = None,
     out: Annotated[
@@ -437,7 +438,7 @@ def compare(
         *notes,
         *(f"wrote {path}" for path in files),
     ]
-    shared.print_marked(data, parts, as_json=as_json, emulated=emulated)
+    shared.print_result(data, as_json=as_json, lines=parts, emulated=emulated)
 
 
 def _is_page(out: Path) -> bool:
