@@ -465,6 +465,22 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder, searched
     expect(browser.field(page, "array.columns")).to_have_value(str(trial.changes["array.columns"]))
     pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
+    page.click("#do-sweep")
+    for part, text in (("first", "8"), ("last", "12"), ("count", "3")):
+        page.fill(f"[data-sweep='0'] [data-part={part}] input", text)
+    page.fill("#quantities", "span_mm")
+    page.press("#quantities", "Enter")
+    page.wait_for_selector(".v-chip:has-text('extent of the coils')")  # which moves the button
+    until(lambda: page.click("#start-study") or page.locator("#job, #study").count())
+    page.wait_for_selector("#study[data-ended=true] #study-picture")
+    page.click("#study-rows button >> nth=2")
+    page.wait_for_selector("#preview:has-text('12 mm')")
+    page.click("#take-over")
+    page.wait_for_selector("#study-line >> text=before it was changed")
+    expect(browser.field(page, "array.pitch_mm")).to_have_value("12")
+    until((folder / "starter-sweep.nc").exists)  # it is kept, and found again
+    page.evaluate("trame.trigger('open_study', ['starter-sweep.nc'])")
+    page.wait_for_selector("#study-line:has-text('starter-sweep.nc: 3 of 3 points')")
 
 
 @scenes
