@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 # A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral
 # triangle. 4 leaves room for corners down to 29°.
 MITRE_LIMIT = 4.0
-# Segments per quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle.
-_QUADRANT = 32
+_QUADRANT = 32  # segments per quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle
 _SAME_CORNER = 1e-10  # m, of strips that are cut beside each other
 
 

@@ -42,16 +42,10 @@ if TYPE_CHECKING:
 # limits to 10 µm. Floating-point noise is far below.
 KEPT_WITHIN = 1e-6
 
-# Rules whose limit is a largest value.
-_LARGEST = ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")
-# Pieces of copper further apart than this many limits are not listed.
-_HORIZON = 10.0
-# Two places of one trace count as separate pieces if the way along the copper is at least this many
-# times the distance across. A corner of 39° or more, an arc or a straight run never is. Facing
-# turns and hairpins are.
-_TRACE_DETOUR = 3.0
-# The same for a pad and the trace that leaves it. A right angle at the pad has 1.42.
-_PAD_DETOUR = 1.5
+_LARGEST = ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")  # limits from above
+_HORIZON = 10.0  # limits. Pieces of copper that are further apart are not listed
+_TRACE_DETOUR = 3.0  # way along a trace over the distance across that makes separate pieces, see `check_rules`
+_PAD_DETOUR = 1.5  # the same for a pad and the trace that leaves it. A right angle at the pad has 1.42
 
 
 @dataclass(frozen=True)
