@@ -42,8 +42,7 @@ from coilarray.compute.threads import ranges
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.errors import NetworkError
 
-# Search of a resonance: range around the frequency of the bare coil, and steps.
-_SEARCH, _SEARCH_STEP = 30.0, 0.096
+_SEARCH, _SEARCH_STEP = 30.0, 0.096  # search of a resonance: range around the frequency of the bare coil, and steps
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: the matrix, its copy without the references, and its factors
 _ROUNDING = 1e-17  # error of the interpolated values

@@ -18,8 +18,7 @@ from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry import Conductor
 
 Backend = Literal["cpu", "cuda"]
-# 512 points of seven arrays fit a 32 KiB first-level cache.
-_BLOCK = 512
+_BLOCK = 512  # 512 points of seven arrays fit a 32 KiB first-level cache
 # Blocks per task: enough to outweigh the hand-over to a thread, fewer for idle cores.
 _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
 # Memory beside the points: the field and the mask of finite points. A grid also needs its

@@ -31,8 +31,7 @@ from coilarray.compute.threads import serial_algebra
 from coilarray.constants import EPSILON_0
 from coilarray.errors import GeometryError
 
-# Wavenumbers times functions times functions: some ten seconds, and 1 GB of memory.
-_MOST_PRODUCTS = 1e11
+_MOST_PRODUCTS = 1e11  # wavenumbers times functions times functions: some ten seconds, and 1 GB of memory
 _OF_A_TRANSFORM = 1000  # products that take as long as the transform of a function
 # Wavenumbers reach this number over the smallest half width a. The tail beyond is added in its
 # asymptotic form, which leaves (ka)⁻². It holds for ka far above m²/2, so more than three basis

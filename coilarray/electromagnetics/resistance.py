@@ -33,8 +33,7 @@ SECTION_MESH = (30, 8)  # cells along the sides of each trace of a bundle
 BASIS_TOLERANCE = 3e-2  # of a trace's basis of currents; the loss errs by about its square
 # Gauss points along a segment from a length in widths on, no ratio of round lengths
 POINTS = ((0.0, 1), (2 * math.pi, 4), (8 * math.pi, 8))
-# least and most cuts about a pole, and turns cut in all, no multiple of round numbers
-RAYS = 5, 16, 97.3
+RAYS = 5, 16, 97.3  # least and most cuts about a pole, and turns cut in all, no multiple of round numbers
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
 HIGHEST = 1e15  # Hz; at optical frequencies copper is no longer a conductor of this kind

@@ -34,8 +34,7 @@ _LEVEL = 1e-9  # relative difference of heights that counts as zero
 # that are solved (at 0 there is no dent), and the lift in m and the slope of the derivatives.
 _DEPTH_PARTS = (1.0, 0.85)
 _LIFT, _SLOPE = 1e-5, 1e-3
-# Thicknesses at which a tilted sample is solved, with a cubic between them.
-_WEDGE_NODES = 4
+_WEDGE_NODES = 4  # thicknesses at which a tilted sample is solved, with a cubic between them
 
 
 @dataclass(frozen=True)
