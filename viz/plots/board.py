@@ -131,18 +131,9 @@ def plot_stack(
 ) -> Axes:
     """Draw copper, dielectrics, elastomer and plates as a section.
 
-    Every part has the same height, with its thickness beside it.
-
-    Parameters
-    ----------
-    stackup : Stackup
-        Layers of the board.
-    sheets : sequence of Sheet
-        Elastomer on the board, upwards.
-    plates : sequence of Plate or FinitePlate
-        Metal above or below the board.
-    pressed : str
-        Name of the indenter that is drawn on the elastomer, if any.
+    Every part of the `stackup`, of the elastomer `sheets` on the board, upwards, and of the metal
+    `plates` above or below it has the same height, with its thickness beside it. `pressed` is the
+    name of the indenter that is drawn on the elastomer, if any.
     """
     colours = cycled(LAYERS, stackup.names)
     rows: list[tuple[str, str, str, bool]] = []  # name, thickness and material, colour, whether of traces
@@ -241,24 +232,12 @@ class _Mark:
 def check_figure(array: Array, margins: Sequence[Margin], numbers: Sequence[int] | None = None) -> Figure:
     """Draw every copper layer with its margins circled.
 
-    The circles are numbered, and the first place of each layer is enlarged.
-
-    Parameters
-    ----------
-    array : Array
-        Board that is drawn.
-    margins : sequence of Margin
-        Margins to mark, the worst first. Margins without a place are left out. Places close
-        together share a circle, which is red if the first of them is broken. Their numbers stand
-        beside it, or the first if there are more than two.
-    numbers : sequence of int, optional
-        Their numbers in a table, in which several may share a row. The default is 1, 2, ….
-
-    Returns
-    -------
-    Figure
-        For each layer all its copper, and beside it the enlarged place of its mark with the lowest
-        number. More than four layers stand beside each other, and are smaller.
+    For each layer of the `array` the figure has all its copper, and beside it the enlarged place of
+    its mark with the lowest number. More than four layers stand beside each other, and are smaller.
+    The `margins` to mark come the worst first. Margins without a place are left out. Places close
+    together share a circle, which is red if the first of them is broken. Their numbers stand beside
+    it, or the first if there are more than two. These are the `numbers` of a table, in which
+    several may share a row, by default 1, 2, ….
     """
     layers = array.stackup.names
     numbered = sorted(zip(numbers or range(1, len(margins) + 1), margins, strict=True), key=itemgetter(0))

@@ -72,17 +72,10 @@ def plot_neighbours(
 ) -> Axes:
     """Draw the coupling of one coil with all others on the board.
 
-    Each other coil has the colour of its k, and the nearest have the number in it. Raises ValueError if there is no
-    such coil.
-
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        As in `plot_coupling`.
-    outlines : mapping of str to array_like
-        Corners (m, 2) of each coil by name, in m on the board.
-    coil : str
-        Name of the coil that couples with the others.
+    Each other coil has the colour of its k, and the nearest have the number in it. The `coupling`
+    is as in `plot_coupling`, `outlines` are corners (m, 2) of each coil by name, in m on the board,
+    and `coil` is the name of the coil that couples with the others. Raises ValueError if there is
+    no such coil.
     """
     names = coupling.coil.values.tolist()
     if coil not in names:
@@ -141,20 +134,13 @@ def plot_frequency_sweep(
 ) -> Axes:
     """Draw a quantity over frequency, one curve per state.
 
+    The `sweep` is a result of `coilarray.circuit.coupling.sweep_design`, and the `quantity` its
+    variable ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or ``quality_factor``.
     If there are many states, three of them and the range of all are drawn. A quantity with a pole
-    is drawn up to four times its value at the lowest frequency. Raises ValueError if the sweep has
-    no such quantity.
-
-    Parameters
-    ----------
-    sweep : xarray.Dataset
-        Result of `coilarray.circuit.coupling.sweep_design`.
-    quantity : str
-        Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or
-        ``quality_factor``.
-    scan : xarray.Dataset, optional
-        Result of `coilarray.circuit.coupling.scan_design` of the same states. A dot marks the
-        resonance with the tank on each curve, and a dotted line the self-resonance.
+    is drawn up to four times its value at the lowest frequency. With a `scan`, the result of
+    `coilarray.circuit.coupling.scan_design` of the same states, a dot marks the resonance with the
+    tank on each curve, and a dotted line the self-resonance. Raises ValueError if the sweep has no
+    such quantity.
     """
     there = [name for name in _NAMES if name in sweep]
     if quantity not in there:
@@ -308,16 +294,10 @@ def plot_field_lines(
 ) -> Axes:
     """Draw B_z along x.
 
-    Each field has a bell-shaped curve, as in Fig. 2 of Gast & Zimmermann (2020). Raises ValueError
-    if there is no field, or a field is not along x.
-
-    Parameters
-    ----------
-    fields : mapping of str to xarray.Dataset
-        Results of `coilarray.operating_field` along x, with one y and one z, by their texts in the
-        legend.
-    coil : tuple of float, optional
-        Ends of the coil along x in m. The coil is shaded.
+    Each of the `fields`, results of `coilarray.operating_field` along x with one y and one z by
+    their texts in the legend, has a bell-shaped curve, as in Fig. 2 of Gast & Zimmermann (2020).
+    The `coil` is shaded between its ends along x in m, if given. Raises ValueError if there is no
+    field, or a field is not along x.
     """
     if not fields:
         raise ValueError("fields must hold one or more; got none.")

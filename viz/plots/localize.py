@@ -51,20 +51,11 @@ def plot_ellipse_parameters(
 ) -> Axes:
     """Draw A, B and x0 of a coil over δ.
 
-    Markers are the fitted ellipses, and lines are the polynomials, as in Fig. 5b of Gast &
-    Zimmermann (2020). Levels whose points do not determine their ellipse are crossed out. Raises
-    ValueError if the fits or the model have no such state.
-
-    Parameters
-    ----------
-    fits : xarray.Dataset
-        Result of `coilarray.paper.ellipse.fit_ellipses`.
-    model : EllipseModel
-        Polynomials through these fits.
-    state : str
-        Name of the coil.
-    published : EllipseModel, optional
-        Another model, drawn in grey if it has the coil.
+    Markers are the `fits` of `coilarray.paper.ellipse.fit_ellipses` for the coil of the name
+    `state`, and lines are the polynomials of the `model` through them, as in Fig. 5b of Gast &
+    Zimmermann (2020). Levels whose points do not determine their ellipse are crossed out. A
+    `published` model is drawn in grey if it has the coil. Raises ValueError if the fits or the
+    model have no such state.
     """
     names = fits.state.values.tolist()
     if state not in names or state not in model.names:
@@ -118,16 +109,9 @@ def plot_ellipses(
 ) -> Axes:
     """Draw the ellipses of coils and their intersections.
 
-    The figure follows Fig. 6 of Gast & Zimmermann (2020). Raises ValueError if there is no ellipse.
-
-    Parameters
-    ----------
-    ellipses : mapping of str to Ellipse
-        At least one ellipse, by the names of the coils.
-    position : EllipsePosition, optional
-        Position where two of them meet, drawn as dots at y and −y and a line at x.
-    real : tuple of float, optional
-        Real x and y in m, drawn as a cross.
+    The figure follows Fig. 6 of Gast & Zimmermann (2020), with at least one of the `ellipses` by
+    the names of the coils. A `position` where two of them meet is drawn as dots at y and −y and a
+    line at x, the `real` x and y in m as a cross. Raises ValueError if there is no ellipse.
     """
     if not ellipses:
         raise ValueError("ellipses must hold one or more; got none.")
@@ -161,17 +145,11 @@ def plot_ellipses(
 def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()) -> Axes:
     """Draw the error of a determined x over position.
 
-    The figure follows Fig. 7 of Gast & Zimmermann (2020). The colours are symmetric about zero.
-    Places without a position are grey. Raises ValueError if there are fewer than two x or y, or no
-    error at all.
-
-    Parameters
-    ----------
-    error : xarray.DataArray
-        Determined minus real x in m, with the dimensions y and x and their coordinates in m. Places
-        without a position are NaN.
-    outlines : sequence of array_like, each of shape (m, 2)
-        Corners of the coils in m, first point not repeated.
+    The figure follows Fig. 7 of Gast & Zimmermann (2020). The `error` is determined minus real x in
+    m, with the dimensions y and x and their coordinates in m, and NaN at places without a position,
+    which are grey. The colours are symmetric about zero. The `outlines` are corners (m, 2) of the
+    coils in m, first point not repeated. Raises ValueError if there are fewer than two x or y, or
+    no error at all.
     """
     values = _plane(error, "an error", "one value")
     ax = ax or style.new_axes(*_size(error))
@@ -260,18 +238,10 @@ def plot_identifiability(
 ) -> Axes:
     """Draw the Cramér–Rao bound of x, y or depth.
 
-    It is drawn over the board on a logarithmic scale. Places with an infinite bound are grey.
-    Raises ValueError if the dataset has no such quantity, fewer than two x or y, or no finite
-    value.
-
-    Parameters
-    ----------
-    bounds : xarray.Dataset
-        Result of `coilarray.localize.identifiability.identifiability`.
-    quantity : str
-        Name of a variable: ``sigma_x``, ``sigma_y`` or ``sigma_h``.
-    outlines : sequence of array_like
-        As in `plot_x_error`.
+    The `bounds` of `coilarray.localize.identifiability.identifiability` are drawn over the board on
+    a logarithmic scale, for the `quantity` ``sigma_x``, ``sigma_y`` or ``sigma_h``, with `outlines`
+    as in `plot_x_error`. Places with an infinite bound are grey. Raises ValueError if the dataset
+    has no such quantity, fewer than two x or y, or no finite value.
     """
     there = [name for name in _SIGMAS if name in bounds]
     if quantity not in there:

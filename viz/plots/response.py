@@ -55,21 +55,14 @@ def plot_response(
 ) -> Axes:
     """Draw a map of δ of one state.
 
-    It is drawn over the position of the indenter, with the outlines of the coils. The colours are
-    symmetric about zero, or start at zero for values of one sign. They are white if |δ| is below 1
-    % of its maximum. A dashed line marks the change of sign. Between the positions δ is
-    interpolated linearly. Nothing is drawn beside a position without a value. Raises ValueError if
-    the dataset has no such state or depth, or the map has a single row.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and the coordinates in m, with at least two x
-        and two y.
-    state, depth : str and int
-        Name of the state, and index of the depth in the dataset.
-    outlines : sequence of array_like, each of shape (m, 2)
-        Corners of the coils in m from the same origin as x and y, first point not repeated.
+    The `response` has ``delta`` (depth, y, x, state) and the coordinates in m, with at least two x
+    and two y. The name of a `state` and the index of a `depth` are drawn over the position of the
+    indenter, with the `outlines` of the coils, corners (m, 2) in m from the same origin as x and y,
+    first point not repeated. The colours are symmetric about zero, or start at zero for values of
+    one sign. They are white if |δ| is below 1 % of its maximum. A dashed line marks the change of
+    sign. Between the positions δ is interpolated linearly. Nothing is drawn beside a position
+    without a value. Raises ValueError if the dataset has no such state or depth, or the map has a
+    single row.
     """
     delta = _delta(response, state=state, depth=depth).transpose("y", "x")
     if min(delta.shape) < 2:
@@ -93,20 +86,11 @@ def plot_response_profile(
 ) -> Axes:
     """Draw δ along a line.
 
-    There is a curve for each state and depth that is not fixed.
-
-    Dotted lines mark the centres of the coils. Raises ValueError if the dataset has no such state
-    or depth.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        As in `plot_response`. A single position is drawn as a dot.
-    state, depth : str and int, optional
-        Name of the only state and index of the only depth that are drawn. None draws all.
-    along : {"x", "y"}
-        Direction of the line. It is the line with the largest |δ| of the state, or of the middle
-        state if all states are drawn. States without a response on it are left out.
+    The line runs `along` x or y where |δ| of the `state` is the largest, or of the middle state if
+    all are drawn. There is a curve for each state and depth that is not fixed by the name of a
+    state or the index of a `depth`. States without a response on it are left out. The `response` is
+    as in `plot_response`. A single position is drawn as a dot. Dotted lines mark the centres of the
+    coils. Raises ValueError if the dataset has no such state or depth.
     """
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
@@ -352,17 +336,11 @@ def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[floa
 def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None = None) -> Axes:
     """Draw a quantity against the distance of a target.
 
-    There is a curve per state, at the place where the target changes it the most. Values that no
-    converter can read are crossed. Raises ValueError if the quantity is none of these.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Result of `coilarray.target_map`.
-    quantity : str
-        ``delta``, whose magnitude is drawn on a logarithmic axis beside the noise, or
-        ``effective_inductance``, ``quality_factor`` or ``frequency``, with a dotted line for each
-        value without the target.
+    The `response` of `coilarray.target_map` has a curve per state, at the place where the target
+    changes it the most. Values that no converter can read are crossed. The `quantity` is ``delta``,
+    whose magnitude is drawn on a logarithmic axis beside the noise, or ``effective_inductance``,
+    ``quality_factor`` or ``frequency``, with a dotted line for each value without the target.
+    Raises ValueError if the quantity is none of these.
     """
     if quantity not in _SHOWN:
         raise ValueError(f"quantity must be one of {', '.join(_SHOWN)}; got {quantity!r}.")

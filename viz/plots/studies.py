@@ -352,20 +352,12 @@ def plot_convergence(
 ) -> Axes:
     """Draw the score of every trial.
 
-    A line is the best feasible score up to each trial. Raises ValueError if the shapes do not fit.
-
-    Parameters
-    ----------
-    scores, feasible : array_like of float and of bool, shape (n,)
-        Score of every trial, NaN if there is no such board, and whether it keeps all bounds.
-    label : str
-        Label of the vertical axis, with the unit.
-    maximized, log : bool
-        Whether larger is better, and whether the axis is logarithmic if all scores are above zero.
-    polished_from : int, optional
-        Index of the first trial of the local solver.
-    start : float, optional
-        Score of the given design, drawn as a dashed line.
+    `scores` (n,) are NaN if there is no such board, and `feasible` (n,) is whether each keeps all
+    bounds. A line is the best feasible score up to each trial. The `label` of the vertical axis has
+    the unit. The best score is the largest if `maximized`, and the axis is logarithmic if `log` and
+    all scores are above zero. `polished_from` is the index of the first trial of the local solver.
+    The score at the `start`, of the given design, is a dashed line. Raises ValueError if the shapes
+    do not fit.
     """
     values, kept = np.asarray(scores, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
     if values.ndim != 1 or values.shape != kept.shape:
