@@ -18,7 +18,7 @@ ORANGE = "#E69F00"
 SKY = "#56B4E9"
 WINE, INDIGO, OLIVE = "#7A2E5A", "#3B2A6B", "#5A4A00"  # dark, for areas on or beside the others
 INK = "#202020"  # text and rulers
-ON_MAP, ON_DARK = "#222222", "#fefefe"  # lines and text on colours, which a dark page leaves as they are
+ON_MAP, ON_DARK = "#010101", "#fefefe"  # lines and text on colours, which a dark page leaves as they are
 METAL = "#7C828A"  # indenters and targets
 METALS = ("#A08050", "#5F7F9F", "#8F6F8F", "#6F8F6F")  # plates
 

@@ -91,7 +91,6 @@ def view(
     spacing_mm: Annotated[
         float | None, _length("--spacing-mm", "Spacing of the points of B; 0.5 on planes and 1 in a box by default.")
     ] = None,
-    dark: Annotated[bool, typer.Option("--dark", help="Draw a picture for a dark page.")] = False,
     z_mm: Annotated[
         str | None,
         typer.Option(help="Height of .nc and .vtr above the board, or FROM:TO for a volume; the design's by default."),
@@ -136,8 +135,6 @@ def view(
         "--coil": coil, "--at-mm": at_mm, "--depth-mm": depth_mm, "--distance-mm": distance_mm,
         "--spacing-mm": spacing_mm, "--z-mm": z_mm,
     }  # fmt: skip
-    if dark and kind != "picture":
-        raise OutputError("--dark is for a picture (.png).")
     unused = {"film": _NOT_OF_FILMS, "field": _NOT_OF_FIELDS}.get(kind, {"--z-mm"})
     for option, value in given.items():
         if value is not None and option in unused:
@@ -189,7 +186,7 @@ def view(
         elif kind == "page":
             viz.save_page(scene, out, title=opened.name, side=side)
         else:
-            viz.save_picture(scene, out, side=side, dark=dark, **pixels)
+            viz.save_picture(scene, out, side=side, **pixels)
         lines = [*notes, *([] if out is None else [f"wrote {', '.join(map(str, written))}"])]
     data = {**shared.design_record(opened), "file": out and str(out), "notes": notes}
     shared.print_result(data, as_json=as_json, lines=lines)

@@ -18,8 +18,8 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        part = isinstance(error, ModuleNotFoundError) and module.startswith(error.name or "\0")  # of several packages
-        if part or importlib.util.find_spec(module.partition(".")[0]) is None:
+        spec = importlib.util.find_spec(module.partition(".")[0])
+        if spec is None or spec.origin is None and isinstance(error, ModuleNotFoundError):  # or a part of a namespace
             line = not_installed(purpose, package, extra)
         else:  # an extension module hides the error that stopped it, even Ctrl-C, behind an ImportError
             cause = error.__cause__ or error

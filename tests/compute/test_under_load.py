@@ -233,7 +233,8 @@ def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, caps
         monkeypatch.chdir(folder)
         monkeypatch.setenv("COILARRAY_CACHE", str(folder / "cache"))
         _kept_contact.cache_clear()  # what is in memory would not be kept in the second folder
-        monkeypatch.setattr("coilarray.circuit.board_circuit._KEPT", Recent(8))
+        for kept in ("_KEPT", "_BOARDS"):
+            monkeypatch.setattr(f"coilarray.circuit.board_circuit.{kept}", Recent(8))
         assert main(command.split()) == 0, capsys.readouterr().err
         found.append(numbers_of(folder / result))
     assert files(broken_off) == files(whole)
