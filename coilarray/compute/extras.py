@@ -19,7 +19,7 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
         return importlib.import_module(module)
     except ImportError as error:
         spec = importlib.util.find_spec(module.partition(".")[0])
-        if spec is None or spec.origin is None and isinstance(error, ModuleNotFoundError):  # or a part of a namespace
+        if spec is None or (spec.origin is None and isinstance(error, ModuleNotFoundError)):  # or a part of a namespace
             line = not_installed(purpose, package, extra)
         else:  # an extension module hides the error that stopped it, even Ctrl-C, behind an ImportError
             cause = error.__cause__ or error
