@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import tempfile
 from collections.abc import Iterator
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -116,7 +116,7 @@ def page() -> str:
     for title, origin, dataset in results():
         lines += [f"## {title}", "", f"{origin}.".replace("{doc}`", "{doc}`../python/coilarray."), ""]
         lines += [*table(dataset), ""]
-    tables = inspect.cleandoc(recording_module._TABLES)
+    tables = resources.files("coilarray.hardware.record").joinpath("recording.sql").read_text(encoding="utf-8").strip()
     lines += [
         "## Recording",
         "",
