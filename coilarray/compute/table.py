@@ -455,7 +455,8 @@ def html_blocks(blocks: Sequence[Block]) -> str:
         elif isinstance(block, Group):
             parts.append(f'<div class="{block.kind}">{html_blocks(block.blocks)}</div>')
         elif isinstance(block, Details):
-            opened = f"<details{f' id={block.id!r}' if block.id else ''}{' open' if block.open else ''}>"
+            place = f' id="{block.id}"' if block.id else ""
+            opened = f"<details{place}{' open' if block.open else ''}>"
             inside = f"{html_text(block.summary)}</summary>\n{html_blocks(block.blocks)}\n"
             parts.append(f"{opened}<summary>{inside}</details>")
         else:
