@@ -49,6 +49,23 @@ def test_a_move_of_the_whole_scene_changes_nothing(coupled):
     np.testing.assert_allclose(moved.frequency, coupled.frequency, rtol=1e-6)
 
 
+def test_the_mirror_image_and_the_exchanged_boards_couple_alike(coupled):
+    def mirrored(spiral):  # at the plane x = 0
+        return replace(spiral, winding="cw", first_corner=math.pi - spiral.first_corner)
+
+    single, pair = Spiral(6, 10e-3, 4, 0.2e-3, 0.2e-3), Spiral(4, 8e-3, 3, 0.2e-3, 0.2e-3)
+    rx, ry, rz = FACING.turn
+    facing = replace(FACING, x=-FACING.x, turn=(rx, -ry, -rz))
+    image = Design(
+        Array.row(mirrored(pair), 2, pitch=12e-3), boards=(Board(Array.row(mirrored(single), 1), facing, "receiver"),)
+    )
+    exchanged = Design(COIL, pose=FACING, boards=(Board(ROW, name="row"),))
+    for other, order in ((image, [1, 0, 2]), (exchanged, [1, 2, 0])):
+        L = ca.couple_design(other).inductance.values[np.ix_(order, order)]
+        # M between boards is summed in another order: 1e-4 of the larger L is stated
+        np.testing.assert_allclose(np.abs(L), np.abs(coupled.inductance), atol=1e-6 * L.max())
+
+
 def test_each_board_has_its_own_copper_and_the_circuit_is_that_of_the_whole(coupled):
     cold = Design(COIL, circuit=Circuit(resistivity=1e-8))
     there = ca.couple_design(Design(ROW, boards=(Board(cold, FACING, "receiver"),)))
