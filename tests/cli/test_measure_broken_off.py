@@ -36,7 +36,7 @@ scan_info, scan_info_refused = runner("board", "info")
 def _patient_with_the_board(monkeypatch, patient_writing):
     """The board is a thread of this process: where the process is stopped, it is as silent as a board that is gone."""
     times = LinkTimes(reply=PATIENCE, least_gap=PATIENCE, heartbeat=PATIENCE)
-    monkeypatch.setattr(microcontroller, "LinkTimes", lambda: times)
+    monkeypatch.setattr(microcontroller.protocol, "LinkTimes", lambda: times)
 
 
 @contextlib.contextmanager

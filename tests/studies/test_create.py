@@ -252,7 +252,7 @@ REFUSED = {
     "capacitance": ({"capacitance": 0.0}, "capacitance must be positive and finite; got 0 pF"),
     "frequency twice": ({"capacitance": 1e-10, "frequency": 2e6}, "frequency and capacitance cannot both be given"),
     "too small": ({"size": 1e-3}, "size must be at least 3.28 mm, for a turn of 0.1524 mm trace about .*; got 1 mm"),
-    "too many layers": ({"layers": 40}, "layers must be at most 20 for a coil of 16 mm; got 40: there is no room for"),
+    "too many layers": ({"layers": 30}, "layers must be at most 20 for a coil of 16 mm; got 30: there is no room for"),
     "too near": ({"pitch": 1e-3}, "pitch must leave room .*, as 19 mm and more do; got 1 mm: there is no place"),
 }  # fmt: skip
 
