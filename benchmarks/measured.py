@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from accuracy import Accuracy
+from accuracy import Accuracy  # which makes the helpers of the tests known
+from support.references import rows_of
 
 from coilarray import inductance_matrix
 from coilarray.compute.arrays import FloatArray
@@ -72,12 +71,11 @@ def _inductance(row: dict[str, str]) -> float:
 def coils() -> tuple[MeasuredCoil, ...]:
     """Compute the coils of two and more layers: the lead of a single one is not in the model."""
     found = []
-    with (Path(__file__).parents[1] / "tests" / "reference" / TABLE).open(encoding="utf-8", newline="") as lines:
-        for row in csv.DictReader(line for line in lines if not line.startswith("#")):
-            layers = len(row["layers"].split("+"))
-            if row["board"] in _STACKS and layers > 1:
-                measured, tolerance = float(row["measured_inductance_uH"]), float(row["tolerance_percent"]) / 100
-                found.append(MeasuredCoil(row["board"], row["shape"], layers, measured, _inductance(row), tolerance))
+    for row in rows_of(TABLE):
+        layers = len(row["layers"].split("+"))
+        if row["board"] in _STACKS and layers > 1:
+            measured, tolerance = float(row["measured_inductance_uH"]), float(row["tolerance_percent"]) / 100
+            found.append(MeasuredCoil(row["board"], row["shape"], layers, measured, _inductance(row), tolerance))
     return tuple(found)
 
 

@@ -140,7 +140,7 @@ def _print_report(design: Design, made: Report, *, every: bool) -> None:
     tables = [made.summary] if every and made.summary is not None else []
     coils = _coils(design, made.coupling)
     if len(coils.rows) > _FEW and not every:
-        tables += [coils.without("neighbours").alike(), neighbour_table(design, made.coupling)[1]]
+        tables += [coils.without("neighbours").alike(), neighbour_table(design, made.coupling)]
     else:
         tables.append(coils)
     for table in tables:
@@ -349,7 +349,7 @@ def impedance(
     if len(inductance) > _FEW and not every:
         k = ("coil", "other"), coupling_matrix(inductance)
         of_names = xr.Dataset({"coupling": k}, {"coil": list(opened.coil_names)})
-        shown.insert(0, tables.neighbour_table(opened, of_names)[1])
+        shown.insert(0, tables.neighbour_table(opened, of_names))
     else:
         shown[:0] = tables.matrix_tables(list(opened.coil_names), inductance)
     shared.print_result(data, as_json=as_json, tables=shown, lines=lines, files=(out, plot))

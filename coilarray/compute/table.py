@@ -12,7 +12,7 @@ import itertools
 import math
 import re
 import textwrap
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from html import escape
@@ -190,15 +190,14 @@ class Table:
     def html(self) -> str:
         """Return the table and its notes as HTML, with digits that are known."""
         notes = "".join(f"<p>{html_text(note)}</p>" for note in self.notes)
-        more = [k for k, column in enumerate(self.columns) if self.main and column.name not in self.main]
+        more = [k for k, column in enumerate(self.columns) if column.name in self._folded]
         known = self._with_known_digits()
         shown = html_table(known.headers, known.cells(), self.mark, caption=self.title, more=more)
         return f'<div class="wide" data-file="{self.name}">{shown}</div>{notes}'
 
     def latex(self) -> str:
         """Return the table for LaTeX, of its main columns, with booktabs."""
-        known = self._with_known_digits()
-        table = known.without(*(one.name for one in self.columns if self.main and one.name not in self.main))
+        table = self._with_known_digits().without(*self._folded)
         lines = [" & ".join(map(_latex, texts)) + r" \\" for texts in (table.headers, *table.cells())]
         aligned = "".join("r" if isinstance(value, float) else "l" for value in table.rows[0])
         return "\n".join([
@@ -295,6 +294,11 @@ class Table:
             if not (nothing or repeats):
                 kept.append(k)
         return self._with_columns(kept)
+
+    @property
+    def _folded(self) -> list[str]:
+        """Names of the columns that a page folds."""
+        return [column.name for column in self.columns if self.main and column.name not in self.main]
 
     def _with_known_digits(self) -> Table:
         columns = tuple(replace(column, shown=_known(column.unit_shown)) for column in self.columns)
@@ -434,12 +438,17 @@ class Section:
 
     def tables(self) -> dict[str, Table]:
         """Return all tables with a name, tables for files last."""
-        blocks, found = list(self.blocks), list[Table]()
-        while blocks:
-            block = blocks.pop(0)
-            found += [block] if isinstance(block, Table) else []
-            blocks[:0] = block.blocks if isinstance(block, (Group, Details)) else ()
+        found = [block for block in leaves(self.blocks) if isinstance(block, Table)]
         return {table.name: table for table in (*found, *self.files) if table.name}
+
+
+def leaves(blocks: Iterable[Block]) -> Iterator[Block]:
+    """Yield the blocks, and in the place of groups and details those that they hold."""
+    for block in blocks:
+        if isinstance(block, (Group, Details)):
+            yield from leaves(block.blocks)
+        else:
+            yield block
 
 
 def html_blocks(blocks: Sequence[Block]) -> str:

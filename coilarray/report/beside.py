@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Future
 from pathlib import Path
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.display_units import number_text
 from coilarray.compute.files import write_text
-from coilarray.compute.table import Block, Group, Picture, Section, Table, text_table
+from coilarray.compute.table import Group, Picture, Section, Table, leaves, text_table
 from coilarray.compute.threads import Progress
 from coilarray.design.model import DesignFile
 from coilarray.errors import DesignError
@@ -67,15 +68,11 @@ def write_beside(files: Sequence[DesignFile], where: Path, progress: Progress | 
 
 def _pictures(report: Report) -> list[Picture]:
     """Return the pictures of a report, in order."""
-    blocks: list[Block] = [block for section in report.sections for block in section.blocks]
     found: list[Picture] = []
-    while blocks:
-        block = blocks.pop(0)
+    for block in leaves(block for section in report.sections for block in section.blocks):
         if isinstance(block, Picture):
             found.append(block)
-        elif isinstance(block, Group):
-            blocks[:0] = block.blocks
-        elif hasattr(block, "result"):
+        elif isinstance(block, Future):
             found += block.result()
     return found
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, DisplayUnit, display_unit, number_text
-from coilarray.compute.table import Block, Card, Details, Group, Table, Warn, text_table
+from coilarray.compute.table import Block, Card, Details, Group, Table, Value, Warn, text_table
 from coilarray.design.boards import named_boards
 from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
@@ -111,14 +111,18 @@ def _mm(value: float) -> str:
     return number_text(value * MM.factor, 1)
 
 
+def _row(summary: Table, start: str) -> tuple[Value, ...]:
+    """Row whose quantity has this start: quantity, least, most, unit and remark, all empty without one."""
+    return next((row for row in summary.rows if str(row[0]).startswith(start)), ("",) * 5)
+
+
 def _of(summary: Table, start: str) -> list[float]:
     """Least and largest value of the row with this start, none without one."""
-    row = next((row for row in summary.rows if str(row[0]).startswith(start)), ("",))
-    return [value for value in row[1:3] if isinstance(value, float)]
+    return [value for value in _row(summary, start)[1:3] if isinstance(value, float)]
 
 
 def _remark(summary: Table, start: str) -> str:
-    return next((str(row[4]) for row in summary.rows if str(row[0]).startswith(start)), "")
+    return str(_row(summary, start)[4])
 
 
 def cards(summary: Table, design: Design) -> list[Card]:
@@ -138,7 +142,7 @@ def cards(summary: Table, design: Design) -> list[Card]:
     x_min, y_min, x_max, y_max = design.array.bounds
     size = " × ".join(number_text(MM.factor * edge, 1) for edge in (x_max - x_min, y_max - y_min))
     stackup = design.array.stackup
-    peak = next((str(row[0]) for row in summary.rows if str(row[0]).startswith("peak δ")), "").removeprefix("peak δ, ")
+    peak = str(_row(summary, "peak δ")[0]).removeprefix("peak δ, ")
     found = [
         Card("Link efficiency", shown("link efficiency", PERCENT, 3), _remark(summary, "link efficiency")),
         Card("Inductance", shown("L", H, 3), shown("L_eff", H, 3, "L_eff ") if design.is_tuned else ""),

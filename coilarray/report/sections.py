@@ -234,9 +234,10 @@ def _coupling(r: Results) -> Section | None:
     if not r.several:
         return None
     coupling = r.coupling.result()
-    middle, kinds = tables.neighbour_table(r.design, coupling)
+    kinds = tables.neighbour_table(r.design, coupling)
     few: list[Block] = []
     if len(r.design.coil_names) > _MOST_MATRIX:
+        middle = tables.middle_coil(r.design)
         caption = f"Coupling coefficients k = M/√(L L) of {middle} with the other coils."
         names = dict(zip(r.design.coil_names, r.outlines, strict=True))
         pictures = [r.plot("plot_neighbours", "coupling", caption, coupling, names, middle)]

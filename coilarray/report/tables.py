@@ -43,7 +43,7 @@ def board_table(design: Design) -> Table:
     """Return the places and sizes of all boards of a design."""
     columns = (
         *map(Column, ("board", "design")),
-        Column("coils", unit="1", shown=DisplayUnit(digits=4)),
+        Column("coils", unit="1", shown=_FOUR),
         *(Column(axis, unit="m", shown=_LENGTH) for axis in "xyz"),
         *(Column(f"turn_{axis}", f"turn about {axis}", "rad", _DEGREES) for axis in "xyz"),
         *(Column(name, unit="m", shown=_LENGTH) for name in ("width", "height", "thickness")),
@@ -95,14 +95,21 @@ def pair_table(coupling: xr.Dataset) -> Table:
     return replace(table, rows=tuple(row for row in table.rows if row[0] != row[1]))
 
 
-def neighbour_table(design: Design, coupling: xr.Dataset) -> tuple[str, Table]:
-    """Return the middle coil, and the couplings by kind of neighbour, the strongest first.
+def middle_coil(design: Design) -> str:
+    """Return the coil nearest to the middle of all boards."""
+    places = design.centres
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    return design.coil_names[int(np.linalg.norm(places - middle, axis=1).argmin())]
+
+
+def neighbour_table(design: Design, coupling: xr.Dataset) -> Table:
+    """Return the couplings by kind of neighbour, the strongest first.
 
     Pairs are of one kind if one coil lies as far from the other in x, y and z, whatever the signs, and kinds of one
     distance are joined if their k agree.
     """
     names, k = coupling.coil.values.tolist(), coupling.coupling.values
-    places = np.vstack([board.in_space(_flat(board.array.centres)) for board in design.placed])
+    places = design.centres
     first, second = np.triu_indices(len(names), 1)
     k, apart = k[first, second], np.abs(places[first] - places[second])
     step = _ALIKE_PLACES * float(np.linalg.norm(apart, axis=1).min())
@@ -127,8 +134,7 @@ def neighbour_table(design: Design, coupling: xr.Dataset) -> tuple[str, Table]:
         Column("distance", unit="m", shown=DisplayUnit("mm", 1e3, 2)),
         Column("least_k", "least k", "1", _FOUR), Column("most_k", "largest k", "1", _FOUR),
     )  # fmt: skip
-    middle = names[int(np.linalg.norm(places - (places.min(axis=0) + places.max(axis=0)) / 2, axis=1).argmin())]
-    return middle, Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows))
+    return Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows))
 
 
 _ALIKE_K = 2e-4  # of k, as M is known to 10⁻⁴ of L
@@ -136,17 +142,12 @@ _ALIKE_PLACES = 0.01  # of the least distance of two coils
 _FOUR = DisplayUnit(digits=4)  # as M is known to 10⁻⁴ of L
 
 
-def _flat(points: FloatArray) -> FloatArray:
-    return np.column_stack((points, np.zeros(len(points))))
-
-
 def link_table(columns: xr.Dataset) -> Table:
     """Return the numbers of a link at every pose, from `coilarray.studies.link.columns`."""
-    known = DisplayUnit("", 1.0, 4)  # as M is known to 1e-4 of L
     frame = columns.to_dataframe().reset_index()
     pairs = {name.partition("[")[2] for name in map(str, frame.columns) if "[" in name}
     shown = [
-        Column(name, _in_words(name, pairs), "1", known if name.startswith("k[") or "efficiency" in name else None)
+        Column(name, _in_words(name, pairs), "1", _FOUR if name.startswith("k[") or "efficiency" in name else None)
         for name in map(str, frame.columns)
     ]
     rows = tuple(tuple(map(cell, row)) for row in frame.itertuples(index=False))
@@ -235,11 +236,10 @@ def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
     if len(names) == 1:
         return [Table("L", "Inductance", (Column("coil"), Column("L", unit="H")), ((names[0], inductance[0, 0]),))]
     coupling = coupling_matrix(inductance)
-    plain = DisplayUnit(digits=4)
     tables, micro = [], display_unit("H")
     largest = float(np.abs(micro.of(inductance)).max())
     micro = replace(micro, digits=max(_LAST - math.floor(math.log10(largest)), 0))
-    for name, unit, values in (("L and M", micro, inductance), ("k", plain, coupling)):
+    for name, unit, values in (("L and M", micro, inductance), ("k", _FOUR, coupling)):
         columns = (Column("coil"), *(Column(one, one, "1", replace(unit, symbol="")) for one in names))
         rows = tuple((one, *row) for one, row in zip(names, values.tolist(), strict=True))
         tables.append(Table(name, unit.label(name), columns, rows))
@@ -335,10 +335,9 @@ def limit_table(scan: xr.Dataset) -> Table:
     """Return the limits of an LDC1614 for every state."""
     from coilarray.circuit.converter_limits import check_channel
 
-    four = DisplayUnit(digits=4)
     columns = (
         *map(Column, ("state", "limit")),
-        *(Column(name, label, "1", four) for name, label in (("value", "value"), ("low", "from"), ("high", "to"))),
+        *(Column(name, label, "1", _FOUR) for name, label in (("value", "value"), ("low", "from"), ("high", "to"))),
         Column("kept"),
     )
     rows = tuple(

@@ -19,6 +19,7 @@ from coilarray.design.boards import boards_words
 from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, DesignError, LocalizeError
+from coilarray.geometry.rules import broken_rules
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.report import page, tables
 from coilarray.report.drawing import drawing_beside
@@ -149,8 +150,8 @@ def write_report(
             results.coupling.result(), results.scan, results.margins, results.shown_or_none, results.bare.result(),
             results.target_or_none, results.bounds, None if results.linking.exception() else results.linking.result(),
         )  # fmt: skip
-        broken = verdicts(results.scan, results.margins, results.target_or_none, results.shown_or_none)
         reading = verdicts(results.scan, (), results.target_or_none, results.shown_or_none)
+        broken = [*broken_rules(results.margins), *reading]
         first = first_page(results, summary, reading)
         all_tables = {summary.name: summary}
         for section in sections:

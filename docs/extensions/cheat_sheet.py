@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from command_pages import PIPE, examples, write_page
+from command_pages import examples, table_row, write_page
 
 from coilarray.cli.main import GROUPS, summary
 from coilarray.design.keys import sections_of
@@ -40,8 +40,7 @@ def _keys() -> Iterator[tuple[str, str]]:
 
 
 def _table(first: str, second: str, rows: Iterator[tuple[str, str]]) -> list[str]:
-    cells = [" | ".join(cell.replace("|", PIPE) for cell in row) for row in rows]
-    return [f"| {first} | {second} |", "| --- | --- |", *(f"| {row} |" for row in cells), ""]
+    return [table_row((first, second)), "| --- | --- |", *map(table_row, rows), ""]
 
 
 def page() -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +46,12 @@ def _sections(text: str) -> dict[str, list[str]]:
     return found
 
 
-PIPE = "\\|"  # within a cell of a table
+def table_row(cells: Iterable[str]) -> str:
+    """Return a line of a table in Markdown."""
+    return f"| {' | '.join(cell.replace('|', _PIPE) for cell in cells)} |"
+
+
+_PIPE = "\\|"
 _RANGE = re.compile(r"; (?:([\d.]+)&lt;=)?x(>|&lt;)=([\d.]+)\]")
 
 
@@ -70,7 +76,7 @@ def _table(lines: list[str], first: str) -> list[str]:
     table = [f"| {first} | meaning |", "| --- | --- |"]
     for name, *meaning in rows:
         cells = f"`` {_option(name)} ``", _range(_prose(" ".join(meaning)))
-        table.append(f"| {' | '.join(cell.replace('|', PIPE) for cell in cells)} |")
+        table.append(table_row(cells))
     return [":::{div} stacked", *table, ":::", ""]
 
 

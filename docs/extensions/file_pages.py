@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from command_pages import write_page
+from command_pages import table_row, write_page
 
 from coilarray.design.keys import REQUIRED, Key, Section, sections_of
 
@@ -61,7 +61,7 @@ def _row(key: Key) -> str:
     default = f"`{key.default}`" if key.default not in ("", REQUIRED) else key.default
     allowed = _PLAIN.sub(lambda found: f"`{found[0]}`".replace(" or ", "` or `"), key.allowed)
     cells = (f"`{key.name}`", key.unit, allowed, default, key.meaning)
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return table_row(cells)
 
 
 def _lines(section: Section) -> Iterator[str]:

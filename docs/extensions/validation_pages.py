@@ -13,6 +13,8 @@ from command_pages import write_page
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from coilarray.compute.display_units import PERCENT, power_of_ten
+
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
@@ -107,12 +109,12 @@ def _largest(results: Mapping[str, Any], quantity: str) -> float:
     return float(row["worst"])
 
 
-def _power(value: float) -> str:
+def _rounded(value: float) -> str:
     """Return a deviation as a percentage, or as a power of ten where it is small."""
     if value >= 1e-3:
-        return f"{100 * value:.1g} %"
+        return PERCENT.text(value, ".1")
     digit, power = f"{value:.0e}".split("e")
-    return f"{digit}·10{str(int(power)).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
+    return f"{digit}·{power_of_ten(int(power))}"
 
 
 def summary(results: Mapping[str, Any]) -> str:
@@ -128,7 +130,7 @@ def summary(results: Mapping[str, Any]) -> str:
             "readings of an LCR meter of 0.7 to 2.5 %",
             f"mean {100 * sum(deviations) / len(deviations):.1f} %, largest {100 * max(deviations):.1f} %",
         ),
-        *((what, against, _power(_largest(results, quantity))) for what, against, quantity in _SUMMARY),
+        *((what, against, _rounded(_largest(results, quantity))) for what, against, quantity in _SUMMARY),
         ("field of six coils", "magpylib, the same to 10⁻¹⁰", f"{field:.0f} times as fast"),
         (
             "inductance matrix of six coils",

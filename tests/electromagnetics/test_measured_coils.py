@@ -4,13 +4,12 @@ Who checks whom: LCR meter readings of van Liempd's boards (tests/reference), ve
 current-sheet formula of Mohan et al. (IEEE J. Solid-State Circuits 34, 1999) against coils of a design's shapes.
 """
 
-import csv
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.references import FOLDER
+from support.references import rows_of
 
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.geometry import Array, Conductor, Placement, PlatedHole, RoundedSpiral, Spiral, Stackup
@@ -20,9 +19,7 @@ TWO_LAYERS = Stackup(("top", "bot"), (35e-6, 35e-6), (0.53e-3,), (4.5,))  # of 0
 
 def measured():
     """Rows of the two-layer boards."""
-    with (FOLDER / "van_liempd_2023_pcb_coils.csv").open(encoding="utf-8", newline="") as lines:
-        rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    return [row for row in rows if row["board"] == "2L"]
+    return [row for row in rows_of("van_liempd_2023_pcb_coils.csv") if row["board"] == "2L"]
 
 
 def inductance(spiral, layers, stackup=TWO_LAYERS):

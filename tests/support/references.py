@@ -17,7 +17,12 @@ FOLDER = Path(__file__).parents[1] / "reference"
 
 def rows(name: str) -> list[dict[str, str]]:
     """Rows of tests/reference/ref_NAME.csv as mappings from column to text."""
-    with (FOLDER / f"ref_{name}.csv").open(encoding="utf-8", newline="") as lines:
+    return rows_of(f"ref_{name}.csv")
+
+
+def rows_of(file: str) -> list[dict[str, str]]:
+    """Rows of a file of tests/reference as mappings from column to text."""
+    with (FOLDER / file).open(encoding="utf-8", newline="") as lines:
         return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 

@@ -79,7 +79,7 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", dark
     if camera.angle:
         _shadow(view, scene)
         view.enable_depth_peeling(_PEELS)
-        _lights(view, scene, camera)
+        _lights(view, camera)
     set_camera(plotter, camera)
 
 
@@ -98,7 +98,7 @@ def legible(texts: Sequence[Text], camera: Camera, size: tuple[int, int]) -> tup
     return tuple(text for k, text in enumerate(texts) if k in kept)
 
 
-def _lights(view: Any, scene: Scene, camera: Camera) -> None:
+def _lights(view: Any, camera: Camera) -> None:
     """Light from the upper left, near enough for a sheen on copper, and weaker light from the camera."""
     from coilarray.viz.extra_3d import pyvista
 
@@ -107,9 +107,9 @@ def _lights(view: Any, scene: Scene, camera: Camera) -> None:
     along = np.cross(camera.up, np.subtract(camera.position, focus))
     along /= np.linalg.norm(along)
     key = focus + length * (np.array(camera.up) * 0.9 - 0.8 * along + [0.0, 0.0, 1.7])
-    for light, place in ((0.75, key), (0.45, np.array(camera.position))):
+    for light, place, near in ((0.75, key, True), (0.45, np.array(camera.position), False)):
         lamp = pyvista.Light(position=place, focal_point=focus, intensity=light, light_type="scene light")
-        lamp.positional, lamp.cone_angle = light == 0.75, 90.0
+        lamp.positional, lamp.cone_angle = near, 90.0
         view.add_light(lamp)
 
 

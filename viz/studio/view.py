@@ -176,8 +176,7 @@ def plan_of(design: Design) -> dict[str, Any]:
 def _in_space(board: Board, points: npt.NDArray[np.float64]) -> list[list[float]]:
     """Points (n, 2) of a board in m as places in space in mm."""
     flat = np.column_stack((points[:, :2], np.zeros(len(points))))
-    bent = flat if board.array.form is None else board.array.form.surface(flat)
-    placed: list[list[float]] = np.round(MM_PER_M * board.pose.apply(bent), 4).tolist()
+    placed: list[list[float]] = np.round(MM_PER_M * board.in_space(flat), 4).tolist()
     return placed
 
 

@@ -10,7 +10,7 @@ from coilarray.design.keys import entry_unit, key_in_si
 from coilarray.design.model import Design
 from coilarray.studies.quantities import QUANTITIES
 from coilarray.viz.studio.view import plan_of
-from coilarray.viz.studio.work import Work
+from coilarray.viz.studio.work import SYMBOLS, Work
 
 MOST_SHOWN = 200  # largest number of rows of a table
 NO_PREVIEW: Mapping[str, Any] = {"rows": [], "plan": None, "name": "", "trigger": "", "point": ""}
@@ -61,7 +61,7 @@ def unit_of(name: str) -> str:
     bare = quantity_of(name)
     known = QUANTITIES.get(bare.partition("[")[0])
     unit = known.unit if known is not None else entry_unit(bare)
-    return {"1": "", "deg": "°", "ohm": "Ω"}.get(unit, unit)
+    return SYMBOLS.get(unit, unit)
 
 
 def axis_label(name: str) -> str:
@@ -83,7 +83,7 @@ def with_unit(name: str, value: object) -> str:
     if isinstance(value, list):
         return ", ".join(" ".join(map(str, one)) if isinstance(one, list) else str(one) for one in value)
     unit = unit_of(name) if isinstance(value, int | float) else ""
-    rounded = isinstance(value, float) and name.partition("[")[0] in QUANTITIES
+    rounded = name.partition("[")[0] in QUANTITIES
     text = _FOUR.texts([value])[0] if rounded and isinstance(value, float) else value_text(value)
     return f"{text} {unit}".strip()
 

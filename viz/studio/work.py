@@ -157,7 +157,7 @@ class Shelf:
         return self.file(name, (".toml",))
 
 
-_SYMBOLS = {"deg": "°", "ohm": "Ω", "1": ""}
+SYMBOLS = {"deg": "°", "ohm": "Ω", "1": ""}  # of units, as the page writes them
 _GROUPS = {  # tables whose numbers have sliders, with headings, in shown order
     "boards.N": "Board", "coils.NAME": "Coil", "coils.NAME.leads": "Coil", "array": "Array", "connector": "Connector",
     "elastomer.N": "Elastomer", "plate.N": "Plate", "target": "Target", "indentation": "Indentation",
@@ -225,7 +225,7 @@ def _keys() -> dict[str, Key]:
 def _entry(key: Key, dotted: str, label: str, group: str, value: float) -> Entry:
     """Make an entry with the range of its slider."""
     unit = entry_unit(key.name)
-    unit = _SYMBOLS.get(unit, unit)
+    unit = SYMBOLS.get(unit, unit)
     allowed = re.search(r", ([−\d.]+) to ([\d.\u202f]+)", key.allowed)
     if unit == "°" and key.name != "half_angle_deg":
         low, high, step = min(-_TURN, value), max(_TURN, value), 1.0
