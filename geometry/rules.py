@@ -302,7 +302,9 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
     """
     worst: dict[str, Margin] = {}
     for margin in margins:
-        if not margin.kept and (margin.rule not in worst or margin.margin < worst[margin.rule].margin):
+        if margin.kept:
+            continue
+        if margin.rule not in worst or margin.margin < worst[margin.rule].margin - KEPT_WITHIN:  # alike: the first
             worst[margin.rule] = margin
     sentences = []
     for margin in worst.values():
@@ -397,7 +399,7 @@ def _clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) ->
     shapely.prepare(shapes)
     boxes = np.array([shapely.box(*shape.bounds) for shape in shapes])
     i, j = shapely.STRtree(boxes).query(boxes, predicate="dwithin", distance=_HORIZON * rules.min_gap)
-    for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
+    for a, b in sorted(zip(i[i < j].tolist(), j[i < j].tolist(), strict=True)):  # a tree's order is its own
         bridge = shapely.shortest_line(shapes[a], shapes[b])
         value, place = float(shapely.length(bridge)), shapely.get_coordinates(bridge).mean(axis=0)
         if value == 0:  # diameter and centre of the largest circle in an overlap
@@ -685,7 +687,7 @@ def _between(traces: Sequence[_Trace]) -> Iterator[_Place]:
     boxes = np.array(shapely.box(*low.T, *high.T))
     i, j = shapely.STRtree(boxes).query(boxes, predicate="intersects")
     seen = set()
-    for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
+    for a, b in sorted(zip(i[i < j].tolist(), j[i < j].tolist(), strict=True)):
         one, other = traces[a], traces[b]
         if one.path == other.path or not one.is_level_with(other):
             continue

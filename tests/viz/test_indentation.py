@@ -183,6 +183,7 @@ def board():
     return reference_board()
 
 
+@pytest.mark.lowest
 @pytest.mark.slow
 def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
     scene = viz.dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), centre=(-19.92e-3, 0.0))

@@ -22,6 +22,7 @@ def test_a_prefix_brings_the_largest_between_1_and_1000(largest, unit):
     assert shown.symbol.endswith("Ω" if unit == "ohm" else unit)
 
 
+@pytest.mark.lowest
 def test_units_of_axes_and_a_map_with_gaps():
     assert axis_unit([2.2e-6], "H") == DisplayUnit("µH", 1e6)
     assert axis_unit([2.2e-6], "1").symbol == "10⁻⁶"

@@ -267,7 +267,8 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
         return mesh
     x_min, y_min, x_max, y_max = (meshes.MM_PER_M * edge for edge in box)
     low, high = mesh.bounds[4:]
-    return meshes.surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
+    cut = mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False)
+    return meshes.surface_of(cut).remove_unused_points()  # which count for the bounds in VTK 9.6
 
 
 def _as_bent(array: Array, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
