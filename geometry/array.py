@@ -536,7 +536,8 @@ def copper_words(coil: Coil) -> str:
     lines = shapely.MultiLineString([spiral.centre_line(layer) for layer in range(spiral.layers)])
     copper = lines.buffer(spiral.width / 2, cap_style="flat", join_style="mitre")
     width, height = np.ptp(np.reshape(copper.bounds, (2, 2)), axis=0)
-    return f" (copper {MM.of(width):.5g} × {MM.of(height):.5g} mm)"
+    shown = " × ".join(f"{round(float(MM.of(side)), 3):g}" for side in (width, height))  # to 1 µm
+    return f" (copper {shown} mm)"
 
 
 def array_facts(array: Array) -> list[tuple[str, str]]:

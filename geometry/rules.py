@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 # tilts. This is 0.8 µm less than 0.1 mm for 30 hexagonal turns of 23 mm. Fabricators state their
 # limits to 10 µm. Floating-point noise is far below.
 KEPT_WITHIN = 1e-6
+_DECIMALS = 6  # of a length in m, as it is judged to 1 µm
 
 _LARGEST = ("aspect ratio", "blind holes", "copper thickness", "layer count", "board size")  # limits from above
 _HORIZON = 10.0  # limits. Pieces of copper that are further apart are not listed
@@ -281,7 +282,7 @@ def require_kept(margins: Iterable[Margin]) -> None:
     leads = f", at leads of {worst.leads}," if worst.leads else ""
     place = "" if worst.x is None or worst.y is None else f" at {place_in_mm(worst.x, worst.y)}"
     value, margin, limit = (
-        f"{number * 1e3:.4g} mm" if worst.unit == "m" else f"{number:.4g}"
+        f"{round(number * 1e3, 3):.5g} mm" if worst.unit == "m" else f"{number:.4g}"
         for number in (worst.value, worst.margin, worst.limit)
     )
     raise RuleViolationError(
@@ -309,7 +310,8 @@ def broken_rules(margins: Iterable[Margin]) -> list[str]:
     sentences = []
     for margin in worst.values():
         unit = MM if margin.unit else PLAIN
-        value, limit, deep = (true_minus(unit.text(one, ".4")) for one in (margin.value, margin.limit, -margin.value))
+        lengths = (round(one, _DECIMALS) for one in (margin.value, margin.limit, -margin.value))
+        value, limit, deep = (true_minus(unit.text(one, ".5")) for one in lengths)
         if margin.rule == "clearance" and margin.value < 0:
             nets = margin.feature.replace(" – ", " and ")
             leads = f", at leads of {margin.leads}" if margin.leads else ""

@@ -7,6 +7,7 @@ from .plots.board import plot_stack as plot_stack
 from .plots.circuit import frequency_figure as frequency_figure
 from .plots.circuit import plot_coupling as plot_coupling
 from .plots.circuit import plot_currents as plot_currents
+from .plots.circuit import plot_equivalent_circuit as plot_equivalent_circuit
 from .plots.circuit import plot_field_lines as plot_field_lines
 from .plots.circuit import plot_field_map as plot_field_map
 from .plots.circuit import plot_frequency_sweep as plot_frequency_sweep

@@ -326,7 +326,7 @@ _COPPER = "IEC 60028 and the computed Q"
 _ADG729 = "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature"
 _DELAY = "5 ns of equation 1 of SNOSCY9A, not verified"
 _RESOLUTION = (
-    "8e-7 of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
+    "8·10⁻⁷ of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
     "that of white noise"
 )
 

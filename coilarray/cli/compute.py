@@ -97,6 +97,7 @@ def report(
         _report_beside(designs or [], out, results, program, open_it=open_it, as_json=as_json, allow=allow_violations)
         return
     design = designs[0] if designs else None
+    opened = shared.open_design_file(design, allow_violations=allow_violations, boards=True)  # before other processes
     with compiling_beside(), drawing_beside():
         from coilarray.compute.netcdf import read_checked
         from coilarray.paper.distortion import DISTORTION
@@ -104,7 +105,6 @@ def report(
         from coilarray.report.write import write_report
         from coilarray.studies.link import LINK
 
-        opened = shared.open_design_file(design, allow_violations=allow_violations, boards=True)
         causes = None if distortion is None else read_checked(distortion, DISTORTION)
         motion = None if link is None else read_checked(link, LINK)
         with shared.progress_bar("report", [*(title.lower() for title in SECTIONS), "page"]) as progress:
@@ -160,10 +160,10 @@ def _report_beside(
 ) -> None:
     if any(results):
         raise DesignError("--distortion and --link are for the report of one design.")
+    opened = [shared.open_design_file(one, allow_violations=allow, boards=True) for one in designs]
     with compiling_beside():  # each report has a drawing process of its own
         from coilarray.report.beside import write_beside
 
-        opened = [shared.open_design_file(one, allow_violations=allow, boards=True) for one in designs]
         with shared.progress_bar(f"report of {' and '.join(one.design.name for one in opened)}") as progress:
             made = write_beside(opened, out, progress)
     page = out / "report.html"
@@ -219,7 +219,7 @@ def impedance(
     ] = False,
     reference: shared.References = None,
     ports: Annotated[
-        bool, typer.Option("--ports", help="Print impedances, efficiencies and resonances of the ports instead.")
+        bool, typer.Option("--ports", help="Print the ports instead: impedances, efficiencies and resonances.")
     ] = False,
     match: Annotated[
         Match | None,
@@ -238,7 +238,7 @@ def impedance(
     ] = None,
     plot: Annotated[
         Path | None,
-        shared.plot_option("L, R and Q over frequency, with both resonances, or S and efficiency of the ports"),
+        shared.plot_option("curves over frequency: L, R and Q with both resonances, or S and efficiency of the ports"),
     ] = None,
     every: shared.Every = False,
     as_json: shared.AsJson = False,
@@ -345,7 +345,7 @@ def impedance(
         lines.append(f"ports of {', '.join(port.coil for port in opened.circuit.ports)}: coilarray impedance --ports")
     lines = [*filter(None, lines), *shared.left_out_lines(scan.attrs["left_out"])]
     shown = [states, windings, drives] if opened.is_tuned else [windings]
-    shown = [one for one in (shown if every else [one.alike() for one in shown]) if one.rows]
+    shown = [one for one in (shown if every else [one.alike().with_common_note() for one in shown]) if one.rows]
     if len(inductance) > _FEW and not every:
         k = ("coil", "other"), coupling_matrix(inductance)
         of_names = xr.Dataset({"coupling": k}, {"coil": list(opened.coil_names)})

@@ -108,7 +108,9 @@ def init(
     file: Annotated[Path, typer.Argument(metavar="NAME", help="File to write, .toml.")] = Path("design.toml"),
     coils: Annotated[
         str | None,
-        typer.Option(help="1, 6 (a row), 4x4 (columns by rows), 3-hex (a triangle), 7-hex or 19-hex; 3 by default."),
+        typer.Option(
+            help="Arrangement: 1, 6 (a row), 4x4 (columns by rows), 3-hex (a triangle), 7-hex or 19-hex; 3 by default."
+        ),
     ] = None,
     shape: Annotated[Shape | None, typer.Option(help="Shape of the coils; hexagon by default.")] = None,
     size_mm: Annotated[

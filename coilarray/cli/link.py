@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from coilarray.design.model import Design
 
-_MOST_ROWS, _MOST_PAIRS = 40, 4  # poses, and pairs of coils, whose numbers are printed one by one
+_MOST_ROWS, _MOST_PAIRS = 48, 4  # of poses and pairs of coils, and pairs, whose numbers are printed one by one
 _FRAMES = 36  # most pictures of a film, and positions of a slider
 _MOST_VALUES = 10_000  # of an axis
 _K = DisplayUnit("", 1.0, 4)  # as M is known to 1e-4 of L
@@ -128,11 +128,10 @@ def link(
     ]  # fmt: skip
     if "resonances" in found and (silent := int((found["resonances"] == 0).sum())):
         lines.append(f"no port oscillates at {silent} of {count} poses, which have no resonance")
-    if count > _MOST_ROWS:
+    tables = _tables(flat)
+    if tables[0].name != "link":
         lines.append(f"{count} poses: smallest and largest values are shown")
-    shared.print_result(
-        data, as_json=as_json, tables=[] if as_json else [_table(flat)], lines=lines, files=[out, plot, film]
-    )
+    shared.print_result(data, as_json=as_json, tables=tables, lines=lines, files=[out, plot, film])
 
 
 def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Dataset, path: Path) -> None:
@@ -168,9 +167,9 @@ def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Data
         viz.save_movie(scene_of_boards(still) + everywhere, moving_scenes(moved, notes), path)
 
 
-def _table(flat: xr.Dataset) -> Table:
-    """Table of all poses, or of the extremes of many."""
-    from coilarray.report.tables import link_table
+def _tables(flat: xr.Dataset) -> list[Table]:
+    """Tables of all poses, or of the extremes of many."""
+    from coilarray.report.tables import link_tables
 
     count, names = math.prod(flat.sizes.values()), [str(name) for name in flat.data_vars]
     pairs = [name for name in names if name.startswith("k[")]
@@ -180,10 +179,10 @@ def _table(flat: xr.Dataset) -> Table:
         name for name in names if "[" not in name or name.startswith(("efficiency", "available"))
         or (name.startswith(("k[", "voltage", "best")) and name[name.index("[") :] in shown)
     ]  # fmt: skip
-    if count > _MOST_ROWS:
+    if count * max(len(shown), 1) > _MOST_ROWS:
         flat = flat.assign(
             {name: flat[name].round(4) for name in names if name.startswith("k[") or "efficiency" in name}
         )
         rows = [extremes(flat, name, str(flat[name].attrs.get("units", ""))) for name in names]
-        return text_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
-    return replace(link_table(flat[names]), title="")
+        return [text_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)]
+    return [replace(table, title="") for table in link_tables(flat[names])]

@@ -134,6 +134,7 @@ class _Grouped(typer.core.TyperGroup):
 
 
 _MOST_LINES = 40  # of a command's help
+_ENDS = (r"[;.] ", r"[;.] | \(", r"[;.,:] | \(")  # of what is said about an option, the briefer the narrower
 _RARE = {  # options that only --help-all explains
     "--accuracy", "--allow-violations", "--cache", "--capacitance-pF", "--cluster", "--distortion", "--emulate",
     "--experiment", "--folder", "--force", "--help", "--host", "--ideal", "--ignore-self-test", "--json", "--linger",
@@ -155,20 +156,21 @@ class _Folded(typer.core.TyperCommand):
             return
         prose = [text for text in inspect.cleandoc(self.help or "").split("\n\n") if not text.startswith("Example: ")]
         text = ""
-        for count, brief in [*((n, False) for n in range(len(prose), 0, -1)), (1, True)]:
+        for count, ends in [*((n, "") for n in range(len(prose), 0, -1)), *((1, ends) for ends in _ENDS)]:
             whole = type(formatter)(width=formatter.width)
-            self._write(ctx, whole, prose[:count], brief=brief)
+            self._write(ctx, whole, prose[:count], ends)
             text = whole.getvalue()
             if text.count("\n") < _MOST_LINES:
                 break
         formatter.write(text)
 
-    def _write(self, ctx: Any, formatter: Any, prose: Sequence[str], *, brief: bool) -> None:
-        """Write the help with these paragraphs, `brief` with the first clause about an option."""
+    def _write(self, ctx: Any, formatter: Any, prose: Sequence[str], ends: str) -> None:
+        """Write the help with these paragraphs, and about an option the words before one of the `ends`."""
         self.format_usage(ctx, formatter)
+        narrow = ends not in ("", _ENDS[0])  # one example, and no list of the rest
         examples = re.findall(r"^Example: (.*(?:\n.+)*)", inspect.cleandoc(self.help or ""), re.MULTILINE)
         with formatter.indentation():
-            for text in [*prose, *(f"Example: {one}" for one in examples[:2])]:
+            for text in [*prose, *(f"Example: {one}" for one in examples[: 2 - narrow])]:
                 formatter.write_paragraph()
                 formatter.write_text(text)
         rare, shown = [], dict[str, list[tuple[str, str]]]()
@@ -177,13 +179,13 @@ class _Folded(typer.core.TyperCommand):
             if record is not None and one.param_type_name == "option" and _RARE & set(one.opts):
                 rare.append(one.opts[-1])
             elif record is not None:
-                help_text = re.split(r"[;.] ", record[1])[0] if brief else record[1]
+                help_text = re.split(ends, record[1])[0].rstrip(".") if ends else record[1]
                 shown.setdefault(f"{one.param_type_name}s".capitalize(), []).append((record[0], help_text))
         for title, records in shown.items():
             with formatter.section(title):
                 formatter.write_dl(records)
         rest = [f"{len(examples) - 2} more example{'s' * (len(examples) > 3)}"] if len(examples) > 2 else []
-        rest += sorted(set(rare) - {"--help"})
+        rest = [] if narrow else [*rest, *sorted(set(rare) - {"--help"})]
         formatter.write_paragraph()
         formatter.write_text(f"--help-all explains everything{', also ' * bool(rest)}{', '.join(rest)}.")
 

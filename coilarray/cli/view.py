@@ -374,7 +374,7 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
     except (GeometryError, NetworkError):  # as in the report
         scan = None
     bounds = None if response is None else position_bounds(response, design.array)
-    table = summary_table(coupling, scan, margins, response, bounds=bounds).brief()
+    table = summary_table(coupling, scan, margins, response, bounds=bounds).brief().without("key")
     lines = [*unusual_values(design_document(design)), *verdicts(scan, ())]  # the page says which rules are broken
     return Summary(table, lines, converter=scan is not None and "readable" in scan)
 

@@ -76,6 +76,25 @@ def number_text(number: float, digits: int, sign: str = "-") -> str:
     return true_minus(f"{round(number, digits) + 0.0:{sign}.{digits}f}")
 
 
+def span(values: npt.ArrayLike, unit: DisplayUnit, digits: int) -> str:
+    """Return the least and largest finite value with so many digits.
+
+    >>> span([93.139e-6, 93.643e-6], display_unit("H"), 3), span([27e3, 27.01e3], KILOHM, 2)
+    ('93.1–93.6 µH', '27 kΩ')
+    """
+    import numpy as np
+
+    shown = unit.of(values)
+    shown = shown[np.isfinite(shown)]
+    if not shown.size:
+        return "–"
+    largest = float(np.abs(shown).max())
+    decimals = max(digits - 1 - math.floor(math.log10(largest)), 0) if largest else 0
+    low, high = (number_text(float(value), decimals) for value in (shown.min(), shown.max()))
+    between = f"{low}–{high}" if float(shown.min()) >= 0 else f"{low} to {high}"
+    return f"{low if low == high else between} {unit.symbol}".rstrip()
+
+
 def value_text(value: object) -> str:
     """Return a value as text with up to six digits."""
     if value is None:
@@ -111,6 +130,8 @@ KILOHM = DisplayUnit("kΩ", 1e-3, 2)
 """Parallel resistances."""
 PERCENT = DisplayUnit("%", 100.0, 2)
 """Shares and relative changes."""
+PPM = DisplayUnit("ppm", 1e6)
+"""Relative changes in sentences and headings."""
 PER_MILLION = DisplayUnit("10⁻⁶", 1e6, 2)
 """Relative changes of inductance, δ."""
 _UNITS = {

@@ -191,13 +191,13 @@ class Table:
         """Return the table and its notes as HTML, with digits that are known."""
         notes = "".join(f"<p>{html_text(note)}</p>" for note in self.notes)
         more = [k for k, column in enumerate(self.columns) if column.name in self._folded]
-        known = self._with_known_digits()
+        known = self.known()
         shown = html_table(known.headers, known.cells(), self.mark, caption=self.title, more=more)
         return f'<div class="wide" data-file="{self.name}">{shown}</div>{notes}'
 
     def latex(self) -> str:
         """Return the table for LaTeX, of its main columns, with booktabs."""
-        table = self._with_known_digits().without(*self._folded)
+        table = self.known().without(*self._folded)
         lines = [" & ".join(map(_latex, texts)) + r" \\" for texts in (table.headers, *table.cells())]
         aligned = "".join("r" if isinstance(value, float) else "l" for value in table.rows[0])
         return "\n".join([
@@ -226,15 +226,25 @@ class Table:
         rows = tuple((joined_names(names), *row[1:]) for row, names in groups)
         return replace(self, rows=rows).without(*keys)
 
+    def with_common_note(self) -> Table:
+        """Return the table with columns of one value in all of its several rows as a note."""
+        rows = self.known().cells()
+        same = [k for k in range(1, len(self.columns)) if len(rows) > 1 and len({row[k] for row in rows}) == 1]
+        shown = [(self.columns[k].header, rows[0][k]) for k in same]
+        of_all = "; ".join(_valued(label, value) for label, value in shown)
+        notes = (f"Of all: {of_all}.", *self.notes) if same else self.notes
+        return replace(self._with_columns([k for k in range(len(self.columns)) if k not in same]), notes=notes)
+
     def text(self, width: int | None = None, *, title: bool = True) -> str:
         """Return the table for a terminal of `width` characters.
 
-        Numbers are never cut, and stand with their decimal points below each other. In a narrow
-        terminal headings are symbols, explained below, and texts are wrapped. Long texts of the last
-        column stand below their rows. Columns that still do not fit follow below, with the first
-        columns repeated.
+        Numbers have the digits that are known, are never cut, and stand with their decimal points
+        below each other. In a narrow terminal headings are symbols, explained below, and texts are
+        wrapped. Long texts of the last column stand below their rows. Columns that still do not fit
+        follow below, with the first columns repeated.
         """
-        rows, headers, notes = self.cells(), self.headers, list(self.notes)
+        known = self.known()
+        rows, headers, notes = known.cells(), known.headers, list(self.notes)
         columns = [[row[k] for row in rows] for k in range(len(headers))]
         numeric = [any(texts) and all(map(_is_number, filter(None, texts))) for texts in columns]
         columns = [_aligned(texts) if number else texts for texts, number in zip(columns, numeric, strict=True)]
@@ -300,7 +310,8 @@ class Table:
         """Names of the columns that a page folds."""
         return [column.name for column in self.columns if self.main and column.name not in self.main]
 
-    def _with_known_digits(self) -> Table:
+    def known(self) -> Table:
+        """Return the table with the digits that are known."""
         columns = tuple(replace(column, shown=_known(column.unit_shown)) for column in self.columns)
         return replace(self, columns=columns, row_units=tuple(map(_known, self.row_units)))
 
@@ -326,13 +337,13 @@ def dataset_table(
     >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
     >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})
     >>> table = dataset_table("coils", "Coils", coils, ["coil", "resistance"])
-    >>> table.headers, table.cells(), table.csv().splitlines()[0]
-    (['coil', 'DC resistance (Ω)'], [['a', '14.200'], ['b', '14.100']], 'coil,resistance_ohm')
+    >>> table.headers, table.csv().splitlines()[0]
+    (['coil', 'DC resistance (Ω)'], 'coil,resistance_ohm')
     >>> print(table.text(80))
     Coils
     coil  DC resistance (Ω)
-    a                14.200
-    b                14.100
+    a                 14.20
+    b                 14.10
     """
     import xarray as xr
 
@@ -529,6 +540,12 @@ def _aligned(texts: Sequence[str]) -> list[str]:
     """Numbers with blanks at their end that bring their decimal points below each other."""
     tails = [len(re.sub(r"^[^.·]*", "", text)) for text in texts]
     return [text + " " * (max(tails) - tail) if text else "" for text, tail in zip(texts, tails, strict=True)]
+
+
+def _valued(label: str, value: str) -> str:
+    """Write a heading with its value, such as "R (Ω)" and "2" as "R 2 Ω"."""
+    words, _, unit = label.removesuffix(")").partition(" (")
+    return f"{words} {value} {unit}".rstrip()
 
 
 def _known(unit: DisplayUnit) -> DisplayUnit:

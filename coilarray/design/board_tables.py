@@ -172,7 +172,7 @@ class PolygonCoil(SidedTable):
     sides: Annotated[int, Field(ge=3, le=1000)] = 6
     """Number of sides."""
     outer_across_flats_mm: Millimetres | None = None
-    """Width of the copper across flats, from side to opposite side; give this or the next."""
+    """Width of the copper across flats, from side to opposite side; give this or outer_across_corners_mm."""
     outer_across_corners_mm: Millimetres | None = None
     """Width of the copper across corners."""
     corner_radius_mm: LimitMillimetres = 0.0

@@ -355,8 +355,9 @@ def _kept(fit: xr.Dataset) -> xr.Dataset:
 def published_rows(name: str) -> list[dict[str, str]]:
     """Read a table of the paper by its `name`.
 
-    It is ``table_1`` (parameters), ``table_2`` (positions in mm) or ``table_a1`` (ellipses). Each
-    row is a dictionary with the text of its cells by the names of the columns.
+    It is ``table_1`` (parameters), ``table_2`` (positions in mm), ``table_a1`` (ellipses) or
+    ``text`` (numbers in sentences). Each row is a dictionary with the text of its cells by the
+    names of the columns.
     """
     text = resources.files("coilarray.paper").joinpath("published", f"{name}.csv").read_text(encoding="utf-8")
     return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))

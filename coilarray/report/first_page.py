@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
-
-from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, DisplayUnit, display_unit, number_text
+from coilarray.compute.display_units import KILOHM, MM, PERCENT, PPM, DisplayUnit, display_unit, number_text, span
 from coilarray.compute.table import Block, Card, Details, Group, Table, Value, Warn, text_table
 from coilarray.design.boards import named_boards
 from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.report import page, tables
-from coilarray.report.sections import Results
+from coilarray.report.sections import INPUTS, RULES, Results
 from coilarray.report.summary import CHECKED_WITHOUT, tightest
 
 _MICROMETRES, _PLAIN = DisplayUnit("µm", 1e6), DisplayUnit()
 _LARGE = 1e-3  # relative change from which it is shown in %
 _LONG = 1e-4  # m, length from which it is shown in mm
 _KNOWN = 1e-4  # of k, as M is known to this part of L
-
-
-def span(values: npt.ArrayLike, unit: DisplayUnit, digits: int) -> str:
-    """Return the least and largest finite value with so many digits.
-
-    >>> span([93.139e-6, 93.643e-6], display_unit("H"), 3), span([27e3, 27.01e3], KILOHM, 2)
-    ('93.1–93.6 µH', '27 kΩ')
-    """
-    shown = unit.of(values)
-    shown = shown[np.isfinite(shown)]
-    if not shown.size:
-        return "–"
-    largest = float(np.abs(shown).max())
-    decimals = max(digits - 1 - math.floor(math.log10(largest)), 0) if largest else 0
-    low, high = (number_text(float(value), decimals) for value in (shown.min(), shown.max()))
-    between = f"{low}–{high}" if float(shown.min()) >= 0 else f"{low} to {high}"
-    return f"{low if low == high else between} {unit.symbol}".rstrip()
 
 
 def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block]:
@@ -74,10 +53,10 @@ def verdict_lines(file: DesignFile, margins: Sequence[Margin], summary: Table, r
     lines, broken, readout = [], broken_rules(margins), file.design.readout
     if broken:
         count = sum(not margin.kept for margin in margins)
-        said = f"**Cannot be made**: {count} of {len(margins)} [limits](#rules) are broken. {' '.join(broken)}"
+        said = f"**Cannot be made**: {count} of {len(margins)} [limits](#{RULES}) are broken. {' '.join(broken)}"
         lines.append(Warn(said, "bad"))
     else:
-        said = f"**Can be made**: all {len(margins)} [limits](#rules) of the board house are kept."
+        said = f"**Can be made**: all {len(margins)} [limits](#{RULES}) of the board house are kept."
         lines.append(Warn(f"{said}{_tightest_words(margins)}", "ok"))
     missed = [line for line in reading if not line.startswith(CHECKED_WITHOUT)]
     if without := tables.converter_line(file.design):
@@ -85,14 +64,14 @@ def verdict_lines(file: DesignFile, margins: Sequence[Margin], summary: Table, r
     elif missed:
         lines.append(Warn(f"**{readout.converter} cannot read all of it.** {' '.join(missed)}", "bad"))
     else:
-        Q, R_p = span(_of(summary, "Q of"), _PLAIN, 2), span(_of(summary, "R_p of"), KILOHM, 2)
+        Q, R_p = span(_of(summary, "quality_factor"), _PLAIN, 2), span(_of(summary, "parallel_resistance"), KILOHM, 2)
         lines.append(Warn(f"**{readout.converter} can read it**: all limits are kept, with Q {Q} and R_p {R_p}.", "ok"))
     lines += [Warn(line) for line in reading if line.startswith(CHECKED_WITHOUT)]
     if file.assumed:
         parts = Counter(key.partition(".")[0] for key in file.assumed)
         of = ", ".join(f"{count} in {name}" for name, count in parts.most_common())
         said = f"**{len(file.assumed)} of {len(file.values)} values are assumed**: {of}."
-        lines.append(Warn(f"{said} They are marked, with the reason, in the [inputs](#inputs)."))
+        lines.append(Warn(f"{said} They are marked, with the reason, in the [inputs](#{INPUTS})."))
     return lines
 
 
@@ -111,51 +90,48 @@ def _mm(value: float) -> str:
     return number_text(value * MM.factor, 1)
 
 
-def _row(summary: Table, start: str) -> tuple[Value, ...]:
-    """Row whose quantity has this start: quantity, least, most, unit and remark, all empty without one."""
-    return next((row for row in summary.rows if str(row[0]).startswith(start)), ("",) * 5)
+def _row(summary: Table, key: str) -> tuple[Value, ...]:
+    """Row with this key: quantity, least, most, unit and remark, all empty without one."""
+    return next((row[1:] for row in summary.rows if row[0] == key), ("",) * 5)
 
 
-def _of(summary: Table, start: str) -> list[float]:
-    """Least and largest value of the row with this start, none without one."""
-    return [value for value in _row(summary, start)[1:3] if isinstance(value, float)]
-
-
-def _remark(summary: Table, start: str) -> str:
-    return str(_row(summary, start)[4])
+def _of(summary: Table, key: str) -> list[float]:
+    """Least and largest value of the row with this key, none without one."""
+    return [value for value in _row(summary, key)[1:3] if isinstance(value, float)]
 
 
 def cards(summary: Table, design: Design) -> list[Card]:
     """Return the numbers that decide, with as many digits as are known."""
 
-    def shown(start: str, unit: DisplayUnit, digits: int, before: str = "", after: str = "") -> str:
-        values = _of(summary, start)
+    def shown(key: str, unit: DisplayUnit, digits: int, before: str = "", after: str = "") -> str:
+        values = _of(summary, key)
         return f"{before}{span(values, unit, digits)}{after}" if values else ""
 
     H, Hz = display_unit("H"), display_unit("Hz")
-    largest = max(map(abs, [*_of(summary, "peak δ"), *_of(summary, "δ of target")]), default=0.0)
-    change = PERCENT if largest > _LARGE else PER_MILLION
+    largest = max(map(abs, [*_of(summary, "peak_delta"), *_of(summary, "target_delta")]), default=0.0)
+    change = PERCENT if largest > _LARGE else PPM
     tank = display_unit("F").text(design.circuit.capacitance, ".3")
-    parts = shown("σ of x, 95 %", MM, 2, "95 % of the coils’ area ≤ ")
-    length = MM if max(_of(summary, "σ of x, half"), default=0.0) >= _LONG else _MICROMETRES
-    k = max(_of(summary, "largest |k|"), default=None)
+    parts = shown("sigma_x_most", MM, 2, "95 % of the coils’ area ≤ ")
+    length = MM if max(_of(summary, "sigma_x_half"), default=0.0) >= _LONG else _MICROMETRES
+    k = max(_of(summary, "largest_coupling"), default=None)
     x_min, y_min, x_max, y_max = design.array.bounds
     size = " × ".join(number_text(MM.factor * edge, 1) for edge in (x_max - x_min, y_max - y_min))
     stackup = design.array.stackup
-    peak = str(_row(summary, "peak δ")[0]).removeprefix("peak δ, ")
+    seen = shown("effective_inductance", H, 3, "L_eff ") if design.is_tuned else ""
+    peak = str(_row(summary, "peak_delta")[0]).removeprefix("peak δ, ")
     found = [
-        Card("Link efficiency", shown("link efficiency", PERCENT, 3), _remark(summary, "link efficiency")),
-        Card("Inductance", shown("L", H, 3), shown("L_eff", H, 3, "L_eff ") if design.is_tuned else ""),
-        Card("Frequency", shown("f with the tank", Hz, 4), f"tank {tank}"),
-        Card("Q of the coil", shown("Q of", _PLAIN, 2), shown("R_p of", KILOHM, 2, "R_p ")),
+        Card("Link efficiency", shown("link_efficiency", PERCENT, 3), str(_row(summary, "link_efficiency")[4])),
+        Card("Inductance", shown("open_inductance", H, 3), seen),
+        Card("Frequency", shown("frequency", Hz, 4), f"tank {tank}"),
+        Card("Q of the coil", shown("quality_factor", _PLAIN, 2), shown("parallel_resistance", KILOHM, 2, "R_p ")),
         Card(
             "Coupling", "" if k is None else f"|k| ≤ {span([k], _PLAIN, 2)}" if k >= _KNOWN else f"|k| < {_KNOWN:.4f}",
-            _remark(summary, "largest |k|"),
+            str(_row(summary, "largest_coupling")[4]),
         ),
-        Card("Response δ", shown("peak δ", change, 2), peak),
-        Card("Target δ", shown("δ of target", change, 2), shown("range of", MM, 2, "range ")),
-        Card("Position σ_x", shown("σ of x, half", length, 2, after=" median"), parts),
-        Card("Self-resonance", shown("self-resonance", Hz, 2), "of the coils with their leads"),
+        Card("Response δ", shown("peak_delta", change, 2), peak),
+        Card("Target δ", shown("target_delta", change, 2), shown("target_range", MM, 2, "range ")),
+        Card("Position σ_x", shown("sigma_x_half", length, 2, after=" median"), parts),
+        Card("Self-resonance", shown("state_self_resonance", Hz, 2), "of the coils with their leads"),
         Card("Board", f"{size} mm", f"{len(stackup.names)} layers, {MM.text(stackup.thickness, '.3')}"),
     ]  # fmt: skip
     hidden = () if design.is_tuned else ("Frequency", "Q of the coil")  # of a tank that is not there
@@ -172,10 +148,10 @@ def _known(design: Design, summary: Table) -> Table:
         ("f", "half the error of L, and of the tank", "winding capacitance: 3 %, of few turns 15 %"),
         ("R and Q", "1 % for the given copper", "as its thickness and temperature"),
     ]
-    if _of(summary, "peak δ"):
+    if _of(summary, "peak_delta"):
         rows.append(("δ of a dent", "1 %", "as the elastomer's modulus and permeability"))
     if design.plates or design.target:
         rows.append(("ΔL and ΔR by metal", "as its tables state", "as distance and conductivity"))
-    if _of(summary, "σ of x"):
+    if _of(summary, "sigma_x_best"):
         rows.append(("σ of a position", "two digits", "as the noise, which is computed, not measured"))
     return text_table(("number", "computed to", "on a real board"), rows, "Accuracy of the numbers")

@@ -36,6 +36,7 @@ from coilarray.response.dataset import middle_state
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
     from coilarray.viz.scenes.scene import Side
 
@@ -126,10 +127,13 @@ def now() -> str:
 
 _SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
 _QUALITY = 80  # of its JPEG
+_RIM = 16  # white pixels above and below what it shows
 FULL, HALF = 8.6, 5.2
 """Inches of a figure as wide as the page, and of a figure that shares the width with another."""
+_LAYOUTS = 5  # most of a figure
 _DPI = 130  # of maps in figures, and of figures of too many paths
 _MOST_BYTES = 250_000  # of a figure of paths
+_UNDER_AXES = 2.4  # height of what becomes an image in a figure of too many paths, below axes, rulers and texts
 # colours of figures that a dark page replaces
 _DARK = {
     "#202020": "ink",
@@ -141,14 +145,29 @@ _DARK = {
 }
 
 
-def board_picture(design: Design) -> list[Picture]:
-    """Render the board if possible."""
-    if viz.rendering_problem() is None:
-        from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
+def board_picture(design: Design, coil: str, dent: xr.Dataset | None) -> list[Picture]:
+    """Render the board if possible, under its elastomer and with a `dent` over a coil."""
+    if viz.rendering_problem() is not None:
+        return []
+    from coilarray.viz.scenes.board import VEILED, scene_of_dent, sheets_in_space
+    from coilarray.viz.scenes.design import View, scene_of_design  # all that a scene may compute
 
-        scene = scene_of_design(design, View(show=("board", "plates") if design.plates else ("board",)))
-        return [_render("board", f"The board{'s' if design.boards else ''}; lengths in mm.", scene)]
-    return []
+    scene = scene_of_design(design, View(show=("board", "plates") if design.plates else ("board",)))
+    under = ""
+    if dent is not None and design.indentation is not None:
+        indenter, centre = design.indentation.indenter, _centre(design, coil)
+        scene = scene_of_dent(design.array, design.sheets, dent, indenter, centre, opacity=VEILED) + scene
+        under = f" under the elastomer, and a {indenter.name} that is pressed into it over {coil}"
+    elif design.sheets:
+        scene, under = sheets_in_space(design.placed) + scene, " under the elastomer"
+    return [_render("board", f"The board{'s' if design.boards else ''}{under}; lengths in mm.", scene)]
+
+
+def _centre(design: Design, coil: str) -> tuple[float, float]:
+    """Middle of a coil's outline in m, from above."""
+    outline = board_outlines(design)[coil]
+    x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
+    return x, y
 
 
 def board_page(design: Design) -> str | None:
@@ -176,10 +195,8 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
     caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
     pictures = [draw("dent_section", caption, viz.plot_dent(indentation, indenter), HALF)]
     if viz.rendering_problem() is None:
-        outline = board_outlines(design)[coil]
-        x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
         caption = f"The deformed sheets over {coil}, {deepest}; a quarter is cut out."
-        scene = viz.dent_scene(design.array, design.sheets, indentation, indenter, centre=(x, y))
+        scene = viz.dent_scene(design.array, design.sheets, indentation, indenter, centre=_centre(design, coil))
         pictures.append(_render("dent", caption, scene, "cut"))
     return [
         *pictures,
@@ -242,13 +259,16 @@ def picture_name(start: str, board: Board) -> str:
 
 
 def _render(name: str, caption: str, scene: viz.Scene, side: Side = "oblique") -> Picture:
-    from PIL import Image
+    from PIL import Image, ImageChops
 
     with writing("temporary files"), tempfile.TemporaryDirectory() as folder:
         path, buffer = Path(folder) / f"{name}.png", io.BytesIO()
         viz.save_picture(scene, path, side=side, size=_SIZE)
         with Image.open(path) as image:
-            image.convert("RGB").save(buffer, "JPEG", quality=_QUALITY)
+            whole = image.convert("RGB")
+            _, top, _, bottom = ImageChops.invert(whole).getbbox() or (0, 0, *whole.size)  # of all that is not white
+            rows = max(top - _RIM, 0), min(bottom + _RIM, whole.height)
+            whole.crop((0, rows[0], whole.width, rows[1])).save(buffer, "JPEG", quality=_QUALITY)
         return Picture(name, caption, _image(buffer.getvalue(), "jpeg", caption))
 
 
@@ -271,29 +291,35 @@ def draw(name: str, caption: str, drawn: Axes | Figure, width: float = FULL) -> 
 def image_of(figure: Figure, name: str, alt: str) -> tuple[str, str]:
     """Draw a figure without its white rim, and close it.
 
-    Returns SVG for a page, or a PNG of a figure with too many paths, and JSON about its axes.
+    Returns SVG for a page, with areas and lines as an image if there are too many paths, and JSON about its axes.
     """
-    import matplotlib
-
     from coilarray.viz.plots.style import close, described_axes
 
     close(figure)
-    buffer = io.BytesIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        figure.draw_without_rendering()  # the first layout cuts labels of equal scales
-        box = figure.get_tightbbox().padded(0.04)
-        axes = described_axes(figure, box)
-        look: dict[str, Any] = {"dpi": _DPI, "bbox_inches": box}
-        figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")), **look)
-    if len(svg := _page_svg(buffer.getvalue().decode(), name, alt)) > _MOST_BYTES:
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", pil_kwargs={"compress_level": 6}, **look)
-        return _image(buffer.getvalue(), "png", alt), ""
+    edges: list[float] = []
+    for _ in range(_LAYOUTS):  # axes of equal scales move with every layout until they rest
+        figure.draw_without_rendering()
+        before, edges = edges, figure.get_tightbbox().extents.tolist()
+        if before and np.allclose(before, edges, atol=0.01):
+            break
+    box = figure.get_tightbbox().padded(0.04)
+    axes = described_axes(figure, box)
+    if len(svg := _page_svg(figure, box, name, alt)) > _MOST_BYTES:
+        for ax in figure.axes:
+            ax.set_rasterization_zorder(_UNDER_AXES)
+            ax.patch.set_visible(False)  # the colour of the page shows
+        svg = _page_svg(figure, box, name, alt)
     return svg, json.dumps(axes, ensure_ascii=False, separators=(",", ":")) if axes else ""
 
 
-def _page_svg(svg: str, name: str, alt: str) -> str:
-    """Make Matplotlib's SVG part of a page: own names, the page's colours, short paths."""
+def _page_svg(figure: Figure, box: Bbox, name: str, alt: str) -> str:
+    """Draw a figure as part of a page: own names, the page's colours, short paths."""
+    import matplotlib
+
+    buffer, none = io.BytesIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata=none, dpi=_DPI, bbox_inches=box)
+    svg = buffer.getvalue().decode()
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     svg = re.sub(r' id="(?:\w+_\d+|\w*text\w*)"', "", svg)  # of groups that nothing refers to
     svg = re.sub(r'( id="|url\(#|href="#)', rf"\1{name}-", svg)

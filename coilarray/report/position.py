@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import PERCENT, DisplayUnit
-from coilarray.compute.table import Column, Table, Value, cell, dataset_table, root_mean_square
+from coilarray.compute.display_units import PERCENT, PPM, DisplayUnit, number_text, span
+from coilarray.compute.table import Column, Table, Value, cell, dataset_table, root_mean_square, text_table
 from coilarray.errors import LocalizeError
 from coilarray.localize.inverse import Location
 from coilarray.paper.ellipse import Ellipse, fit_ellipses
@@ -21,6 +21,7 @@ from coilarray.paper.ellipse_model import (
     ellipse_model,
     locate_x,
     published_model,
+    published_rows,
     undetermined_levels,
 )
 from coilarray.response.dataset import axis_label, in_ellipse_window, origin_of
@@ -104,6 +105,32 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     return MapPositions(
         fits, model, float(delta.depth), readings, found, origin_of(response), axis_label(response, "x")
     )
+
+
+def paper_table(frequency: xr.DataArray | None, positions: MapPositions | None) -> Table:
+    """Return published numbers of the paper's sensor beside those of the design.
+
+    `frequency` in Hz is that of each state. The ellipses are compared at one level of δ.
+    """
+    said, rows = {row["quantity"]: row["value"] for row in published_rows("text")}, list[tuple[str, ...]]()
+    if frequency is not None:
+        rows.append(("resonance (MHz)", said["resonance in MHz"], span(frequency.values, DisplayUnit("", 1e-6), 3)))
+    if positions is not None:
+        printed = np.abs([float(row["error_mm"]) for row in published_rows("table_2")])
+        errors = 1e3 * np.abs([found.x - x for (x, _), found in positions.found.items()])
+        places = (f"{np.sqrt(np.mean(of**2)):.2f}, at {len(of)} places" for of in (printed, errors))
+        rows.append(("error of x, root mean square (mm)", *places))
+        for theirs in published_model().coils:
+            ours = next((one for one in positions.model.coils if one.name == theirs.name), None)
+            if ours is not None and ours.covers(_LEVEL) and theirs.covers(_LEVEL):
+                curves = zip(("x0", "A", "B"), theirs.curves(_LEVEL), ours.curves(_LEVEL), strict=True)
+                for name, *both in sorted(curves):
+                    numbers = (number_text(1e3 * float(value), 1) for value in both)
+                    rows.append((f"{name} of {theirs.name} at δ = {PPM.text(_LEVEL)} (mm)", *numbers))
+    return text_table(("quantity", "published", "this design"), rows, "Beside the paper")
+
+
+_LEVEL = 5e-4  # of δ, in the middle of the published polynomials
 
 
 def map_position_table(positions: MapPositions) -> Table:

@@ -24,6 +24,7 @@ from coilarray.circuit.coupling import (
     terminations_of,
 )
 from coilarray.circuit.ports import solve_ports
+from coilarray.compute.display_units import display_unit
 from coilarray.compute.table import Block, Details, Group, Picture, Section, Table, Warn
 from coilarray.design.boards import boards_words, check_boards, named_boards
 from coilarray.design.fabs import load_profile
@@ -33,6 +34,7 @@ from coilarray.geometry import Margin
 from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, difference_from_published, published_model
 from coilarray.report import page, port_tables, position, response_tables, tables
 from coilarray.report.drawing import Drawing
+from coilarray.report.order import order_table
 from coilarray.report.summary import position_bounds
 from coilarray.response.dataset import coils_outside, on_board, origin_of
 from coilarray.response.map import response_map
@@ -51,6 +53,7 @@ _PORT_POINTS = 200
 # depths of the force curve, none closer to a depth of the design than this part of the greatest
 _CURVE_POINTS, _CURVE_APART = 8, 0.02
 _MOST_MATRIX = 12  # coils whose pairs are shown as a matrix, of more by kinds of neighbours
+RULES, INPUTS = "rules", "inputs"  # parts of the page that its first lines link to
 _PLACES = ("x", "y", "z", "layers")  # columns that do not part coils that are alike
 
 
@@ -82,6 +85,7 @@ class Results:
         self._drawing = drawing
         design = self.design
         self.pressing = beside.submit(_press, design)
+        self.board = beside.submit(self._draw_board)
         beside.submit(design_inductance, design)  # all others wait for it and compute independent parts meanwhile
         self.coupling = beside.submit(couple_design, design)
         self.circuit = beside.submit(_circuit, design)
@@ -95,6 +99,12 @@ class Results:
     def draw(self, function: Callable[..., list[Picture]], *arguments: object) -> Future[list[Picture]]:
         """Draw pictures in the other process."""
         return self._drawing.submit(function, *arguments)
+
+    def _draw_board(self) -> Future[list[Picture]]:
+        """Draw the board once the dent is known."""
+        pressed = None if self.pressing.exception() else self.pressing.result()
+        dent = None if pressed is None else pressed.isel(depth=-1)
+        return self.draw(page.board_picture, self.design, self.active, dent)
 
     def plot(self, plot: str, name: str, caption: str, *arguments: object, **options: Any) -> Future[list[Picture]]:
         """Draw a picture by the name of a `coilarray.viz` function."""
@@ -295,12 +305,12 @@ def _circuit_section(r: Results) -> Section:
     blocks: list[Block] = [
         f"Each state of the scan plan where {where}, with {r.strays}: the circuit of the table of coils. L_eff is "
         f"1/(ω²C){takes}. R_eff and Q are of the coils without the tank capacitor{r.beside_q}. {limited}",
-        tables.state_table(scan).alike(),
+        tables.state_table(scan).alike().with_common_note(),
     ]
     if r.close_states and not without:
         both = tables.close_line(r.close_states), tables.pulling_line(r.design, r.close_states)
         blocks.append(" ".join(filter(None, both)))
-    blocks.append(shown.alike())
+    blocks.append(shown.alike().with_common_note())
     causes = {
         "elastomer_delta": "when the elastomer is laid on the board",
         "dent_delta_bound": "at most for a dent that stays in the topmost sheet",
@@ -316,9 +326,13 @@ def _circuit_section(r: Results) -> Section:
         ("resistance", "Effective resistance Re Z", "impedance_real"),
     )
     end = "of every state over frequency, tank capacitor left out."
-    blocks.append(Group("two", tuple(
-        r.plot("plot_frequency_sweep", name, f"{words} {end}", sweep, quantity, width=page.HALF)
-        for name, words, quantity in pictured
+    circuit = f"Equivalent circuit of {r.active}, the others open, with the errors of what is computed."
+    blocks.append(Group("two", (
+        r.plot("plot_equivalent_circuit", "equivalent_circuit", circuit, _equivalent_circuit(r), width=page.HALF),
+        *(
+            r.plot("plot_frequency_sweep", name, f"{words} {end}", sweep, quantity, width=page.HALF)
+            for name, words, quantity in pictured
+        ),
     )))  # fmt: skip
     if limits.rows:
         over = sum(row[-1] is False for row in limits.rows)
@@ -326,10 +340,26 @@ def _circuit_section(r: Results) -> Section:
         kept = f"**{over} limits are broken**; they are marked." if over else f"all limits are kept{target}."
         details = Details(f"Limits of the {r.design.readout.converter}", (limits,), open=over > 0)
         kept = f"{r.design.readout.converter}: {kept}"
-        blocks += [kept, drives.alike(), details]
+        blocks += [kept, drives.alike().with_common_note(), details]
     if r.several:
         blocks.append(Details("Currents in each state", (currents,)))
     return Section("Circuit", tuple(blocks), (windings, currents, limits, drives, tables.sweep_table(sweep)))
+
+
+def _equivalent_circuit(r: Results) -> dict[str, str]:
+    """Values of a coil's equivalent circuit with their errors."""
+    scan, design = r.scan.sel(coil=r.active), r.design
+    H, F, ohm, Hz = (display_unit(unit) for unit in ("H", "F", "ohm", "Hz"))
+    at = Hz.text(r.scan.attrs["ac_resistance_frequency_Hz"], ".4")
+    values = {
+        "L": f"{H.text(r.coupling.result().open_inductance.sel(coil=r.active), '.4')} ± 0.01 %",
+        "R": f"{ohm.text(scan.ac_resistance, '.3')} ± 1 %\nat {at}",
+    }
+    if "winding_capacitance" in scan:
+        values["winding"] = f"{F.text(scan.winding_capacitance, '.2')} ± 3 %"
+    if design.is_tuned:
+        values["tank"] = F.text(design.circuit.capacitance, ".4")
+    return values
 
 
 def _ports(r: Results) -> Section | None:
@@ -412,7 +442,7 @@ def _response(r: Results) -> Section | None:
     outside = coils_outside(shown)
     centres = f"centre{'s' if len(outside) != 1 else ''} of {', '.join(outside)}"
     return Section("Response", (
-        "Response δ = (L_peak − L_0)/L_0 of every state of the scan plan as the converter sees it: L from the "
+        "Response δ = (L_peak − L_0) / L_0 of every state of the scan plan as the converter sees it: L from the "
         f"resonance of the whole circuit, with and without the dent{closed}. For the magnetic field the sheets are "
         "laterally infinite and keep their permeability when they deform. Positions are of the indenter's axis on the "
         f"board{window}.",
@@ -476,6 +506,23 @@ def _ellipse_blocks(r: Results) -> list[Block]:
     ]
 
 
+def _paper(r: Results) -> Section | None:
+    if difference_from_published(r.design):
+        return None
+    table = position.paper_table(r.scan.frequency if r.design.is_tuned else None, r.positions)
+    return Section("Beside the paper", (
+        "Numbers that Gast & Zimmermann (2020) print, and those of this design. A, B and x0 are semi-axes and centre "
+        "of the ellipses of Table A1; the errors of x are those of Table 2 and of the places of this map.", table,
+    ))  # fmt: skip
+
+
+def _order(r: Results) -> Section:
+    return Section("What to order", (
+        "Sizes, materials and parts as the design has them. Assumed entries are to be checked before an order.",
+        Group("places", (order_table(r.file, r.margins),)),
+    ))  # fmt: skip
+
+
 def _distortion(r: Results) -> Section | None:
     if r.distortion is None:
         return None
@@ -498,7 +545,7 @@ def _motion(r: Results) -> Section | None:
     return Section("Link over motion", (
         f"Boards that move: {r.link.attrs.get('moved', '')}. M is known to 10⁻⁴ of the larger L.",
         r.plot("link_figure", "link", "Coupling and efficiency at every pose of the boards that move.", flat),
-        Details("All poses", (tables.link_table(flat),)),
+        Details("All poses", tuple(tables.link_tables(flat))),
     ))  # fmt: skip
 
 
@@ -516,7 +563,8 @@ def _rules(r: Results) -> Section:
         f"**{broken} of {count} margins are broken**; they are marked." if broken else f"All {count} margins are kept."
     )
     return Section("Fabrication rules", (
-        *blocks, said, Details("All margins, tightest first", (table,), open=broken > 0, id="rules"),
+        *blocks, said,
+        Details("All margins, tightest first", (Group("places", (table,)),), open=broken > 0, id=RULES),
     ))  # fmt: skip
 
 
@@ -526,7 +574,7 @@ def _design(r: Results) -> Section:
     defaults = replace(listed, name="", rows=tuple(row for row in listed.rows if row[2] == "default"))
     marked = "; assumed values are marked" if r.file.assumed else ""
     given = Group("text keys", (decided.without_empty_columns(),))
-    blocks: list[Block] = [Details(f"Inputs of the design{marked}", (given,), open=True, id="inputs")]
+    blocks: list[Block] = [Details(f"Inputs of the design{marked}", (given,), open=True, id=INPUTS)]
     if defaults.rows:
         title = f"The other {len(defaults.rows)} values have their defaults"
         blocks.append(Details(title, (Group("text keys", (defaults.without_empty_columns(),)),)))
@@ -536,14 +584,14 @@ def _design(r: Results) -> Section:
 SECTIONS: dict[str, Callable[[Results], Section | None]] = {
     "Copper": _copper, "Fabrication rules": _rules, "Design": _design, "Indentation": _indentation, "Coils": _coils,
     "Coupling": _coupling, "Field": _field, "Circuit": _circuit_section, "Ports": _ports, "Link over motion": _motion,
-    "Metal": _plates, "Response": _response, "Position": _position, "What moves x0": _distortion, "Target": _target,
-    "Boards": _boards,
+    "Metal": _plates, "Response": _response, "Position": _position, "Beside the paper": _paper,
+    "What moves x0": _distortion, "Target": _target, "Boards": _boards, "What to order": _order,
 }  # fmt: skip
 """Sections in order, first those without the circuit."""
 
 ORDER = (
     "Coils", "Coupling", "Field", "Circuit", "Ports", "Link over motion", "Metal", "Target", "Indentation", "Response",
-    "Position", "What moves x0", "Boards", "Copper", "Fabrication rules", "Design",
+    "Position", "Beside the paper", "What moves x0", "Boards", "What to order", "Copper", "Fabrication rules", "Design",
 )  # fmt: skip
 ESSENTIAL = ("Copper", "Fabrication rules", "Design", "Coils", "Coupling", "Circuit")
 """Sections without which there is no report."""

@@ -26,7 +26,7 @@ from coilarray.geometry.rules import Margin, broken_rules
 from coilarray.report.page import draw, html_page, now, provenance_section
 from coilarray.report.summary import unread_words
 from coilarray.studies.optimize.derive import neighbours
-from coilarray.studies.optimize.goal import Axis, Objective, Trial
+from coilarray.studies.optimize.goal import Axis, Objective, Trial, held_back
 from coilarray.studies.optimize.run import Optimization, design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.studies.sweep import RULES, UNREAD, Sweep
@@ -201,13 +201,12 @@ def target_missed(result: Optimization, best: Chosen) -> list[str]:
         return []
     reached = best.trial.quantities[objective.quantity]
     lines = [f"{objective.quantity} stops at {_shown(reached)}, beside its target {objective.target:g}."]
-    nearer = [one for one in result.trials if one.scores and not one.feasible and one.scores < best.trial.scores]
-    if nearer:
-        trial = min(nearer, key=lambda one: one.scores)
+    if held := held_back((*result.trials, best.trial)):
+        trial, limits = held
         at = ", ".join(f"{entry} = {_shown(value)}" for entry, value in trial.changes.items())
         design = vary(result.file, trial.changes)
         rules = broken_rules(margins := check_boards(design))
-        why = rules[0] if rules else f"It breaks {', '.join(k for k, off in trial.violations.items() if off > 0)}."
+        why = rules[0] if rules else f"It breaks {', '.join(limits)}."
         lines.append(f"It would be {_shown(trial.quantities[objective.quantity])} at {at}, which is refused: {why}")
         worst = next((one for one in margins if not one.kept), None)
         if worst is not None and worst.feature.count(" – ") == 1:

@@ -32,7 +32,10 @@ _MOST_READ = 64  # coils, which take a few seconds
 _ALIKE = 1e-9  # of a number, smaller differences are rounding
 _PPM, _PERCENT = "ppm", "percent"  # units of dimensionless numbers as shown
 _SHOWN = {_PPM: PER_MILLION, _PERCENT: PERCENT, "ohm": KILOHM}
-_PARTS = {0.5: "half", 0.95: "95 %"}  # of the area of the coils, with σ up to a value
+_PARTS = {
+    0.5: ("sigma_x_half", "half"),
+    0.95: ("sigma_x_most", "95 %"),
+}  # of the area of the coils, with σ up to a value
 _OF_STATES = (
     ("frequency", "f with the tank"), ("part_frequency", ""), ("effective_inductance", "L_eff"),
     ("quality_factor", "Q of the coil"), ("parallel_resistance", "R_p of the resonator"),
@@ -52,18 +55,20 @@ def summary_table(
 ) -> Table:
     """Return the least and largest values of the decisive quantities.
 
-    `without` is the scan without plates, and `links` are the solved ports. Of `bounds` it has the
-    least σ of x over the coils, the values that half and 95 % of their area do not exceed, and the
-    share where x is not determined.
+    Programs find a row by its `key`, which does not change with the words. `without` is the scan
+    without plates, and `links` are the solved ports. Of `bounds` it has the least σ of x over the
+    coils, the values that half and 95 % of their area do not exceed, and the share where x is not
+    determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_link_rows(links), *_position_rows(bounds)]
     found += _metal_rows(scan, without, target)
-    spread = any(most != "" for _, _, most, *_ in found)
+    spread = any(most != "" for _, _, _, most, *_ in found)
     least = Column("least", "" if spread else "value", "1")
-    columns = (Column("quantity"), least, Column("most", unit="1"), Column("unit"), Column("where"))
+    columns = (Column("key"), Column("quantity"), least, Column("most", unit="1"), Column("unit"), Column("where"))
     units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
     rows = tuple((*values, "1" if unit in (_PPM, _PERCENT) else unit, where) for *values, unit, where in found)
-    return Table("summary", "Summary", columns, rows, units)
+    main = tuple(column.name for column in columns[1:])
+    return Table("summary", "Summary", columns, rows, units, main=main)
 
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin], *maps: xr.Dataset | None) -> list[str]:
@@ -95,23 +100,23 @@ def _rows(
     """Rows of the table."""
     names = coupling.coil.values.tolist()
     own = coupling.open_inductance
-    yield _row("L, the others open" if len(names) > 1 else "L", names, own.values, "H")
+    yield _row("open_inductance", "L, the others open" if len(names) > 1 else "L", names, own.values, "H")
     for name, words in _OF_STATES:
         if scan is None or name not in scan or not np.isfinite(scan[name]).any():
             continue
         values, unit = scan[name], str(scan[name].attrs["units"])
         part = str(values.attrs["long_name"]).removeprefix("with capacitances of ")
-        *row, where = _row(words or f"f with {part}", values.state.values.tolist(), values.values, unit)
+        *row, where = _row(name, words or f"f with {part}", values.state.values.tolist(), values.values, unit)
         yield *row, where if words else f"{where}; capacitances of the part, unverified"
     if len(names) > 1:
         k = np.abs(coupling.coupling.values - np.eye(len(names)))
         i, j = (int(n) for n in np.unravel_index(int(k.argmax()), k.shape))
-        yield ("largest |k|", "", float(k.max()), "1", f"{names[i]} and {names[j]}")
+        yield ("largest_coupling", "largest |k|", "", float(k.max()), "1", f"{names[i]} and {names[j]}")
     if (worst := tightest(margins)) is not None:
         where = f"{worst.rule} of {worst.feature}{f' on {worst.layer}' if '/' in worst.layer else ''}"
         if abs(worst.margin) <= KEPT_WITHIN:
             where += f", which is exactly at its limit of {MM.text(worst.limit, '.4')}"
-        yield ("tightest fabrication rule", worst.margin, "", "m", where)
+        yield ("tightest_rule", "tightest fabrication rule", worst.margin, "", "m", where)
     if response is not None:
         yield _peak_row(response.delta.where(readable_of(response)).isel(depth=-1))
 
@@ -121,7 +126,7 @@ def _link_rows(links: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     if links is not None and "efficiency" in links:
         at = links.efficiency.sel(frequency=links.attrs["link_frequency_Hz"]).transpose("source", "load")
         names = [f"{source} to {load}" for source in at["source"].values for load in at["load"].values]
-        yield _row("link efficiency", names, at.values.ravel(), _PERCENT)
+        yield _row("link_efficiency", "link efficiency", names, at.values.ravel(), _PERCENT)
 
 
 def tightest(margins: Sequence[Margin]) -> Margin | None:
@@ -139,7 +144,8 @@ def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
     if beyond.all():
         beyond[:] = False
     within = np.flatnonzero(~beyond)
-    *row, where = _row(f"peak δ, {MM.text(delta.depth)} deep", [names[n] for n in within], peaks.values[within], _PPM)
+    words = f"peak δ, {MM.text(delta.depth)} deep"
+    *row, where = _row("peak_delta", words, [names[n] for n in within], peaks.values[within], _PPM)
     outside = [name for name, out in zip(names, beyond.tolist(), strict=True) if out]
     left_out = f"without {', '.join(outside)}, which peak beyond the map" if outside else ""
     return *row, "; ".join(filter(None, (str(where), left_out)))
@@ -175,15 +181,15 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     scatter, drift = (max(bounds.attrs[name]) for name in ("noise", "common_noise"))
     together = f", common drift {PER_MILLION.text(drift, '.2')}" if drift else ""
     noise = f"at {_place(sigma, float(values[0]))}; noise of δ {PER_MILLION.text(scatter, '.2')}{together}"
-    yield "σ of x, best place", float(values[0]), "", "m", noise
-    for share, words in _PARTS.items():
+    yield "sigma_x_best", "σ of x, best place", float(values[0]), "", "m", noise
+    for share, (key, words) in _PARTS.items():
         most = part_of(values, share)
         if most < size:
-            yield f"σ of x, {words} of coils", most, "", "m", "not exceeded over this part of their area"
+            yield key, f"σ of x, {words} of coils", most, "", "m", "not exceeded over this part of their area"
     if not known.all():
         place = _place(sigma, float(values[-1]))
         where = f"of the coils' area: σ is above the {MM.text(size, '.4')} of a coil, as at {place}"
-        yield "x not determined", float(1 - known.mean()), "", _PERCENT, where
+        yield "x_not_determined", "x not determined", float(1 - known.mean()), "", _PERCENT, where
 
 
 def sigma_over_coils(bounds: xr.Dataset) -> FloatArray:
@@ -207,29 +213,29 @@ def _metal_rows(
     """Rows of the plates and of the target."""
     if scan is not None and without is not None:
         change = scan.effective_inductance.values / without.effective_inductance.values - 1
-        yield _row("L_eff by the plates", scan.state.values.tolist(), change, _PPM)
+        yield _row("change_by_plates", "L_eff by the plates", scan.state.values.tolist(), change, _PPM)
     if target is None:
         return
     states = target.state.values.tolist()
     read = target.delta.where(readable_of(target))
     nearest = read.isel(distance=0).transpose("state", "y", "x").values.reshape(len(states), -1)
     largest = nearest[np.arange(len(states)), np.nan_to_num(np.abs(nearest), nan=-1.0).argmax(axis=1)]
-    yield _row(f"δ of target at {float(target.distance[0]) * 1e3:g} mm", states, largest, _PPM)
+    yield _row("target_delta", f"δ of target at {MM.text(target.distance[0])}", states, largest, _PPM)
     ranges = target["range"].values
     if np.isfinite(ranges).any():
         at_least = ", at least" if target.range_is_least.values.any() else ""
-        yield _row(f"range of target{at_least}", states, ranges, "m")
+        yield _row("target_range", f"range of target{at_least}", states, ranges, "m")
 
 
-def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
+def _row(key: str, words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
     """Row of the least and largest finite values, with names."""
     # a self-resonance that is not found, and R_p without losses, are infinite
     finite = np.flatnonzero(np.isfinite(values))
     if not len(finite):
-        return words, "", "", unit, ""
+        return key, words, "", "", unit, ""
     least, most = int(finite[values[finite].argmin()]), int(finite[values[finite].argmax()])
     low, high = cell(values[least]), cell(values[most])
     alike = values[most] - values[least] <= _ALIKE * abs(values[most])
     if alike:
-        return words, low, "", unit, "" if len(finite) == len(values) else names[least]
-    return words, low, high, unit, f"{names[least]}; {names[most]}"
+        return key, words, low, "", unit, "" if len(finite) == len(values) else names[least]
+    return key, words, low, high, unit, f"{names[least]}; {names[most]}"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import KILOHM, PER_MILLION, PERCENT, DisplayUnit, display_unit
+from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, DisplayUnit, display_unit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.design.boards import named_boards
 from coilarray.design.model import Design, DesignFile
@@ -142,30 +142,44 @@ _ALIKE_PLACES = 0.01  # of the least distance of two coils
 _FOUR = DisplayUnit(digits=4)  # as M is known to 10⁻⁴ of L
 
 
-def link_table(columns: xr.Dataset) -> Table:
-    """Return the numbers of a link at every pose, from `coilarray.studies.link.columns`."""
+def link_tables(columns: xr.Dataset) -> list[Table]:
+    """Return the numbers of a link at every pose, from `coilarray.studies.link.columns`.
+
+    Several pairs of coils have rows of their own, and the numbers of the pose, such as resonances, a second table.
+    """
     frame = columns.to_dataframe().reset_index()
-    pairs = {name.partition("[")[2] for name in map(str, frame.columns) if "[" in name}
-    shown = [
-        Column(name, _in_words(name, pairs), "1", _FOUR if name.startswith("k[") or "efficiency" in name else None)
-        for name in map(str, frame.columns)
-    ]
-    rows = tuple(tuple(map(cell, row)) for row in frame.itertuples(index=False))
-    return Table("link", "Link over the poses", tuple(shown), rows)
+    names, places = list(map(str, frame.columns)), len(columns.dims)
+    pairs = list(dict.fromkeys(name.partition("[")[2] for name in names if "[" in name))
+
+    def table(name: str, names: list[str], pairs: list[str]) -> Table:
+        exact = (_FOUR if one.partition("[")[0] == "k" or "efficiency" in one else None for one in names)
+        shown = tuple(Column(one, _in_words(one), "1", unit) for one, unit in zip(names, exact, strict=True))
+        rows = []
+        for row in frame.to_dict("records"):
+            for pair in pairs:
+                of_pair = {**row, "pair": pair.removesuffix("]").replace(",", " – ")}
+                rows.append(tuple(cell(of_pair.get(f"{one}[{pair}", of_pair.get(one, math.nan))) for one in names))
+        return Table(name, "Link over the poses", shown, tuple(rows))
+
+    if len(pairs) <= 1:
+        return [table("link", names, [""])]
+    of_pairs = dict.fromkeys(name.partition("[")[0] for name in names if "[" in name)
+    of_pose = [name for name in names if "[" not in name]
+    found = [table("link", [*names[:places], "pair", *of_pairs], pairs)]
+    return [*found, table("link_poses", of_pose, [""])] if len(of_pose) > places else found
 
 
 _LINK_WORDS = {"M_uH": "M (µH)", "voltage_V_per_A": "U (V/A)", "deg": "°"}
 
 
-def _in_words(name: str, pairs: Collection[str]) -> str:
-    """Name a column of a link, of a single pair without its coils."""
-    kind, _, coils = name.partition("[")
+def _in_words(name: str) -> str:
+    """Name a column of a link, of a pair without its coils."""
+    kind = name.partition("[")[0]
     words, _, unit = kind.rpartition("_")
-    text = _LINK_WORDS.get(kind) or (
+    return _LINK_WORDS.get(kind) or (
         f"{words.replace('_', ' ')} ({_LINK_WORDS.get(unit, unit)})" if unit in ("mm", "deg", "MHz") else
         kind.replace("_", " ")
     )  # fmt: skip
-    return text if not coils or len(pairs) == 1 else f"{text} {coils.removesuffix(']').replace(',', ' – ')}"
 
 
 def design_table(file: DesignFile) -> Table:
@@ -199,7 +213,7 @@ def rules_table(margins: Sequence[Margin]) -> Table:
         )
         for m in margins
     )
-    units = tuple(_LENGTH if m.unit else _NUMBER for m in margins)
+    units = tuple(MM if m.unit else _NUMBER for m in margins)  # rules are kept to 1 µm
     return Table("rules", "Fabrication rules", columns, rows, units, mark="no")
 
 

@@ -20,10 +20,11 @@ from coilarray.design.model import Design, DesignFile, metal_words
 from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, DesignError, LocalizeError
 from coilarray.geometry.rules import broken_rules
-from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION
+from coilarray.paper.ellipse_model import SEMIAXIS_ADDITION, difference_from_published
 from coilarray.report import page, tables
 from coilarray.report.drawing import drawing_beside
 from coilarray.report.first_page import first_page
+from coilarray.report.order import citations
 from coilarray.report.sections import ESSENTIAL, ORDER, SECTIONS, Results, lead, model_words
 from coilarray.report.summary import summary_table, verdicts
 from coilarray.response.dataset import coils_outside
@@ -105,17 +106,11 @@ def write_report(
 
     Notes
     -----
-    Every number on the page is also in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``,
-    ``neighbours.csv``, ``design.csv``, ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``,
-    ``state_currents.csv``, ``ldc1614.csv``, ``ldc1614_drive.csv``, ``sweep.csv``,
-    ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
-    ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``. For metal there are ``plates.csv``,
-    ``beside_plates.csv``, ``target.csv``, ``target_range.csv``, ``target_drive.csv`` and
-    ``target_coupling.csv``, and for several boards ``boards.csv`` and ``layers.csv``. All of them
-    are in ``report.json``, and those of up to 64 rows in ``tables.tex`` for LaTeX. The arrays are
-    in ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``,
-    ``indentation.nc``, ``response.nc``, ``position_bounds.nc`` and ``ellipses.nc``. Parts that a
-    design does not ask for are left out. Parts that cannot be computed are left out too, with the reason on the page.
+    Every table on the page is also in the folder as a CSV file of its name, such as ``summary.csv``,
+    ``coils.csv`` and ``pairs.csv``. All of them are in ``report.json``, and those of up to 64 rows
+    in ``tables.tex`` for LaTeX. The arrays are netCDF files, such as ``coupling.nc`` and ``scan.nc``.
+    Parts that a design does not ask for are left out. Parts that cannot be computed are left out
+    too, with the reason on the page.
     """
     file = as_file(design)
     design = file.design
@@ -131,7 +126,6 @@ def write_report(
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
     with drawing_beside() as drawing, threads(6) as beside:
         results = Results(file, distortion, link, drawing, beside)
-        board = results.draw(page.board_picture, design)
         scene, problem = drawing.submit(page.board_page, design), drawing.submit(viz.rendering_problem)
         for done, (title, make) in enumerate(SECTIONS.items(), start=1):
             try:
@@ -163,6 +157,7 @@ def write_report(
         texts["tables.tex"] = "% needs \\usepackage{booktabs} and UTF-8\n\n" + "\n".join(short)
         texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
         contents = {name: netcdf_of(found) for name, found in _datasets(results).items() if found is not None}
+        board = results.board.result()
         drawing.finish()
     # everything that can fail on the numbers comes before the first file
     title = design.title or design.name
@@ -179,8 +174,9 @@ def write_report(
         title,
         [Group("by", (by,)), *lead(results), *first],
         [
-            Section("Summary", (Group("summary", (replace(summary.brief(), title=""),)),)),
+            Section("Summary", (Group("summary", (replace(summary.brief().without("key"), title=""),)),)),
             *sections,
+            Section("How to cite", tuple(citations(paper=not difference_from_published(design)))),
             page.provenance_section(made_with, model_words(design, results)),
         ],
         title=f"{title} – {'coupling ' if results.several else ''}report",
@@ -199,7 +195,7 @@ def write_report(
     if progress is not None:
         progress(len(SECTIONS) + 1, len(SECTIONS) + 1)
     return Report(
-        target, data_folder, results.coupling.result(), data, problem.result(), summary.brief(),
+        target, data_folder, results.coupling.result(), data, problem.result(), summary.brief().without("key"),
         broken, tuple(first), tuple(sections),
     )  # fmt: skip
 

@@ -59,6 +59,15 @@ def test_many_poses_are_shown_by_their_extremes(capsys):
     assert "--frequency-MHz" in out  # without it there are k and M only
 
 
+def test_several_pairs_have_rows_and_not_columns(capsys):
+    reader = Design(Array.row(Spiral(4, 20e-3, 3, 0.5e-3, 0.5e-3), 3, 25e-3), name="reader")
+    Path("reader.toml").write_text(design_text(reader) + PLACED, encoding="utf-8")
+    lines = good(capsys, "--move", "tag", "--z-mm", "6,9").splitlines()
+    assert lines[0].split()[:3] == ["z", "(mm)", "pair"]
+    assert [line.split()[0] for line in lines[1:7]] == ["6", "6", "6", "9", "9", "9"]
+    assert not lines[7][:1].isdigit()  # one block
+
+
 def test_a_single_pose_is_a_row(capsys):
     (row,) = answer(capsys, "--move", "tag", "--x-mm", "3", "--plot", "one.png")["poses"]
     assert row["z_mm"] == 8.0

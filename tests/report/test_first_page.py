@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from support import plot_results as results
+from xarray import DataArray
 
 from coilarray import viz
 from coilarray.compute.table import Column, Table, html_text
-from coilarray.design.model import parse_design_file
+from coilarray.design.boards import check_boards
+from coilarray.design.model import load_design_file, parse_design_file
 from coilarray.errors import DesignError, MissingDependencyError
 from coilarray.geometry import Sheet
 from coilarray.geometry.rules import Margin
 from coilarray.report import pdf
 from coilarray.report.beside import write_beside
 from coilarray.report.first_page import cards, verdict_lines
+from coilarray.report.order import citations, order_table
 from coilarray.report.page import draw
+from coilarray.report.position import paper_table
 
 LINE = """
 schema = 1
@@ -46,17 +50,20 @@ def written(name, size):
 
 
 def summary(*rows):
-    """Rows of a summary: quantity, least, most, unit and place."""
-    columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
+    """Rows of a summary: key, quantity, least, most, unit and place."""
+    ends = Column("least", unit="1"), Column("most", unit="1")
+    columns = (Column("key"), Column("quantity"), *ends, Column("unit"), Column("where"))
     return Table("summary", "Summary", columns, rows)
 
 
 def test_cards_have_as_many_digits_as_are_known():
     found = summary(
-        ("L, the others open", 93.1391e-6, 93.6431e-6, "H", ""), ("f with the tank", 1.39291e6, 1.40374e6, "Hz", ""),
-        ("L_eff", 107.1329e-6, 108.8034e-6, "H", ""), ("largest |k|", "", 2.1e-5, "1", "a and b"),
-        ("peak δ, 1 mm deep", 1.11972e-3, 1.4647e-3, "1", ""), ("σ of x, half of coils", 5.312e-6, "", "m", ""),
-        ("σ of x, 95 % of coils", 1.07e-4, "", "m", ""),
+        ("open_inductance", "L", 93.1391e-6, 93.6431e-6, "H", ""), ("frequency", "f", 1.39291e6, 1.40374e6, "Hz", ""),
+        ("effective_inductance", "L_eff", 107.1329e-6, 108.8034e-6, "H", ""),
+        ("largest_coupling", "largest |k|", "", 2.1e-5, "1", "a and b"),
+        ("peak_delta", "peak δ, 1 mm deep", 1.11972e-3, 1.4647e-3, "1", ""),
+        ("sigma_x_half", "σ of x, half of coils", 5.312e-6, "", "m", ""),
+        ("sigma_x_most", "σ of x, 95 % of coils", 1.07e-4, "", "m", ""),
     )  # fmt: skip
     shown = {card.name: (card.value, card.remark) for card in cards(found, written("line", 9).design)}
     assert shown["Inductance"] == ("93.1–93.6 µH", "L_eff 107–109 µH")
@@ -87,6 +94,8 @@ def test_rows_that_are_alike_are_joined_and_their_places_left_out():
     assert joined.rows == (("c1, 2", 1e-6), ("c3", 2e-6))
     apart = Table("t", "T", columns, rows[1:])
     assert apart.alike("x") is apart
+    noted = Table("t", "T", columns, tuple((*row[:2], 1.5e-6) for row in rows)).with_common_note()
+    assert (noted.headers, noted.notes) == (["coil", "x (mm)"], ("Of all: L 1.500 µH.",))
     text = Table("t", "L_1 & more", columns, rows, main=("coil", "L")).latex()
     assert r"\caption{L\_1 \& more}" in text
     assert text.count(r"\\") == 4
@@ -114,6 +123,48 @@ def test_a_figure_is_part_of_the_page_with_the_values_of_its_curves_and_maps():
     assert f'id="both-{group}"' in shown.image
     assert cells["map"]["values"] == ["1 2 3", "4 nan 6"]
     assert (cells["map"]["x"], cells["map"]["y"]) == ([0.0, 2.0], [0.0, 1.0])
+
+
+def test_cells_of_a_matrix_have_their_values_under_the_mouse():
+    names = results.NAMES
+    k = float(results.coupling().coupling[0, 1])
+    (axis,) = json.loads(draw("coupling", "k", viz.plot_coupling(results.coupling())).axes)
+    texts = {(x, y): text for x, y, text in axis["cells"]}
+    assert texts[1, 0] == f"{names[0]}, {names[1]}: {k:.3f}".replace("-", "−")
+    assert len(texts) == len(names) * (len(names) - 1)
+
+
+def test_a_figure_of_too_many_paths_keeps_its_letters_and_takes_the_colour_of_the_page(monkeypatch):
+    monkeypatch.setattr("coilarray.report.page._MOST_BYTES", 1000)
+    image = draw("copper", "Copper.", viz.plot_copper(results.board(), "L1")).image
+    assert "data:image/png" in image
+    assert ">coil1</text>" in image
+    assert "#ffffff" not in image.replace("var(--paper, #ffffff)", "")
+
+
+def test_an_order_has_the_sizes_of_the_board_and_marks_what_is_assumed():
+    file = load_design_file("gast2020")
+    rows = {(row["part"], row["property"]): row for row in order_table(file, check_boards(file.design)).records()}
+    assert rows["board", "size"]["order"] == "93.34 × 32.90 mm"
+    assert rows["board", "copper"]["order"] == "4 layers of 35 µm (1 oz)"
+    assert (rows["board", "copper"]["origin"], rows["board", "smallest trace"]["order"]) == ("assumed", "0.1 mm")
+    assert rows["tank", "capacitor"]["order"] == "120 pF, one, at the converter"
+    assert rows["elastomer", "magnetic"]["order"].startswith("2 mm thick, 93.34 × 32.90 mm, to cover the board")
+    file = load_design_file("charger")  # two boards, and capacitors of ports
+    rows = {(row["part"], row["property"]): row for row in order_table(file, check_boards(file.design)).records()}
+    assert rows["board receiver", "size"]["origin"] == ""
+    assert rows["port of middle", "series capacitor"]["order"] == "220 nF"
+
+
+def test_the_paper_is_compared_where_it_prints_a_number():
+    one, two, three = (
+        paper_table(DataArray([1.393e6, 1.404e6]), None).rows,
+        paper_table(None, None).rows,
+        citations(paper=True),
+    )
+    assert one == (("resonance (MHz)", "about 2", "1.39–1.40"),)
+    assert two == ()
+    assert "9 (2020), 319–326" in three[1]
 
 
 def test_a_view_measures_the_board_and_a_section_has_every_layer():

@@ -288,7 +288,7 @@ def summary_of_circuit(design, coupling, response):
     from coilarray.report.summary import summary_table, verdicts
     from coilarray.viz.studio.services import Summary
 
-    table = summary_table(coupling, None, check_rules(design.array, design.rules), response).brief()
+    table = summary_table(coupling, None, check_rules(design.array, design.rules), response).brief().without("key")
     return Summary(table, verdicts(None, ()))
 
 

@@ -49,6 +49,7 @@ ARGUMENTS = {
     "plot_coupling": lambda: (results.coupling(),), "plot_coupling_sweep": lambda: (results.pitch_sweep(),),
     "plot_currents": lambda: (results.coupling(),), "plot_dent": lambda: (results.dents(), Hemisphere(2.5e-3)),
     "plot_distortion": lambda: (results.distortion(), "coil1"),
+    "plot_equivalent_circuit": lambda: ({"L": "9.3 µH", "R": "2 Ω", "tank": "1 nF"},),
     "plot_evidence": lambda: (results.calibration(),),
     "plot_ellipse_parameters": lambda: (*results.ellipses(), "coil1"), "plot_ellipses": lambda: (BELLS,),
     "plot_field_lines": lambda: ({"open": results.field(LINE, [0.0])},),
@@ -103,7 +104,7 @@ def test_a_plot_of_its_own_has_units_and_nothing_is_cut_off(name, monkeypatch):
     monkeypatch.setattr("matplotlib.legend.time.perf_counter", itertools.count(0.0, 10.0).__next__)
     ax.figure.draw_without_rendering()
     labels = [text for axis in (ax, *ax.child_axes) for text in (axis.get_xlabel(), axis.get_ylabel())]
-    assert any(labels) or name in ("plot_coupling", "plot_board", "plot_stack")
+    assert any(labels) or name in ("plot_coupling", "plot_board", "plot_equivalent_circuit", "plot_stack")
     for text in labels:
         assert text in NO_UNIT or re.search(r"\((mm|s|µH|MHz|Ω|A|mT per A|mA per A|mN|%|10⁻[³⁶])\)", text), text
     page = ax.figure.bbox

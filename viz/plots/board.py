@@ -199,7 +199,7 @@ def _draw_board(
         if name in named:
             write_name(ax, x, y, name, weight="bold", fontsize=size, clip_on=True)
     outline = board_outline(array)
-    ax.add_patch(_patch(outline, facecolor="none", edgecolor=INK, linewidth=1.0))
+    ax.add_patch(_patch(outline, facecolor="none", edgecolor=INK, linewidth=1.0, zorder=2.5))
     x_min, y_min, x_max, y_max = MM.of(outline.bounds).tolist()
     rim = 0.02 * (x_max - x_min + y_max - y_min)
     ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim), title=title)

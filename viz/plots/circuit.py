@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Rectangle
 
 from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text
 from coilarray.viz.palette import (
@@ -67,6 +67,35 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 
 @style.styled
+def plot_equivalent_circuit(values: Mapping[str, str], ax: Axes | None = None) -> Axes:
+    """Draw the equivalent circuit of a coil between its two terminals.
+
+    The `values` are texts with units, such as "93.1 µH ± 0.01 %", of the inductance ``"L"``, the
+    resistance ``"R"`` in series, and of what lies across them: the ``"winding"`` capacitance, the
+    ``"tank"`` capacitor or any other, in this order.
+    """
+    across = [name for name in values if name not in ("L", "R")]
+    ax = ax or style.new_axes(5.2, 2.4)
+    wire: dict[str, Any] = {"color": INK, "linewidth": 1.2}
+    right = 0.8 + 2.4 * (len(across) + 1)
+    ax.plot([right, 0, 0], [3, 3, 2.75], [0, 0, right], [0.35, 0, 0], [0, 0], [1.35, 1.2], **wire)
+    ax.plot([right, right], [0, 3], "o", color=INK, markersize=5, markerfacecolor="white")
+    turns = np.linspace(0, 3, 61)  # half circles
+    ax.plot(0.2 * np.abs(np.sin(np.pi * turns)), 2.75 - 1.4 * turns / 3, **wire)
+    ax.add_patch(Rectangle((-0.15, 0.35), 0.3, 0.85, facecolor="none", edgecolor=INK, linewidth=1.2))
+    for name, y in (("L", 2.05), ("R", 0.78)):
+        ax.text(0.4, y, f"${name}$  {values.get(name, '')}", va="center")
+    for x, name in zip(3.2 + 2.4 * np.arange(len(across)), across, strict=True):
+        ax.plot(
+            [x, x], [0, 1.42], [x, x], [1.58, 3], [x - 0.3, x + 0.3], [1.42] * 2, [x - 0.3, x + 0.3], [1.58] * 2, **wire
+        )
+        ax.text(x + 0.4, 1.5, f"{name}\n{values[name]}", va="center")
+    ax.set(xlim=(-0.3, right + 0.5), ylim=(-0.2, 3.2))
+    ax.set_axis_off()
+    return ax
+
+
+@style.styled
 def plot_neighbours(
     coupling: xr.Dataset, outlines: Mapping[str, npt.ArrayLike], coil: str, ax: Axes | None = None
 ) -> Axes:
@@ -102,6 +131,7 @@ def plot_neighbours(
     ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim))
     style.plan_axes(ax)
     style.colour_bar(ax, shade, f"k with {coil}")
+    style.CELLS[ax] = [[*middle[name].tolist(), f"{name}: k = {number_text(k[name], 4, '+')}"] for name in others]
     return ax
 
 
@@ -272,6 +302,10 @@ def _heat_map(
     ax.spines[:].set_visible(False)
     ax.set_title(title)
     style.colour_bar(ax, image, label)
+    style.CELLS[ax] = [
+        [j, i, f"{names[i]}, {names[j]}: {' at '.join(texts[i][j].split(chr(10)))}"]
+        for i, j in np.argwhere(~np.ma.getmaskarray(numbers)).tolist()
+    ]
     boards = [name.rpartition("/")[0] for name in names]
     for k in range(1, n):  # between blocks of coils of one board
         if boards[k] != boards[k - 1]:

@@ -312,7 +312,7 @@ def described_axes(figure: Figure, box: Bbox) -> list[dict[str, Any]]:
         for k, line in enumerate(lines):
             line.set_gid(f"curve-{figure.axes.index(ax)}-{k}")
         shown = VALUES.get(ax) or (_mesh_values(maps[0]) if maps else None)
-        if not ax.get_visible() or not (lines or shown):
+        if not ax.get_visible() or not (lines or shown or ax in CELLS):
             continue
         place = ax.get_window_extent().transformed(figure.dpi_scale_trans.inverted())
         corners = place.x0 - box.x0, box.y1 - place.y1, place.width, place.height
@@ -321,13 +321,16 @@ def described_axes(figure: Figure, box: Bbox) -> list[dict[str, Any]]:
             ends = [float(f"{end:.6g}") for end in axis.get_view_interval()]
             one[name] = {"ends": ends, "log": axis.get_scale() == "log", "label": axis.get_label_text()}
         one["curves"] = [[line.get_gid(), str(line.get_label())] for line in lines]
-        found.append(one | ({} if shown is None else {"map": shown}))
+        cells = CELLS.get(ax)
+        found.append(one | ({} if shown is None else {"map": shown}) | ({} if cells is None else {"cells": cells}))
     return found
 
 
 _FEWEST = 2  # points of a line that is a mark
 VALUES: WeakKeyDictionary[Axes, dict[str, Any]] = WeakKeyDictionary()
 """Values of maps that are drawn as bands, from `map_values`."""
+CELLS: WeakKeyDictionary[Axes, list[list[Any]]] = WeakKeyDictionary()
+"""Cells of matrices, and coils of plans: x and y on the axes, and the text of the nearest to the mouse."""
 _MOST_VALUES = 40  # along an edge of a map, of six maps
 
 

@@ -15,7 +15,7 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.studies.optimize.derive import NAMES, adjusted, derive_goal, unfit_goals
-from coilarray.studies.optimize.goal import Trial, unbeaten
+from coilarray.studies.optimize.goal import Trial, held_back, unbeaten
 from coilarray.studies.optimize.run import FILE, read_studies
 from coilarray.studies.quantities import QUANTITIES, evaluate
 from coilarray.viz.studio.job import Step
@@ -113,20 +113,16 @@ def run_lines(run: Run) -> list[str]:
 
 def held_lines(run: Run) -> list[str]:
     """Say which limits hold a search back, and what would free it."""
-    sign = -1 if run.maximized[0] else 1
-    kept = [sign * point.scores[0] for point in run.points if point.feasible]
-    better = [one for one in run.points if not one.feasible and (not kept or sign * one.scores[0] < min(kept))]
-    lines = []
-    if better:
-        nearest = min(better, key=lambda point: sign * point.scores[0])
-        held = [limit_words(limit) for limit, broken in nearest.violations.items() if broken > 0]
+    held, lines = held_back(run.points, maximized=run.maximized[0]), []
+    if held:
+        nearest, limits = held
         lines.append(
-            f"{' and '.join(held)} holds it: without this limit {words(run.objectives[0])} reaches "
+            f"{' and '.join(map(limit_words, limits))} holds it: without this limit {words(run.objectives[0])} reaches "
             f"{value_text(nearest.scores[0])} with {_list(nearest.changes)}."
         )
-        if any(limit.startswith("fab_margin_mm") for limit, broken in nearest.violations.items() if broken > 0):
+        if any(limit.startswith("fab_margin_mm") for limit in limits):
             lines.append("What would free it: copper layers of their own for neighbours, or vias over fewer layers.")
-    if run.refused and (better or not kept or run.objectives[0].startswith("|k[")):
+    if run.refused and (held or not any(one.feasible for one in run.points) or run.objectives[0].startswith("|k[")):
         reason, count = Counter(run.refused).most_common(1)[0]
         lines.append(f"{count} point{'' if count == 1 else 's'} gave no board, most often: {reason}")
     return lines

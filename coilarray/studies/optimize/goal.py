@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -300,6 +300,21 @@ def trial_of(
         return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
     values = {key: float(outcome[key]) for key in goal.quantities if key in outcome}
     return Trial(kind, place, changes, values, goal.scores(values), goal.violations(values), accuracy=accuracy)
+
+
+def held_back(trials: Iterable[Trial], *, maximized: bool = False) -> tuple[Trial, list[str]] | None:
+    """Return the best refused trial, with the limits that it breaks.
+
+    None if a trial that keeps every limit is as good. The first score counts.
+    """
+    sign = -1 if maximized else 1
+    scored = [one for one in trials if one.scores]
+    kept = min((sign * one.scores[0] for one in scored if one.feasible), default=math.inf)
+    better = [one for one in scored if not one.feasible and sign * one.scores[0] < kept]
+    if not better:
+        return None
+    nearest = min(better, key=lambda one: sign * one.scores[0])
+    return nearest, [limit for limit, violation in nearest.violations.items() if violation > 0]
 
 
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
