@@ -51,9 +51,11 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files of the most slow tests: none of them is left for the end."""
+    """Begin with the files that take longest, in a browser or of many slow tests: none of them is left for the end."""
     slow = Counter(item.path for item in items if "slow" in item.keywords)
-    items.sort(key=lambda item: (-slow[item.path], item.path))  # of the same file: as they stand there
+    waiting = {item.path for item in items if "chromium" in getattr(item, "fixturenames", ())}
+    # of the same file: as they stand there
+    items.sort(key=lambda item: (item.path not in waiting, -slow[item.path], item.path))
 
 
 def pytest_terminal_summary(terminalreporter, config):
