@@ -41,6 +41,7 @@ The dent is symmetric about its axis, so each harmonic e^{imθ} of the field is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -437,16 +438,22 @@ class _Forms:
 def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
     """Pattern (r, k): J_m(kr), or cos kx and sin kx in plane strain.
 
-    scipy's J_m takes as long as twenty steps of the recurrence J_{n+1} = (2n/x) J_n − J_{n−1}. The
-    steps lose no digits for n ≤ x (Abramowitz and Stegun, 9.1.27 and 9.12).
+    scipy's J_m takes as long as twenty steps of the recurrence J_{n+1} = (2n/x) J_n − J_{n−1}, and
+    more than its power series. The steps lose no digits for n ≤ x, the series for x ≤ 3m/4
+    (Abramowitz and Stegun, 9.1.10, 9.1.27 and 9.12).
     """
     x = np.outer(r, wavenumbers)
     if symmetry != "axial":
         return np.cos(x) if m == 0 else np.sin(x)
     if m < 2:
         return np.asarray(j1(x) if m else j0(x))
-    found, far = np.empty_like(x), x >= m
-    found[~far] = jv(m, x[~far])
+    found, near, far = np.empty_like(x), x <= 0.75 * m, x >= m
+    found[~near & ~far] = jv(m, x[~near & ~far])
+    half = x[near] / 2
+    series = np.ones_like(half)
+    for k in range(m + 14, 0, -1):
+        series = 1 - half**2 / (k * (k + m)) * series
+    found[near] = half**m / math.factorial(m) * series
     x = x[far]
     before, last = j0(x), j1(x)
     for n in range(1, m):

@@ -187,19 +187,12 @@ if __name__ == "__main__":
     ended.wait()
     assert outcomes == [9]
 """
-DRAWING = """
-from coilarray.report.drawing import drawing_beside
-from support.worker_tasks import square
-
-if __name__ == "__main__":
-    with drawing_beside() as drawing:
-        assert drawing.submit(square, 3).result() == 9
-"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("program", [POOL, JOB, DRAWING], ids=["pool", "job", "drawing"])
+@pytest.mark.parametrize("program", [POOL, JOB], ids=["pool", "job"])
 def test_files_that_are_called_as_modules_are_not_executed(tmp_path, program):
+    """The process that draws: tests/report/test_drawing.py."""
     folder, witness = tmp_path / "work", tmp_path / "witness"
     folder.mkdir()
     for name in (*sys.stdlib_module_names, *LIBRARIES):
@@ -208,7 +201,6 @@ def test_files_that_are_called_as_modules_are_not_executed(tmp_path, program):
     script = tmp_path / "program.py"
     script.write_text(program, encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    environment["COILARRAY_THREADS"] = "2"  # with one core there is no process beside that draws
     environment.pop("PYTHONSAFEPATH", None)
     done = subprocess.run(
         [sys.executable, script], cwd=folder, env=environment, timeout=2 * PATIENCE,

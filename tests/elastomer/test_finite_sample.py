@@ -223,7 +223,7 @@ def test_the_default_mesh_gives_the_paper_s_map_to_two_percent_of_what_sides_cha
     assert design.indentation is not None
     setup = replace(design.indentation, sample_bounds=(-30e-3, -20e-3, 30e-3, 20e-3), strain="linear")
     finite, finer = replace(design, indentation=setup), BoxMesh(degree=4, edge=0.5, growth=0.6, widest=1.0)
-    axes = map_axes(finite, x=np.linspace(-26e-3, 26e-3, 5), y=[-6e-3, 0.0, 3e-3])
+    axes = map_axes(finite, x=[-26e-3, 0.0, 13e-3], y=[-6e-3, 3e-3])
 
     wide = inductance_changes(replace(design, indentation=replace(setup, sample_bounds=None)), axes)[0]
 

@@ -140,14 +140,11 @@ def test_a_wide_outline_is_an_infinite_plate() -> None:
     infinite = Plate("backplane", -4e-3, 1e-3, aluminium)
     assert one.indentation is not None
     tipped = replace(one, indentation=replace(one.indentation, material=MATERIALS["ferrite"]))
-    alone, found, expected = (
-        mapped(replace(tipped, plates=plates), x=[0.0, 5e-3]) for plates in ((), (wide,), (infinite,))
-    )
+    found, expected = (mapped(replace(tipped, plates=(plate,)), x=[0.0]) for plate in (wide, infinite))
     # 7 mm of metal around the coil, and 1 % by the dent
     np.testing.assert_allclose(found.inductance, expected.inductance, rtol=5e-3)
     largest = float(np.abs(expected.delta).max())
     assert float(np.abs(found.delta - expected.delta).max()) < 2e-2 * largest
-    assert float(np.abs(expected.delta - alone.delta).max()) > 0.2 * largest
     # the share of the tip, and that of the tip at rest, which counts too
     np.testing.assert_allclose(found.metal_delta, expected.metal_delta, rtol=3e-2)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import threading
 import time
@@ -21,14 +20,18 @@ Found = TypeVar("Found")
 
 
 def until(condition: Callable[[], Found], *, pause: float = 0.02, within: float = PATIENCE) -> Found:
-    """Return the first true result of `condition`; a failed assertion if none comes within a time in s."""
-    end = time.monotonic() + within
+    """Return the first true result of `condition`; a failed assertion if none comes within a time in s.
+
+    It looks less and less often, up to ten times less than at first, as to look takes the processor too.
+    """
+    end, longest = time.monotonic() + within, 10 * pause
     while True:
         found = condition()
         if found:
             return found
         assert time.monotonic() < end, f"nothing came within {within:.0f} s"
         time.sleep(pause)
+        pause = min(1.2 * pause, longest)
 
 
 def alive(pid: int) -> bool:
@@ -47,29 +50,28 @@ def computed(pid: int) -> float:
 
 
 class _Ticks:
-    """Seconds in which this process ran, from a thread that looks at the clock again and again."""
+    """Seconds in which this process ran, from a thread that looks at the clock again and again until it is stopped."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
+        self.stopped = threading.Event()
         threading.Thread(target=self._count, name="ticks", daemon=True).start()
 
     def _count(self) -> None:
         last = time.monotonic()
-        while True:
-            time.sleep(_TICK)
+        while not self.stopped.wait(_TICK):
             now = time.monotonic()
             self.seconds += min(now - last, _COUNTED)
             last = now
 
 
-_ticks = functools.cache(_Ticks)
-
-
 @contextmanager
 def lasting(seconds: float) -> Iterator[None]:
     """A block that must end within a time in which this process was not stopped, nor starved by others."""
-    ticks = _ticks()
-    start = ticks.seconds
-    yield
-    took = ticks.seconds - start
+    ticks = _Ticks()
+    try:
+        yield
+    finally:
+        ticks.stopped.set()
+    took = ticks.seconds
     assert took < seconds + 2 * _TICK, f"took {took:.2f} s, which is more than {seconds:.2f} s"
