@@ -235,6 +235,7 @@ DEAR = {
     "05_elastomer/plot_two_dimensional", "06_position/plot_ellipses", "06_position/plot_error_map",
     "06_position/plot_locate", "07_metal/plot_backplane", "07_metal/plot_behind", "07_metal/plot_proximity",
     "08_fabrication/plot_shares", "09_boards/plot_allan", "00_pictures/plot_10_arcs", "00_pictures/plot_08_dent",
+    "00_pictures/plot_03_currents", "00_pictures/plot_14_closing",
     *(f"00_pictures/plot_{name}" for name in ("01_touch", "02_field", "04_helmet", "09_charger", "12_grounded")),
 }  # fmt: skip
 

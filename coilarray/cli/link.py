@@ -163,7 +163,7 @@ def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Data
     if path.suffix.lower() == ".html":
         viz.save_page(scene_of_motion(still, moved, Slider("pose", labels, notes)), path, title=design.name)
     else:
-        everywhere = room([board for boards in moved for board in boards])
+        everywhere = room([at for boards in moved for board in boards for at in board.pieces.reshape(-1, 3)])
         viz.save_movie(scene_of_boards(still) + everywhere, moving_scenes(moved, notes), path)
 
 

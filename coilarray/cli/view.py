@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.design.model import Design
-    from coilarray.viz.scenes.design import Item
+    from coilarray.viz.scenes.design import Item, Touch
     from coilarray.viz.scenes.scene import Scene, Side
     from coilarray.viz.studio.services import Document, Summary
 
@@ -61,7 +61,8 @@ def view(
     out: Annotated[
         Path | None,
         shared.out_option(
-            "File to write instead of a window: a picture (.png), a film of the indenter over the board (.gif, .mp4), "
+            "File to write instead of a window: a picture (.png), a film of the indenter over the board, or with "
+            "--show target of the target (.gif, .mp4), "
             "a page to turn the scene in a browser (.html), parts for ParaView (.vtm), or the numbers of "
             "the field (.nc, .vtr).",
         ),
@@ -72,6 +73,7 @@ def view(
     size: Annotated[
         str | None, typer.Option(help="Pixels of picture and film; 1600x900 and 960x540 by default.")
     ] = None,
+    dark: Annotated[bool, typer.Option("--dark", help="Draw a picture for a dark page.")] = False,
     layers: Annotated[str | None, typer.Option(help="Copper layers shown, as L1,L3; all by default.")] = None,
     coil: Annotated[
         str | None, typer.Option(help='The measured coil, the middle one by default; on a page "each", with a slider.')
@@ -130,6 +132,8 @@ def view(
             if name not in ITEMS:
                 raise OutputError(f"--show must be of {', '.join(ITEMS)}; got {name!r}.")
         items = tuple(item for item in ITEMS if item in wanted)
+        if kind == "film" and set(items) - {"board"} not in ({"dent"}, {"target"}):
+            raise OutputError(f"--show of a film must be dent or target; got {show!r}.")
     given = {
         "--show": show, "--from": side if side != "oblique" else None, "--size": size, "--layers": layers,
         "--coil": coil, "--at-mm": at_mm, "--depth-mm": depth_mm, "--distance-mm": distance_mm,
@@ -138,8 +142,10 @@ def view(
     unused = {"film": _NOT_OF_FILMS, "field": _NOT_OF_FIELDS}.get(kind, {"--z-mm"})
     for option, value in given.items():
         if value is not None and option in unused:
-            what = {"film": "a film, which shows the dent and δ of all coils", "field": "the numbers of a field"}
+            what = {"film": "a film, which shows δ of all coils", "field": "the numbers of a field"}
             raise OutputError(f"{option} is not for {what.get(kind, 'a scene, but for .nc and .vtr')}.")
+    if dark and kind != "picture":
+        raise OutputError("--dark is for a picture (.png).")
     if distance_mm is not None and kind != "field" and items and "target" not in items:
         raise OutputError("--distance-mm is for --show target.")
     heights = None if z_mm is None else _heights(z_mm)
@@ -153,7 +159,14 @@ def view(
         line, data = _write_field(opened, out, coil, heights, spacing_mm or _SPACING_MM, distance)
         shared.print_result({**shared.design_record(opened), **data}, as_json=as_json, lines=[line])
         return
-    from coilarray.viz.scenes.design import View, board_and_metal, scene_of_coils, scene_of_design
+    from coilarray.viz.scenes.design import (
+        View,
+        board_and_metal,
+        scene_of_coils,
+        scene_of_design,
+        target_along,
+        touch_along,
+    )
 
     items, each = items or board_and_metal(opened), coil == "each" and kind == "page"
     if distance is not None and "target" not in items:
@@ -161,8 +174,12 @@ def view(
     _check_machine(kind, out, pixels)
     notes: list[str] = []
     if kind == "film" and out is not None:
-        _write_film(opened, out, side, pixels, depth)
-        lines = [f"wrote {out}: {_FRAMES} pictures, {_FRAMES / _RATE:.3g} s"]
+        of_target = "target" in items and (opened.indentation is None or distance is not None or show is not None)
+        if of_target and depth is not None:
+            raise OutputError("--depth-mm is for a film of the indenter.")
+        along = partial(target_along, distance=distance) if of_target else partial(touch_along, depth=depth)
+        pictures = _write_film(out, side, pixels, partial(along, opened))
+        lines = [f"wrote {out}: {pictures} pictures, {pictures / _RATE:.3g} s"]
     else:
         asked = View(
             show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
@@ -186,14 +203,14 @@ def view(
         elif kind == "page":
             viz.save_page(scene, out, title=opened.name, side=side)
         else:
-            viz.save_picture(scene, out, side=side, dark=False, **pixels)
+            viz.save_picture(scene, out, side=side, dark=dark, **pixels)
         lines = [*notes, *([] if out is None else [f"wrote {', '.join(map(str, written))}"])]
     data = {**shared.design_record(opened), "file": out and str(out), "notes": notes}
     shared.print_result(data, as_json=as_json, lines=lines)
 
 
 _NOT_OF_FIELDS = {"--show", "--from", "--size", "--layers", "--at-mm", "--depth-mm"}
-_NOT_OF_FILMS = {"--show", "--layers", "--coil", "--spacing-mm", "--at-mm", "--distance-mm", "--z-mm"}
+_NOT_OF_FILMS = {"--layers", "--coil", "--spacing-mm", "--at-mm", "--z-mm"}
 
 
 def _kind(out: Path | None) -> Kind:
@@ -220,20 +237,19 @@ def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, in
         check_window()
 
 
-def _write_film(design: Design, out: Path, side: Side, pixels: dict[str, tuple[int, int]], depth: float | None) -> None:
-    """Write the film of an indenter that moves along x."""
-    from coilarray.viz.scenes.design import touch_along
-
+def _write_film(out: Path, side: Side, pixels: dict[str, tuple[int, int]], along: Callable[..., Touch]) -> int:
+    """Write the film of an indenter or target, and count its pictures."""
     with shared.progress_bar("response") as progress:
-        touch = touch_along(design, count=_FRAMES, depth=depth, progress=progress)
+        touch = along(count=_FRAMES, progress=progress)
     with shared.progress_bar("film") as progress:
 
         def counted() -> Iterator[Scene]:
             for done, scene in enumerate(touch.scenes(), start=1):
                 yield scene
-                progress(done, _FRAMES)
+                progress(done, len(touch.places))
 
         viz.save_movie(touch.board(), counted(), out, side=side, rate=_RATE, **pixels)
+    return len(touch.places)
 
 
 def _write_field(

@@ -268,7 +268,8 @@ def _coupling(r: Results) -> Section | None:
 def _field(r: Results) -> Section:
     line, plane = r.fields = _fields(r.design, r.coupling.result(), r.active)
     where = "Beside the plates" if r.design.plates else "In free space"
-    height = f"{r.design.field_height * 1e3:g} mm above the board, {where[0].lower()}{where[1:]}"
+    above = next(iter(plane.values())).z.item() - r.design.pose.z  # not always `field_height`
+    height = f"{above * 1e3:.4g} mm above the board, {where[0].lower()}{where[1:]}"
     across = r.outlines[r.design.coil_names.index(r.active)][:, 0]
     sheets = ""
     if r.sheet_share["most"] > 0:

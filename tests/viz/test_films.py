@@ -12,10 +12,12 @@ from support.contacts import IDEAL
 
 from coilarray import load_design
 from coilarray.design.vary import vary
-from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
+from coilarray.errors import ElastomerError, MetalError, MissingDependencyError, OutputError
+from coilarray.geometry import MATERIALS, Ball, Plate, Target
 from coilarray.response.map import response_map
+from coilarray.response.target import target_map
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes.design import touch_along
+from coilarray.viz.scenes.design import target_along, touch_along
 from coilarray.viz.scenes.draw import shown_units
 from coilarray.viz.scenes.pictures import save_movie
 from coilarray.viz.scenes.scene import Part, Scene
@@ -42,7 +44,7 @@ def test_a_touch_has_the_response_along_its_way(design, monkeypatch):
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
     np.testing.assert_allclose(touch.places[:, 0], np.linspace(outlines[:, 0].min(), outlines[:, 0].max(), 5))
     np.testing.assert_allclose(touch.places[:, 1], design.array.centres[0, 1])
-    x, y = touch.places[1]
+    x, y, _ = touch.places[1]
     exact = ideal_map(design, depths=[0.6e-3], x=[x - 1e-3], y=[y]).delta.values.ravel()
     # splines through positions a fifth of the sheets' thickness apart: 1e-6 on gast2020
     np.testing.assert_allclose(touch.delta[1], exact, atol=2e-6)
@@ -68,6 +70,34 @@ def test_a_touch_has_the_response_along_its_way(design, monkeypatch):
 def test_a_design_without_an_indenter_has_no_film(design):
     with pytest.raises(ElastomerError, match=r"has no \[indenter\] and \[indentation\]"):
         touch_along(replace(design, indentation=None))
+
+
+def numbers_of(frame):
+    return [float(text.text.replace("−", "-")) for text in frame.texts]
+
+
+@pytest.mark.slow
+def test_a_target_has_its_response_along_its_way(design):
+    ball = Target(Ball(3e-3, MATERIALS["steel"]), (1e-3, 2e-3), (-4e-3, 0.0, 4e-3), (0.0,), origin_point=(0.5e-3, 1e-3))
+    bare = replace(design, sheets=(), indentation=None, target=ball)
+    touch = target_along(bare, count=5)
+    np.testing.assert_allclose(touch.places, [(x, 1e-3, 1e-3) for x in np.linspace(-3.5e-3, 4.5e-3, 5)])
+    exact = target_map(bare, distances=[1e-3], x=[-2e-3], y=[0.0]).delta.values.ravel()
+    np.testing.assert_allclose(touch.delta[1], exact, rtol=1e-3)  # the band of frequencies is another
+    frames = list(touch.scenes())
+    assert numbers_of(frames[1])[0] == pytest.approx(exact[0] * shown_units(touch.scale)[0], rel=0.01)
+    assert frames[1].notes == ("The target is at x = −1.5 mm, y = +1.0 mm, 1 mm from the board.",)
+    bounds = parts_of(frames[1])["target"].mesh.bounds
+    np.testing.assert_allclose(bounds, [-4.5, 1.5, -2.0, 4.0, 1.0, 7.0], atol=0.02)  # a ball of 48 meridians
+    # room for the ball at all places
+    np.testing.assert_allclose(parts_of(touch.board())["room"].mesh.bounds[:2], [-6.5, 7.5], atol=0.02)
+    # an infinite plate comes closer
+    lid = replace(bare, target=Target(Plate("lid", 0.0, 1e-3, MATERIALS["aluminium"]), (1e-3, 2e-3), (0.0,), (0.0,)))
+    closer = target_along(lid, count=3, distance=0.5e-3)
+    np.testing.assert_allclose(closer.places[:, 2], [2e-3, 1e-3, 0.5e-3])
+    assert (np.diff(np.abs(closer.delta[:, 0])) > 0).all()
+    with pytest.raises(MetalError, match=r"has no \[target\]"):
+        target_along(design)
 
 
 FLOOR = Scene((Part("floor", pyvista.Box((0, 16, 0, 9, -1, 0)), colour="#00ff00", lit=False),))

@@ -37,6 +37,6 @@ def test_a_slider_shows_one_position_and_what_stays():
 
 
 def test_a_camera_sees_all_positions():
-    low, high = room([board for boards in MOVED for board in boards]).bounds[4:]
+    low, high = room([at for boards in MOVED for board in boards for at in board.pieces.reshape(-1, 3)]).bounds[4:]
     # points of single precision
     np.testing.assert_allclose((low, high), (HEIGHTS[0] - 1e3 * COIL.stackup.thickness, HEIGHTS[1]), rtol=1e-6)

@@ -12,6 +12,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Bend, Pose, Sheet, Spiral, Zone, solids
 from coilarray.geometry.array import Array
 from coilarray.viz.datasets.results import field_grid
+from coilarray.viz.scenes.board import scene_of_currents
 from coilarray.viz.scenes.design import View, scene_of_design
 from coilarray.viz.scenes.results import CURRENT, field_box, field_planes, line_seeds
 
@@ -74,6 +75,43 @@ def test_sheets_of_every_board_lie_on_it():
 
 
 @pytest.mark.slow
+def test_arrows_run_along_the_turns_as_the_currents_flow():
+    scene = scene_of_currents(PAIR.placed, [1.0, -0.25, 0.001], 0)  # of which the last is too weak for arrows
+    parts = parts_of(scene)
+    assert set(parts) == {"arrows of currents, measured", "arrows of currents, others"}
+    longest = {}
+    for name, coil, current in (("measured", 0, 1.0), ("others", 1, -0.25)):
+        mesh = parts[f"arrows of currents, {name}"].mesh
+        arrows = np.asarray(mesh.points).reshape(8, -1, 3)
+        flows = np.asarray(mesh.point_data["I (A)"]).reshape(8, -1, 3)[:, 0]
+        np.testing.assert_allclose(np.linalg.norm(flows, axis=1), abs(current))
+        away = arrows.mean(axis=1) - [*ROW.centres[coil] * 1e3, 0.0]
+        sense = np.sign(ROW.conductors()[coil].area[2])
+        assert (np.sign(np.cross(away, flows)[:, 2]) == sense * np.sign(current)).all()
+        # the middle turn of three is 2.8 mm wide to each side
+        assert (np.abs(np.abs(away[:, :2]).max(axis=1) - 2.8) < 0.5).all()
+        longest[name] = max(np.linalg.norm(np.ptp(one, axis=0)) for one in arrows)
+    assert longest["others"] == pytest.approx(longest["measured"] / 2, rel=0.05)  # the root of a quarter
+    (lid,) = scene_of_currents(PAIR.placed, [0.0, 0.0, 1.0], 2).parts
+    assert lid.group == "lid"
+    assert np.linalg.norm(np.asarray(lid.mesh.points).mean(axis=0) - PAIR.centres[2] * 1e3) < 1.0
+
+
+def test_the_current_of_a_grounded_neighbour_flows_against_the_sign_of_k():
+    for pitch, overlap in ((12e-3, -1), (4e-3, 1)):
+        design = Design(Array.row(Spiral(4, 8e-3, 3, 0.2e-3, 0.2e-3), 2, pitch=pitch))
+        coupling = couple_design(design)
+        assert np.sign(float(coupling.coupling[0, 1])) == overlap
+        currents = operating_currents(design, coupling, "coil1").real
+        parts = parts_of(scene_of_currents(design.placed, currents, 0))
+        turns = []
+        for k, name in enumerate(("measured", "others")):
+            mesh = parts[f"arrows of currents, {name}"].mesh
+            away = np.asarray(mesh.points) - [*design.array.centres[k] * 1e3, 0.0]
+            turns.append(np.sign(np.cross(away, mesh.point_data["I (A)"])[:, 2].mean()))
+        assert turns[0] * turns[1] == -overlap
+
+
 def test_copper_of_all_boards_has_the_colours_of_the_currents():
     parts = parts_of(scene_of_design(PAIR, View(show=("currents",), coil="lid/coil1")))
     currents = operating_currents(PAIR, couple_design(PAIR), "lid/coil1").real
@@ -98,3 +136,11 @@ def test_the_field_is_shown_around_the_coil_of_any_board():
     corners = np.concatenate([board.pieces.reshape(-1, 3) for board in PAIR.placed])
     assert level[0].low == pytest.approx(corners[:, 0].min())
     assert upright[2].high > corners[:, 2].max()
+
+
+@pytest.mark.parametrize(("height", "shown"), [(8e-3, 8e-3), (20e-3, 10e-3), (20.4e-3, 10e-3), (22e-3, 22e-3)])
+def test_a_level_plane_cuts_no_copper_of_another_board(height, shown):
+    above = Board(ONE, Pose(z=20e-3 - ONE.stackup.centre(ONE.placements[0].layers[0])), "lid")
+    (_, _, z), _ = field_planes(Design(ROW, boards=(above,), field_height=height), "coil1", 1e-3)
+    assert z.low == pytest.approx(shown, abs=0.2e-3)
+    assert z.low == z.high

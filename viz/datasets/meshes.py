@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.geometry import Ball, FinitePlate, Plate
+from coilarray.geometry import Ball, FinitePlate, Placement, Plate
 from coilarray.geometry.bodies import Body
 from coilarray.geometry.copper import plate_solid
 from coilarray.geometry.elastomer import Indenter, Sheet
@@ -79,6 +79,26 @@ def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.Poly
 def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
     """Surface of the copper of one layer in mm, `names` by cell in ``"coil"``."""
     return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
+
+
+def along_turn(place: Placement, count: int) -> tuple[FloatArray, FloatArray, float]:
+    """Take steps along the middle turn of a coil's path."""
+    # Points (count, 2) just behind and ahead of each place on the board, and the distance of the places, in m.
+    outline = place.to_board(place.coil.outline)
+    middle = (outline.min(axis=0) + outline.max(axis=0)) / 2
+    turns = []
+    for line, *_ in place.traces():
+        angle = np.unwrap(np.arctan2(line[:, 1] - middle[1], line[:, 0] - middle[0]))
+        turns.append((np.maximum.accumulate(np.abs(angle - angle[0])), line))
+    turned, line = max(turns, key=lambda turn: float(turn[0][-1]))  # of the layer that has most of the turns
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
+    start, end = np.interp(turned[-1] / 2 + np.array([-math.pi, math.pi]), turned, along).tolist()
+    step = (end - start) / count
+    behind, ahead = (
+        np.column_stack([np.interp(start + step * (np.arange(count) + share), along, axis) for axis in line.T])
+        for share in (0.49, 0.51)
+    )
+    return behind, ahead, step
 
 
 def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> pyvista.PolyData:

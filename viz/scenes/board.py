@@ -20,8 +20,8 @@ from coilarray.geometry.copper import board_solids, sheet_prisms, sheet_solids
 from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import meshes
-from coilarray.viz.datasets.results import at_depth
-from coilarray.viz.palette import BARREL, COPPER, INK, LAMINATE, METAL, SHEETS, cycled
+from coilarray.viz.datasets.results import arrows_at, at_depth
+from coilarray.viz.palette import BARREL, COPPER, INK, LAMINATE, METAL, ON_DARK, ON_MAP, SHEETS, cycled
 from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Slider, Text, about_zero
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ _LIFT = 0.5  # of the lowest sheet, over the lift that clears the board in an ob
 _GLASS = 0.12  # opacity of a sheet
 _SMOOTH = 97  # points of a bent edge of a board
 _COPPER, _LAMINATE = "copper ", "laminate"
+_ARROWS, _ARROW = 8, 0.8  # current arrows of a coil, and length of the longest over their distance
+_WEAK = 0.01  # least current with arrows, over the largest
+_OVER = 0.15  # height of an arrow above the copper over its length
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,13 +128,13 @@ def moving_scenes(moved: Sequence[Sequence[Board]], notes: Sequence[Sequence[str
         yield Scene(_placed(boards, bare).parts, notes=tuple(lines))
 
 
-def room(boards: Sequence[Board]) -> Scene:
-    """Invisible box about boards, so that a camera has all of them in view."""
+def room(corners: npt.ArrayLike) -> Scene:
+    """Invisible box about points (n, 3) in m, for a camera to have in view."""
     from coilarray.viz.extra_3d import pyvista
 
-    corners = meshes.MM_PER_M * np.concatenate([board.pieces.reshape(-1, 3) for board in boards])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    return Scene((Part("room", pyvista.Box(np.column_stack((low, high)).ravel()), opacity=0.0),))
+    ends = meshes.MM_PER_M * np.asarray(corners, dtype=np.float64)
+    box = np.column_stack((ends.min(axis=0), ends.max(axis=0))).ravel()
+    return Scene((Part("room", pyvista.Box(box), opacity=0.0),))
 
 
 def scene_of_motion(still: Sequence[Board], moved: Sequence[Sequence[Board]], slider: Slider) -> Scene:
@@ -232,6 +235,34 @@ def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]
         mesh.cell_data[colours.scale.array] = colours.values[mesh.cell_data["coil"]]
         parts.append(replace(part, mesh=mesh, colour=BARREL, scale=colours.scale, ambient=0.7, diffuse=0.35))
     return tuple(parts)
+
+
+def scene_of_currents(boards: Sequence[Board], currents: npt.ArrayLike, active: int) -> Scene:
+    """Scene of arrows along currents (coils,) in the copper, real."""
+    # Lengths are as the roots of the currents. Arrows of the `active` coil, whose copper is dark, are light.
+    strength, scenes, first = np.asarray(currents, dtype=np.float64), list[Scene](), 0
+    largest = float(np.abs(strength).max(initial=0.0))
+    for board in boards:
+        array, parts = board.array, list[Part]()
+        own = strength[first : first + len(array.names)]
+        strong = set(np.flatnonzero(np.abs(own) > _WEAK * largest).tolist())
+        for name, colour, chosen in (
+            ("others", ON_MAP, strong - {active - first}), ("measured", ON_DARK, strong & {active - first})
+        ):  # fmt: skip
+            if not chosen:
+                continue
+            turns = (meshes.along_turn(array.placements[k], _ARROWS) for k in sorted(chosen))
+            behind, ahead, distances = zip(*turns, strict=True)
+            length = _ARROW * min(distances)
+            height = np.full((len(chosen) * _ARROWS, 1), _OVER * length)
+            start, end = (_as_bent(array, np.hstack((np.vstack(ends), height))) for ends in (behind, ahead))
+            along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+            vectors = np.repeat(own[sorted(chosen)], _ARROWS)[:, None] * along
+            arrows = arrows_at((start + end) / 2, vectors, length, ("I (A)", "|I| (A)"), largest)
+            parts.append(Part(f"arrows of currents, {name}", arrows, "current as arrows", colour, ambient=0.5))
+        scenes.append(Scene(tuple(parts)))
+        first += len(array.names)
+    return _placed(boards, scenes)
 
 
 def scene_of_sheets(array: Array, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, get_args
@@ -24,12 +24,12 @@ from coilarray.localize.inverse import locate
 from coilarray.response.dataset import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at, indentation_of, target_of
-from coilarray.response.target import with_target_as_plate
+from coilarray.response.target import target_map, with_target_as_plate
 from coilarray.viz.datasets.results import DELTA, field_grid, require_memory
 from coilarray.viz.scenes import board as boards
 from coilarray.viz.scenes import results
 from coilarray.viz.scenes.draw import shown_units
-from coilarray.viz.scenes.metal import CURRENT, scene_of_metal, steps_of, target_at, target_place
+from coilarray.viz.scenes.metal import CURRENT, scene_of_metal, steps_of, target_at, target_parts, target_place
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider, Text, about_zero
 
 if TYPE_CHECKING:
@@ -136,7 +136,8 @@ def scene_of_coils(design: Design, view: View, track: Tracker | None = None) -> 
         known = {name: value for name, value in vars(making).items() if name == "_coupling"}
     scales = sorted((one for scene in scenes for one in scene.scales), key=lambda scale: scale.high - scale.low)
     widest = {scale.array: scale for scale in scales}
-    parts = [one for one in scenes[0].parts if one.scale is None and not one.name.startswith(("arrows", "contours"))]
+    own = ("arrows", "contours")  # of every coil, though without a scale
+    parts = [one for one in scenes[0].parts if one.scale is None and not any(word in one.name for word in own)]
     alike = {part.name for part in parts}
     for step, (coil, scene) in enumerate(zip(design.coil_names, scenes, strict=True)):
         for part in scene.parts:
@@ -211,10 +212,11 @@ class _Making:
     def _currents(self) -> Scene:
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self.coil, terminated=not view.others_open)
-        colours = results.colours_of_currents(currents, design.coil_names.index(self.coil))
+        active = design.coil_names.index(self.coil)
         copper, rest = boards.board_in_pieces(design.placed, view.layers, self._name_heights)
+        parts = boards.recoloured(copper, results.colours_of_currents(currents, active))
         note = f"Black: {self.coil} is measured, the others {self.others}; current per its ampere."
-        return Scene(boards.recoloured(copper, colours), notes=(note,)) + rest
+        return Scene(parts, notes=(note,)) + rest + boards.scene_of_currents(design.placed, currents.real, active)
 
     @cached_property
     def _coupling(self) -> xr.Dataset:
@@ -328,16 +330,17 @@ class _Making:
 
 _STEPS = 5  # positions of the response per thickness of all sheets, as `coilarray.localize.forward` needs them
 _BELOW = 0.17  # distance from a coil's name down to its number, over the coil's length along y
+_BESIDE = 0.04  # its least over the board's length, for letters
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """Path of the indenter with δ of every coil."""
+    """Path of the indenter or target with δ of every coil."""
 
     design: Design
-    depth: float  # m
-    places: FloatArray  # shape (n, 2), m on the board
+    places: FloatArray  # shape (n, 3), x and y on the board, and the depth, or the distance of the target, in m
     delta: FloatArray  # shape (n, coils), of the first state that measures each coil, or NaN
+    of_target: bool = False
 
     @cached_property
     def _board(self) -> tuple[tuple[Part, ...], Scene]:
@@ -349,19 +352,26 @@ class Touch:
         return about_zero(DELTA, "δ", "", self.delta)
 
     def board(self) -> Scene:
-        """Board without its copper, which does not change."""
-        return self._board[1]
+        """Board without its copper, which does not change, and room for a target."""
+        if not self.of_target:
+            return self._board[1]
+        ends = [target_parts(self.design, self.places[k].tolist())[0].mesh.points for k in (0, -1)]
+        return self._board[1] + boards.room(np.concatenate(ends) * 1e-3)
 
     def scenes(self) -> Iterator[Scene]:
         """Make one scene per place."""
-        array, setup, scale = self.design.array, indentation_of(self.design), self.scale
-        dent = dent_of_design(self.design, self.depth)
+        array, scale = self.design.array, self.scale
         factor, _ = shown_units(scale)
         largest = float(np.nanmax(np.abs(self.delta), initial=scale.high * 1e-3)) * factor
         digits = max(2 - math.floor(math.log10(largest)), 0)  # three digits of the largest
-        below = _BELOW * float(np.ptp(array.placements[0].coil.outline[:, 1]))
-        for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
-            where = true_minus(f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {self.depth * 1e3:g} mm deep")
+        x_min, _, x_max, _ = array.bounds
+        below = max(_BELOW * float(np.ptp(array.placements[0].coil.outline[:, 1])), _BESIDE * (x_max - x_min))
+        body, words = "indenter", "deep"
+        if self.of_target:
+            body, words = "target", "from the sheets" if self.design.sheets else "from the board"
+        dent = None if self.of_target else dent_of_design(self.design, float(self.places[0, 2]))
+        for (x, y, reach), delta in zip(self.places.tolist(), self.delta, strict=True):
+            where = true_minus(f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {reach * 1e3:.3g} mm {words}")
             shown = [round(value, digits) if math.isfinite(value) else value for value in (delta * factor).tolist()]
             numbers = tuple(
                 Text(true_minus(f"{value:+.{digits}f}" if value else "0"), (x_c * 1e3, (y_c - below) * 1e3, 0.0), 16.0)
@@ -369,10 +379,14 @@ class Touch:
                 if math.isfinite(value)
             )
             coils = boards.recoloured(self._board[0], boards.CoilColours(delta, scale))
-            scene = Scene(coils, numbers, (f"The indenter is at {where}.",))
-            yield scene + boards.scene_of_dent(
-                array, self.design.sheets, dent, setup.indenter, (x, y), opacity=boards.VEILED
-            )
+            scene = Scene(coils, numbers, (f"The {body} is at {where}.",))
+            if dent is None:
+                yield scene + Scene(tuple(target_parts(self.design, (x, y, reach))))
+            else:
+                indenter = indentation_of(self.design).indenter
+                yield scene + boards.scene_of_dent(
+                    array, self.design.sheets, dent, indenter, (x, y), opacity=boards.VEILED
+                )
 
 
 def touch_along(
@@ -385,8 +399,8 @@ def touch_along(
     low, high = (end + setup.origin_point[1] for end in (setup.y[0], setup.y[-1]))
     line = float(np.clip(array.centres[array.names.index(array.middle_coil), 1], low, high))
     along = np.linspace(outlines[:, 0].min(), outlines[:, 0].max(), count)
-    places = np.column_stack((along, np.full(count, line)))
     deep = max(setup.depths) if depth is None else depth
+    places = np.column_stack((along, np.full(count, line), np.full(count, deep)))
     # the spline of the model needs four positions along y too
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS
     x = np.linspace(along[0], along[-1], max(math.ceil(float(np.ptp(along)) / step - 1e-9) + 1, 4))
@@ -394,10 +408,35 @@ def touch_along(
     x, y = x - setup.origin_point[0], y - setup.origin_point[1]
     response = response_map(design, depths=[deep], x=x, y=y, accuracy="auto", progress=progress)
     model = forward_model(on_board(response))
-    by_state = dict(zip(model.states, model.delta(np.column_stack((places, np.full(count, deep)))).T, strict=True))
-    first, nothing = first_states(design), np.full(count, np.nan)
-    delta = [by_state[first[coil]] if coil in first else nothing for coil in array.names]
-    return Touch(design, deep, places, np.column_stack(delta))
+    return Touch(design, places, _by_coil(design, model.states, model.delta(places)))
+
+
+def target_along(
+    design: Design, *, count: int = 48, distance: float | None = None, progress: Progress | None = None
+) -> Touch:
+    """Compute δ of a target at `count` places of its map's middle line along x."""
+    # A target with one place, as an infinite plate, comes closer instead, to the `distance` in m, by default the least.
+    target = target_of(design)
+    near, y = target.distances[0] if distance is None else distance, float(np.median(target.y))
+    moves = len(target.x) > 1
+    x = np.linspace(target.x[0], target.x[-1], count) if moves else np.array([np.median(target.x)])
+    far = max(target.distances[-1], near)
+    z = np.array([near]) if moves else np.geomspace(near, far, count if far > near else 1)
+    found = target_map(design, distances=z, x=x, y=[y], progress=progress)
+    delta = _by_coil(
+        design, [str(name) for name in found.state.values], found.delta.values.reshape(-1, found.state.size)
+    )
+    X, Y = (np.add(value, origin) for value, origin in zip((x, y), target.origin_point, strict=True))
+    places = np.column_stack(np.broadcast_arrays(X, Y, z))
+    order = slice(None) if moves else slice(None, None, -1)  # from far
+    return Touch(design, places[order], delta[order], of_target=True)
+
+
+def _by_coil(design: Design, states: Sequence[str], delta: FloatArray) -> FloatArray:
+    """δ (places, coils) of δ (places, states), by the first state of each coil, or NaN."""
+    first, nothing = first_states(design), np.full(len(delta), np.nan)
+    by_state = dict(zip(states, delta.T, strict=True))
+    return np.column_stack([by_state[first[coil]] if coil in first else nothing for coil in design.array.names])
 
 
 def first_states(design: Design) -> dict[str, str]:

@@ -301,7 +301,8 @@ def _legend(view: Any, scene: Scene) -> None:
         # A scale of colours shows its ends, each in one half of the sign.
         halves = {"■": colours[0]} if len(colours) == 1 else {"◧": colours[0], "◨": colours[-1]}
         for half, colour in halves.items():
-            view.add_text(half, position=(_RIM * pixel, y), color=colour, name=f"legend sign {group} {half}", **look)
+            shown = _ink(view) if colour == INK else colour
+            view.add_text(half, position=(_RIM * pixel, y), color=shown, name=f"legend sign {group} {half}", **look)
         view.add_text(group, position=((_RIM + _SIGN) * pixel, y), color=_ink(view), name=f"legend {group}", **look)
 
 

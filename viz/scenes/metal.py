@@ -205,17 +205,22 @@ def scene_of_metal(
         scene += Scene(tuple(part for found in arrows.values() for part in found), notes=tuple(notes))
     if numbers is None:
         return scene
-    body, parts = target_of(design).body, []
     lines: list[tuple[str, ...]] = []
-    group = f"target: {_body_words(body)}"
+    parts = []
     for step, distance in enumerate(distances):
-        mesh = body_mesh(body, (*place, target_of(design).height(design.top, distance)), within)
-        moved = [*_glass(f"target {step}", body, mesh, group, METAL), *of_target[step]]
+        moved = [*target_parts(design, (*place, distance), f"target {step}"), *of_target[step]]
         parts += [replace(part, step=step) for part in moved]
         lines.append(target_lines(numbers.isel(distance=step, y=0, x=0), coil))
     labels = tuple(f"{distance * 1e3:g} mm" for distance in distances)
     slider = Slider("distance of the target", labels, tuple(lines), first)
-    return scene + Scene(tuple(parts), notes=_cut_note([body]), slider=slider)
+    return scene + Scene(tuple(parts), notes=_cut_note([target_of(design).body]), slider=slider)
+
+
+def target_parts(design: Design, place: tuple[float, float, float], name: str = "target") -> list[Part]:
+    """Target of a design at x and y on the board and a distance in m."""
+    body, (x, y, distance) = target_of(design).body, place
+    mesh = body_mesh(body, (x, y, target_of(design).height(design.top, distance)), around_board(design.array))
+    return _glass(name, body, mesh, f"target: {_body_words(body)}", METAL)
 
 
 def _strongest(phasors: Mapping[str, Phasors], within: Box) -> tuple[dict[str, tuple[Part, ...]], str]:

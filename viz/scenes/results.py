@@ -199,13 +199,26 @@ def count_of(places: Iterable[Spans]) -> int:
 def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Spans]:
     """Level and upright plane for a coil's field."""
     (x_min, y_min, _), (x_max, y_max, high) = _extent(design)
-    z, y = design.pose.z + design.field_height, float(_middle_and_radii(design, coil)[0][1])
+    z = _clear_height(design, design.pose.z + design.field_height, spacing)
+    y = float(_middle_and_radii(design, coil)[0][1])
     along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     low, top = (
         design.pose.z + min(spacing, design.field_height),
         max(z + design.field_height, high + (y_max - y_min) / 2),
     )
     return ((along, across, Span(z, z, spacing)), (along, Span(y, y, spacing), Span(low, top, spacing)))
+
+
+def _clear_height(design: Design, height: float, spacing: float) -> float:
+    """Height of a level plane that cuts no board's copper, in m."""
+    # A plane in the copper of a board is moved down, half-way to the copper below.
+    spans = []
+    for board in design.placed:
+        copper = np.concatenate([path.vertices[:, 2] for path in board.conductors()])
+        spans.append((float(copper.min()), float(copper.max())))
+    cut = [low for low, high in spans if low - spacing / 2 < height < high + spacing / 2]
+    below = max((high for _, high in spans if cut and high < min(cut)), default=None)
+    return height if below is None else (below + min(cut)) / 2
 
 
 def field_box(design: Design, coil: str, spacing: float) -> Spans:
