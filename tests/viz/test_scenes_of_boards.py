@@ -74,7 +74,6 @@ def test_sheets_of_every_board_lie_on_it():
     np.testing.assert_allclose(parts["lid: sheet cover"].mesh.points, expected, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_arrows_run_along_the_turns_as_the_currents_flow():
     scene = scene_of_currents(PAIR.placed, [1.0, -0.25, 0.001], 0)  # of which the last is too weak for arrows
     parts = parts_of(scene)
@@ -88,8 +87,7 @@ def test_arrows_run_along_the_turns_as_the_currents_flow():
         away = arrows.mean(axis=1) - [*ROW.centres[coil] * 1e3, 0.0]
         sense = np.sign(ROW.conductors()[coil].area[2])
         assert (np.sign(np.cross(away, flows)[:, 2]) == sense * np.sign(current)).all()
-        # the middle turn of three is 2.8 mm wide to each side
-        assert (np.abs(np.abs(away[:, :2]).max(axis=1) - 2.8) < 0.5).all()
+        np.testing.assert_allclose(np.abs(away[:, :2]).max(axis=1), 3.5, atol=0.01)  # the middle one of three turns
         longest[name] = max(np.linalg.norm(np.ptp(one, axis=0)) for one in arrows)
     assert longest["others"] == pytest.approx(longest["measured"] / 2, rel=0.05)  # the root of a quarter
     (lid,) = scene_of_currents(PAIR.placed, [0.0, 0.0, 1.0], 2).parts
@@ -112,6 +110,7 @@ def test_the_current_of_a_grounded_neighbour_flows_against_the_sign_of_k():
         assert turns[0] * turns[1] == -overlap
 
 
+@pytest.mark.slow
 def test_copper_of_all_boards_has_the_colours_of_the_currents():
     parts = parts_of(scene_of_design(PAIR, View(show=("currents",), coil="lid/coil1")))
     currents = operating_currents(PAIR, couple_design(PAIR), "lid/coil1").real

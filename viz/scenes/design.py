@@ -423,11 +423,9 @@ def target_along(
     far = max(target.distances[-1], near)
     z = np.array([near]) if moves else np.geomspace(near, far, count if far > near else 1)
     found = target_map(design, distances=z, x=x, y=[y], progress=progress)
-    delta = _by_coil(
-        design, [str(name) for name in found.state.values], found.delta.values.reshape(-1, found.state.size)
-    )
-    X, Y = (np.add(value, origin) for value, origin in zip((x, y), target.origin_point, strict=True))
-    places = np.column_stack(np.broadcast_arrays(X, Y, z))
+    delta = _by_coil(design, found.state.values.tolist(), found.delta.values.reshape(-1, found.state.size))
+    x_0, y_0 = target.origin_point
+    places = np.column_stack(np.broadcast_arrays(x + x_0, y + y_0, z))
     order = slice(None) if moves else slice(None, None, -1)  # from far
     return Touch(design, places[order], delta[order], of_target=True)
 
