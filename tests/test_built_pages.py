@@ -7,7 +7,8 @@ import pytest
 from support import browser
 
 BUILT = Path(os.environ.get("COILARRAY_PAGES") or Path(__file__).parents[1] / "docs" / "_build" / "html")
-ALIKE = 15  # pages of single names, of which one in so many is looked at
+# pages that are alike, of which one in so many is looked at: of single names, and of programs without their pictures
+ALIKE = {"coilarray.*.html": 15, "made/gallery/**/plot_*.html": 3}
 
 # boxes around the page's heading that scroll sideways: the theme's article does, so that the page itself does not
 _SIDEWAYS = """() => {
@@ -29,8 +30,9 @@ _NO_NUMBERS = """[...document.querySelectorAll(".highlight :is(.mf, .mi)")].map(
 def pages():
     """The pages that are looked at."""
     every = [path for path in sorted(BUILT.rglob("*.html")) if "_static" not in path.parts]
-    names = [path for path in every if path.name.startswith("coilarray.")]
-    return [path for path in every if path not in names] + names[::ALIKE]
+    alike = {kind: sorted(BUILT.rglob(kind)) for kind in ALIKE}
+    others = [path for path in every if not any(path in group for group in alike.values())]
+    return others + [path for kind, group in alike.items() for path in group[:: ALIKE[kind]]]
 
 
 @pytest.fixture(scope="module")

@@ -293,13 +293,13 @@ def image_of(figure: Figure, name: str, alt: str) -> tuple[str, str]:
 
     Returns SVG for a page, with areas and lines as an image if there are too many paths, and JSON about its axes.
     """
-    from coilarray.viz.plots.style import close, described_axes
+    from coilarray.viz.plots.style import close, described_axes, lay_out
 
     close(figure)
     edges: list[float] = []
     for _ in range(_LAYOUTS):  # axes of equal scales move with every layout until they rest
-        figure.draw_without_rendering()
-        before, edges = edges, figure.get_tightbbox().extents.tolist()
+        lay_out(figure)
+        before, edges = edges, list(figure.get_tightbbox().extents)
         if before and np.allclose(before, edges, atol=0.01):
             break
     box = figure.get_tightbbox().padded(0.04)

@@ -399,7 +399,8 @@ converter = "none"  # one would not read coils of so few turns
 
 
 def test_metal_has_a_section_with_its_numbers(tmp_path):
-    made = written_report(parse_design(FEW + METAL), tmp_path)
+    with coarse_maps():
+        made = written_report(parse_design(FEW + METAL), tmp_path)
     page = made.page.read_text(encoding="utf-8")
     assert ">Metal</h2>" in page
     assert "with the plate backplane of aluminium and a copper plate as target;" in page
@@ -473,7 +474,8 @@ def test_a_report_of_two_boards(tmp_path):
     """Every coil and board is in it, and what needs one flat board is left out by name."""
     lid = Board(Array.row(Spiral(6, 10e-3, 4, 0.2e-3, 0.2e-3), 1), Pose(z=-20e-3, turn=(math.pi, 0.3, 0.0)), "lid")
     design = replace(parse_design_file(FEW, "few").design, boards=(lid,), circuit=Circuit(switches=Switches(5.0)))
-    report = written_report(design, tmp_path)
+    with coarse_maps():
+        report = written_report(design, tmp_path)
     sections = {section.title: section for section in report.sections}
     for title in ("Coils", "Coupling", "Field", "Circuit", "Response", "Boards", "Copper", "Fabrication rules"):
         assert title in sections

@@ -114,13 +114,16 @@ def new_axes(width: float, height: float) -> Axes:
 
 
 def save(figure: Figure, file: Any, **look: Any) -> None:
-    """Save a figure and close it, with `look` for Matplotlib.
-
-    It is drawn first, because Matplotlib's layout cuts labels of equal scales the first time.
-    """
-    figure.draw_without_rendering()
+    """Save a figure and close it, with `look` for Matplotlib."""
+    lay_out(figure)
     figure.savefig(file, **look)
     close(figure)
+
+
+def lay_out(figure: Figure) -> None:
+    """Lay a figure out without drawing it: the first layout cuts labels of equal scales."""
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
 
 
 def close(figure: Figure) -> None:
