@@ -272,5 +272,5 @@ def test_a_large_coil_of_little_inductance_has_a_trace_for_which_the_losses_hold
 
 @pytest.mark.slow
 def test_the_vias_of_many_layers_have_room_between_the_leads():
-    made = new_design("many", "1", inductance=18e-6, layers=8, elastomer=False)
+    made = new_design("many", "1", size=10e-3, inductance=6e-6, layers=8, elastomer=False)
     assert not [margin for margin in check_rules(made.design.array, made.design.rules) if not margin.kept]
