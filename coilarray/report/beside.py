@@ -79,26 +79,21 @@ def _pictures(report: Report) -> list[Picture]:
 
 def _numbers(names: Sequence[str], summaries: Sequence[Table | None]) -> Table:
     """Put the rows of two summaries beside each other, with the change of the largest value."""
-    shown: list[dict[str, str]] = []
-    values: list[dict[str, float]] = []
+    found: list[dict[str, tuple[str, float]]] = []
     for summary in summaries:
         assert summary is not None  # of a report that was just made
         at = [column.name for column in summary.columns]
-        spread = "most" in at
-        texts: dict[str, str] = {}
-        largest: dict[str, float] = {}
-        for cells, row in zip(summary.cells(), summary.rows, strict=True):
-            ends = [cells[1], *([cells[2]] if spread and cells[2] else [])]
-            texts[cells[0]] = f"{' to '.join(filter(None, ends))} {cells[at.index('unit')]}".strip()
-            numbers = [value for value in row[1 : 3 if spread else 2] if isinstance(value, float)]
-            largest |= {cells[0]: max(numbers, key=abs)} if numbers else {}
-        shown.append(texts)
-        values.append(largest)
+        ends, unit = [k for k, name in enumerate(at) if name in ("least", "most")], at.index("unit")
+        of_one: dict[str, tuple[str, float]] = {}
+        for texts, row in zip(summary.cells(), summary.rows, strict=True):
+            shown = " to ".join(filter(None, (texts[k] for k in ends)))
+            numbers = [value for k in ends if isinstance(value := row[k], float)]
+            of_one[texts[0]] = f"{shown} {texts[unit]}".strip(), max(numbers, key=abs, default=0.0)
+        found.append(of_one)
     rows = []
-    for quantity in dict.fromkeys([*shown[0], *shown[1]]):
-        a, b = (of.get(quantity, 0.0) for of in values)
-        change = f"{number_text(100 * (b / a - 1), 1, '+')} %" if a and b else ""
-        rows.append((quantity, *(of.get(quantity, "–") for of in shown), change))
+    for quantity in dict.fromkeys([*found[0], *found[1]]):
+        (first, a), (second, b) = (of.get(quantity, ("–", 0.0)) for of in found)
+        rows.append((quantity, first, second, f"{number_text(100 * (b / a - 1), 1, '+')} %" if a and b else ""))
     return text_table(("quantity", *names, "change of the largest"), rows, "Numbers of both designs")
 
 

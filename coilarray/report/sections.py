@@ -208,14 +208,18 @@ def _indentation(r: Results) -> Section | None:
         if setup.strain == "finite"
         else "Linear elasticity with faces that only move up and down (3 % of δ at a depth of an eighth of the sheets)"
     )
+    on_seat = f"which rest on an elastic bed ({setup.base})"
     wide = " The rectangular sample counts as wide here; the response includes its sides and its seat."
     return Section("Indentation", (
-        f"A rigid {setup.indenter.name} is pressed into the sheets; their base: {setup.base}. {elastic}, "
+        f"A rigid {setup.indenter.name} is pressed into the sheets, {_RESTS.get(str(setup.base), on_seat)}. {elastic}, "
         "contact without friction or adhesion. Displacements u_z are of the upper faces of the sheets on the axis. The "
         f"ring is the highest rise of the free surface.{wide if setup.sample_bounds else ''}",
         Group("two", (r.draw(page.indentation_pictures, r.design, setup.indenter, found, r.active),)),
         response_tables.indentation_table(found),
     ))  # fmt: skip
+
+
+_RESTS = {"bonded": "which are glued to the board", "frictionless": "which slide on the board"}
 
 
 def _coils(r: Results) -> Section:
