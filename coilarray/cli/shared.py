@@ -414,9 +414,11 @@ def say(text: str | Table, *, err: bool = False, emulated: bool = False) -> None
         shown = text.text(inside)
     else:
         shown = fill(text if width is None else _LOOSE_MINUS.sub("−", text), inside)
-        if shown[:1] in _COLOURS and not err:
+        if shown[:1] in _COLOURS and not err and width is not None:
             shown = typer.style(shown[0], fg=_COLOURS[shown[0]], bold=True) + shown[1:]
-    typer.echo(marked(shown, emulated=emulated), err=err)
+    shown, stream = marked(shown, emulated=emulated), sys.stderr if err else sys.stdout
+    if stream is not None:  # a progress bar shows above itself what is printed
+        print(shown, file=stream, flush=True)
 
 
 _COLOURS = {"✔": "green", "✖": "red", "⚠": "yellow"}
@@ -438,7 +440,9 @@ def progress_bar(text: str, steps: Sequence[str] = ()) -> Iterator[Callable[...,
     console = Console(stderr=True)
     # no time that is left: steps take unequal times
     columns = (TextColumn("{task.description}"), BarColumn(20), TaskProgressColumn(), TimeElapsedColumn())
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    redirect = sys.stdout is not None and sys.stdout.isatty()  # else what is printed is for a file
+    look: dict[str, Any] = {"transient": True, "disable": not console.is_terminal, "redirect_stdout": redirect}
+    with Bar(*columns, console=console, **look) as bar:
         first = f"{text}: {steps[0]}" if steps else text
         task = bar.add_task(first, total=None)
 

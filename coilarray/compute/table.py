@@ -232,7 +232,7 @@ class Table:
         same = [k for k in range(1, len(self.columns)) if len(rows) > 1 and len({row[k] for row in rows}) == 1]
         shown = [(self.columns[k].header, rows[0][k]) for k in same]
         of_all = "; ".join(_valued(label, value) for label, value in shown)
-        notes = (f"Of all: {of_all}.", *self.notes) if same else self.notes
+        notes = (f"In all rows: {of_all}.", *self.notes) if same else self.notes
         return replace(self._with_columns([k for k in range(len(self.columns)) if k not in same]), notes=notes)
 
     def text(self, width: int | None = None, *, title: bool = True) -> str:
@@ -257,7 +257,7 @@ class Table:
         if width is not None and full - _GAP > width and len(columns) > 1 and not numeric[-1]:
             others = sum(max(map(len, texts)) + _GAP for texts in columns[:-1])
             room = max(width - others, _NARROWEST)
-            if max(len(_wrapped(text, room)) for text in columns[-1]) > _MOST_LINES:
+            if max((len(_wrapped(text, room)) for text in columns[-1][1:]), default=0) > _MOST_LINES:
                 *columns, below = columns
         lines = [fill(self.title, width)] if title and self.title else []
         for number, (block, widths) in enumerate(_blocks(columns, width or 10**6)):
@@ -271,7 +271,7 @@ class Table:
                     continue
                 if n == 0:  # the last lines of headings stand beside each other
                     wrapped = [[""] * (max(map(len, wrapped)) - len(parts)) + parts for parts in wrapped]
-                marked = n > 0 and bool(self.mark) and any(one.split(" ")[0] == self.mark for one in rows[n - 1])
+                marked = bool(width and n and self.mark) and any(one.split(" ")[0] == self.mark for one in rows[n - 1])
                 for parts in itertools.zip_longest(*wrapped, fillvalue=""):
                     placed = zip(parts, widths, block, strict=True)
                     line = (" " * _GAP).join(part.rjust(w) if numeric[k] else part.ljust(w) for part, w, k in placed)
@@ -543,9 +543,9 @@ def _aligned(texts: Sequence[str]) -> list[str]:
 
 
 def _valued(label: str, value: str) -> str:
-    """Write a heading with its value, such as "R (Ω)" and "2" as "R 2 Ω"."""
+    """Write a heading with its value, such as "R (Ω)" and "2" as "R = 2 Ω"."""
     words, _, unit = label.removesuffix(")").partition(" (")
-    return f"{words} {value} {unit}".rstrip()
+    return f"{words} = {value} {unit}".rstrip()
 
 
 def _known(unit: DisplayUnit) -> DisplayUnit:

@@ -25,6 +25,7 @@ def screen(monkeypatch, capsys, own_folder):
 
     def run(command: str, width: int) -> tuple[int, str]:
         monkeypatch.setattr(shared, "terminal_width", lambda **_: width)
+        monkeypatch.setenv("COLUMNS", str(width))
         code = main.main(command.split())
         shown = capsys.readouterr()
         return code, shown.out + shown.err
@@ -56,6 +57,8 @@ def test_help_is_one_screen_with_examples_and_all_of_it_can_be_had(screen, comma
     assert max(map(len, text.splitlines())) <= 80
     examples = (main.COMMANDS[command].__doc__ or "").count("Example: ")
     assert text.count("Example: ") == min(examples, 2) > 0
+    _, narrow = screen(f"{command} --help", 60)
+    assert narrow.count("\n") <= 40
     _, whole = screen(f"{command} --help-all", 80)
     assert whole.count("Example: ") == examples
     assert "--help-all explains everything" in text

@@ -95,7 +95,7 @@ def test_rows_that_are_alike_are_joined_and_their_places_left_out():
     apart = Table("t", "T", columns, rows[1:])
     assert apart.alike("x") is apart
     noted = Table("t", "T", columns, tuple((*row[:2], 1.5e-6) for row in rows)).with_common_note()
-    assert (noted.headers, noted.notes) == (["coil", "x (mm)"], ("Of all: L 1.500 µH.",))
+    assert (noted.headers, noted.notes) == (["coil", "x (mm)"], ("In all rows: L = 1.500 µH.",))
     text = Table("t", "L_1 & more", columns, rows, main=("coil", "L")).latex()
     assert r"\caption{L\_1 \& more}" in text
     assert text.count(r"\\") == 4
