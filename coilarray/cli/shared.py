@@ -414,14 +414,15 @@ def say(text: str | Table, *, err: bool = False, emulated: bool = False) -> None
         shown = text.text(inside)
     else:
         shown = fill(text if width is None else _LOOSE_MINUS.sub("−", text), inside)
-        if shown[:1] in _COLOURS and not err and width is not None:
+        if shown[:1] in _COLOURS and not err:
             shown = typer.style(shown[0], fg=_COLOURS[shown[0]], bold=True) + shown[1:]
     shown, stream = marked(shown, emulated=emulated), sys.stderr if err else sys.stdout
     if stream is not None:  # a progress bar shows above itself what is printed
-        print(shown, file=stream, flush=True)
+        print(shown if stream.isatty() else _CODES.sub("", shown), file=stream, flush=True)
 
 
 _COLOURS = {"✔": "green", "✖": "red", "⚠": "yellow"}
+_CODES = re.compile(r"\x1b\[[0-9;]*m")  # of colours
 _LOOSE_MINUS = re.compile(r"(?<![^\s(\[±])-(?=\.?\d)")  # before a number in a sentence, not in a command
 
 

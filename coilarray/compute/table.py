@@ -271,7 +271,7 @@ class Table:
                     continue
                 if n == 0:  # the last lines of headings stand beside each other
                     wrapped = [[""] * (max(map(len, wrapped)) - len(parts)) + parts for parts in wrapped]
-                marked = bool(width and n and self.mark) and any(one.split(" ")[0] == self.mark for one in rows[n - 1])
+                marked = n > 0 and bool(self.mark) and any(one.split(" ")[0] == self.mark for one in rows[n - 1])
                 for parts in itertools.zip_longest(*wrapped, fillvalue=""):
                     placed = zip(parts, widths, block, strict=True)
                     line = (" " * _GAP).join(part.rjust(w) if numeric[k] else part.ljust(w) for part, w, k in placed)
