@@ -35,6 +35,7 @@ _TRUTH = {True: "yes", False: "no"}
 _FOUR_DIGITS = {*map(display_unit, ("H", "Hz", "ohm")), KILOHM, PER_MILLION}  # as L is known to 10⁻⁴
 _ALIKE, _ALIKE_RATIOS = 1e-4, 0.01  # to which inductances are known, and differences and ratios of them
 _GAP = 2  # blanks between columns
+_MOST_KEYS = 3  # first columns that name a row, and are repeated in every block
 _MOST_LINES = 3  # of a cell, before texts stand below their rows
 _NARROWEST = 10  # characters of a column before its heading or text is wrapped
 _RED, _PLAIN = "\x1b[1;31m", "\x1b[0m"
@@ -603,7 +604,8 @@ def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int
     full = [max(map(len, texts)) for texts in columns]
     words = [[len(word) for text in texts for word in _UNIT.sub("\u00a0", text).split(" ")] for texts in columns]
     least = [max([min(most, _NARROWEST), *lengths]) for most, lengths in zip(full, words, strict=True)]
-    keys = 1 if not columns or len(set(columns[0])) == len(columns[0]) else 2
+    whole = list(zip(*columns, strict=True))
+    keys = next((k for k in range(1, _MOST_KEYS) if len({row[:k] for row in whole}) == len(whole)), _MOST_KEYS)
     blocks = [list(range(min(keys, len(columns))))]
     for k in range(keys, len(columns)):
         if sum(least[j] + _GAP for j in (*blocks[-1], k)) - _GAP > width and len(blocks[-1]) > keys:

@@ -167,13 +167,10 @@ def _is_start(result: Optimization, trial: Trial) -> bool:
 def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
     """Return the variables with range, start and chosen values."""
     columns = (
-        Column("entry"),
-        Column("allowed", "may be"),
-        Column("start", "given"),
-        *(Column(one.label) for one in chosen),
-    )
+        Column("entry"), Column("start", "given"), *(Column(one.label) for one in chosen), Column("allowed", "may be"),
+    )  # fmt: skip
     rows = tuple(
-        (axis.entry, _allowed(axis), _shown(axis.start), *(_shown(one.trial.changes[axis.entry]) for one in chosen))
+        (axis.entry, _shown(axis.start), *(_shown(one.trial.changes[axis.entry]) for one in chosen), _allowed(axis))
         for axis in result.axes
     )
     return Table("variables", "Variables", columns, rows)
