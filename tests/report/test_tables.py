@@ -63,12 +63,12 @@ def test_a_position_is_determined_to_less_than_the_size_of_a_coil(worst):
     axes = {"y": [0.0], "x": np.arange(40) * 1e-3, "over_coils": (("y", "x"), over[None])}
     about = {"noise": [1e-6], "common_noise": [0.0], "coil_size": 12e-3}
     least, half, most, *rest = summary._position_rows(xr.Dataset({"sigma_x": (("y", "x"), sigma)}, axes, about))
-    assert (least[1], least[-1]) == (1e-5, "at x 1, y 0 mm; noise of δ 1·10⁻⁶")
-    assert (half[1], most[1]) == pytest.approx((20e-5, 38e-5))  # of 39 places 20 and 38, which is more than 95 %
+    assert (least[2], least[-1]) == (1e-5, "at x 1, y 0 mm; noise of δ 1·10⁻⁶")
+    assert (half[2], most[2]) == pytest.approx((20e-5, 38e-5))  # of 39 places 20 and 38, which is more than 95 %
     if worst < 12e-3:
         assert rest == []
         return
-    ((_, share, _, _, where),) = rest
+    ((_, _, share, _, _, where),) = rest
     assert share == pytest.approx(1 / 39)
     assert where == "of the coils' area: σ is above the 12 mm of a coil, as at x 39, y 0 mm"
 
@@ -77,8 +77,12 @@ def test_a_summary_has_the_least_and_most_of_what_is_finite():
     """A self-resonance that is not found is infinite, which neither JSON nor a person can read."""
     names = ["a", "b", "c"]
     of = {"least": [3e6, np.inf, 2e6], "one": [np.inf, 1e6, np.inf], "none": [np.inf] * 3}
-    rows = [summary._row(words, names, np.array(values), "Hz") for words, values in of.items()]
-    assert rows == [("least", 2e6, 3e6, "Hz", "c; a"), ("one", 1e6, "", "Hz", "b"), ("none", "", "", "Hz", "")]
+    rows = [summary._row("f", words, names, np.array(values), "Hz") for words, values in of.items()]
+    assert [row[1:] for row in rows] == [
+        ("least", 2e6, 3e6, "Hz", "c; a"),
+        ("one", 1e6, "", "Hz", "b"),
+        ("none", "", "", "Hz", ""),
+    ]
 
 
 def test_a_largest_response_at_the_edge_or_of_nothing_is_said_to_be_that():
