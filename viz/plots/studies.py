@@ -34,7 +34,7 @@ _PANEL, _COLUMNS, _LEGEND = (4.2, 3.0), 3, 2.0  # inches, number, inches
 _MOST_PAIRS = 6  # pairs of coils that a link shows
 _MOST_TICKS = 8  # largest number of values of an entry that a map writes at its cells
 _MOST_INSIDE = 4  # largest number of pairs of coils whose legend has room beside their curves
-_TEXT, _LONGEST = 14, 24  # characters in one line, of a text beside a tick and of the name of an axis
+_TEXT, _LONGEST, _BESIDE = 14, 24, 45  # characters in one line: text at a tick, name of an axis, label beside one
 _ONE_ZERO = 1e-9  # share of the range within which two zeros are equal, as a zero at a sample is found from both sides
 _FAR_APART = 3.0  # largest over least resonance on an axis of equal steps
 
@@ -302,7 +302,7 @@ def _finish(ax: Axes, entry: xr.DataArray, label: str) -> None:
     if own is not None:
         ax.axvline(own, color=palette.INK, linestyle="--", linewidth=0.9, zorder=0)
     style.faint_grid(ax)
-    ax.set_ylabel(label)
+    ax.set_ylabel(textwrap.fill(label, _BESIDE))
 
 
 def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
