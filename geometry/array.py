@@ -520,7 +520,7 @@ def array_words(array: Array) -> str:
     shapes = {_shape(place.coil) for place in array.placements}
     shape = shapes.pop() if len(shapes) == 1 else ""
     sizes = {tuple(f"{side:.4g}" for side in MM.of(np.ptp(outline, axis=0))) for outline in outlines}
-    coppers = {copper_words(place.coil) for place in array.placements}
+    coppers = set(map(copper_words, {id(place.coil): place.coil for place in array.placements}.values()))
     copper = coppers.pop() if len(coppers) == 1 else ""
     size = f" of {' × '.join(sizes.pop())} mm{copper}" if len(sizes) == 1 else ""
     if len(outlines) == 1:

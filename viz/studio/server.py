@@ -25,6 +25,7 @@ from typing import Any
 from aiohttp import WSMsgType, web
 from trame_client.module import vue3
 
+from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.offscreen import switched_off
 from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
@@ -129,6 +130,10 @@ class Page(Session):
         self.numbers.show(work)
         self.design.show(work, typed=True)
 
+    def announce(self, design: Design) -> None:
+        """Show at once where the coils of a design will be."""
+        self.scene.show(design)
+
     def _show(self, work: Work, *, typed: bool) -> None:
         opened = work.file != self.work.file
         other = opened or set(work.design.coil_names) != set(self.work.design.coil_names)
@@ -136,7 +141,7 @@ class Page(Session):
             self.numbers.show(work)
         self.work = work
         design = work.design
-        self.scene.show(design)  # before the rest, which is much
+        self.announce(design)
         with self.state:
             self.numbers.say_changes(work)
             self.state.can_undo, self.state.can_redo = bool(self._before), bool(self._after)

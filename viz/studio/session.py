@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _JOINED = 1.0  # s, changes of a slider within it are undone together
 _LONGEST = 200  # designs that can be undone
+_SENT = 4  # turns of the loop after which a flushed state is on its way
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
@@ -85,6 +86,10 @@ class Session(ABC):
         self.trigger("cancel_job", lambda: self.tell_job(self.state.job["name"]))
         self.trigger("undo", lambda: self._step(self._before, self._after))
         self.trigger("redo", lambda: self._step(self._after, self._before))
+
+    @abstractmethod
+    def announce(self, design: Design) -> None:
+        """Show at once where the coils of a design will be."""
 
     @abstractmethod
     def _show(self, work: Work, *, typed: bool) -> None:
@@ -153,6 +158,9 @@ class Session(ABC):
             finally:
                 with self.state:
                     self.state.routing = False
+            self.announce(work.design)
+            for _ in range(_SENT):  # the rest takes much longer
+                await asyncio.sleep(0)
             same, typed = self.work.opened.document is begun.opened.document, bool(change.entry)
             if same and not (typed and work.design.digest == begun.design.digest):
                 self.take(work.of_file(self.work), typed=typed, joined=change.joined)
