@@ -83,8 +83,8 @@ def test_a_location_shows_every_position():
     modes = [Mode(1e-3, y, 5e-4, np.diag(np.array([1e-4, 2e-4, 5e-5]) ** -2.0), 0.5) for y in (2e-3, -2e-3)]
     words = [f"x = 1.00 ± 0.1 mm, y = {y} ± 0.2 mm, depth = 0.50 ± 0.05 mm" for y in ("2.00", "−2.00")]
     both = Location("found", modes=tuple(modes))
-    assert repr(both) == f"<Location: found; located: {words[0]}; may also be: {words[1]}>"
-    assert _Cells(both._repr_html_()).cells == [f"located: {words[0]}", f"may also be: {words[1]}"]
+    assert repr(both) == f"<Location: Pressed at {words[0]}. Or pressed at {words[1]}.>"
+    assert _Cells(both._repr_html_()).cells == [f"Pressed at {words[0]}.", f"Or pressed at {words[1]}."]
     assert EVIL not in Location("refused", EVIL)._repr_html_()
 
 

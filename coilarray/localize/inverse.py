@@ -127,11 +127,10 @@ class Location:
     probability: float | None = None
 
     def __repr__(self) -> str:
-        return f"<Location: {'; '.join(location_lines(self))}>"
+        return f"<Location: {' '.join(location_lines(self))}>"
 
     def _repr_html_(self) -> str:
-        first, *places = location_lines(self)
-        return html_card(f"Location: {first}", html_table((), [(place,) for place in places]) if places else "")
+        return html_card(f"Location: {self.verdict}", html_table((), [(line,) for line in location_lines(self)]))
 
     @property
     def best(self) -> Mode:
@@ -147,13 +146,13 @@ class Location:
 
 
 def location_lines(location: Location) -> list[str]:
-    """Format the verdict and the positions, best first, as lines.
+    """Say where something presses, the likeliest first, or why that is not known.
 
     >>> location_lines(Location("nothing pressed", "nothing is pressed."))
-    ['nothing pressed: nothing is pressed.']
+    ['Nothing is pressed.']
     """
-    first = f"{location.verdict}: {location.reason}" if location.reason else location.verdict
-    return [first, *(f"{'located' if k == 0 else 'may also be'}: {mode_text(m)}" for k, m in enumerate(location.modes))]
+    reason = [location.reason[:1].upper() + location.reason[1:]] if location.reason else []
+    return reason + [f"{'Or pressed' if k else 'Pressed'} at {mode_text(one)}." for k, one in enumerate(location.modes)]
 
 
 def mode_text(mode: Mode) -> str:

@@ -293,8 +293,7 @@ def test_the_indenter_is_dragged_and_located(page):
     # the place is shown to 0.01 mm, half of which is some 5e-6 on the flank of a bell
     np.testing.assert_allclose(shown, model.delta(np.array(place) * 1e-3) * 1e6, atol=15.0)
     located = page.inner_text("#located").replace("−", "-")
-    assert located.startswith("found\nlocated: x = ")
-    assert float(located.partition("located: x = ")[2].split()[0]) == pytest.approx(place[0], abs=0.05)
+    assert float(located.partition("Pressed at x = ")[2].split()[0]) == pytest.approx(place[0], abs=0.05)
     page.wait_for_selector("#scene :text('hemisphere')")
     press_at(page, "depth", "deep")
     expect(page.locator("#place-error")).to_have_text("depth must be a number; got 'deep'.")
@@ -499,9 +498,10 @@ def test_a_board_is_watched_held_zeroed_and_stopped(page, studio):
     page.wait_for_selector("#live-problem:has-text('a file must have a plain, short name')")
     page.fill("#live-log", "")
     page.click("#start-board")
-    page.wait_for_selector("#live-lines:has-text('located')")
-    expect(page.locator("#live-line")).to_contain_text("[emulator] emulator")
-    expect(page.locator("#live-lines")).to_contain_text("10.00 scans/s, 0 lost")
+    page.wait_for_selector("#live-lines:has-text('Pressed at')")
+    expect(page.locator("#live-line")).to_have_text("Emulated board")
+    expect(page.locator("#live-line")).to_have_attribute("title", "[emulator] emulator: a stand-in")
+    expect(page.locator("#live-lines")).to_contain_text("10.0 scans a second, none lost")
     expect(page.locator("#live-temperature")).to_have_text("25.50 °C")
     page.wait_for_selector("#scene :text('δ')")
     page.wait_for_selector("#live-presses tbody tr >> nth=1")
@@ -541,6 +541,14 @@ def test_a_report_is_written_beside_the_page_and_cancelled(page, studio, folder)
     page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
     (child,) = until(lambda: set(studio.children()) - before)
     change(page, "array.pitch_mm", "12")  # the page goes on meanwhile
+    page.reload()  # the job too, and all that can be undone
+    page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
+    assert child in studio.children()
+    expect(browser.field(page, "array.pitch_mm")).to_have_value("12")
+    page.click("#undo")
+    page.wait_for_selector("#changed", state="detached")
+    page.click("#redo")
+    page.wait_for_selector("#changed")
     page.click("#cancel")
     page.wait_for_selector("#job", state="detached")
     browser.wait_until_gone([child])
@@ -681,6 +689,56 @@ def test_a_picture_that_is_late_never_stands_for_the_new_design(page):
     browser.still(page)
     assert not page.evaluate(pale)
     assert page.evaluate("trame.state.get('scene').digest === trame.state.get('plan').digest")
+
+
+# Texts in sight whose contrast to what is behind them is below that of WCAG's AA, with the ratio. Texts of disabled
+# parts need none. Colours are laid over each other as the browser does, with the opacity of all that they are in.
+FAINT = """() => {
+  const parse = text => { const [r, g, b, a = 1] = text.match(/[\\d.]+/g).map(Number); return [r, g, b, a] };
+  const over = (top, below) => [0, 1, 2].map(k => top[k] * top[3] + below[k] * (1 - top[3])).concat(1);
+  const linear = v => v <= 10.3 ? v / 3295 : ((v / 255 + 0.055) / 1.055) ** 2.4;
+  const light = rgb => rgb.slice(0, 3).map(linear)
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const found = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const text = walker.currentNode.textContent.trim(), part = walker.currentNode.parentElement;
+    if (!/[\\p{L}\\p{N}]/u.test(text)) continue;
+    if (!part.checkVisibility({ opacityProperty: true, visibilityProperty: true })) continue;
+    if (part.closest("svg, style, script, .studio-skip, :disabled, .v-btn--disabled, .v-input--disabled")) continue;
+    const line = [], style = getComputedStyle(part);
+    for (let one = part; one; one = one.parentElement) line.unshift(one);
+    let back = [255, 255, 255, 1], opacity = 1;
+    for (const one of line) {
+      const look = getComputedStyle(one), colour = parse(look.backgroundColor);
+      opacity *= Number(look.opacity);
+      back = over([...colour.slice(0, 3), colour[3] * opacity], back);
+    }
+    const ink = parse(style.color), front = over([...ink.slice(0, 3), ink[3] * opacity], back);
+    const [a, b] = [light(front), light(back)], ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    const size = parseFloat(style.fontSize), large = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
+    if (ratio < (large ? 3 : 4.5)) found.push(`${text.slice(0, 40)}: ${ratio.toFixed(2)}`);
+  }
+  return found;
+}"""
+
+
+def test_all_texts_have_contrast_in_the_light_and_in_the_dark(page):
+    browser.enter(page, "coils.hexagon.gap_mm", "0.05")  # with words in red
+    page.wait_for_selector("#rules:has-text('rules broken')")
+    browser.enter(page, "array.columns", "2.5")
+    page.wait_for_selector("#held")
+    browser.at_rest(page)
+    try:
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            page.wait_for_function(f"document.querySelector('.v-app-bar').closest('.v-theme--{scheme}')")
+            for tab in ("numbers", "build", "switches", "touch", "metal", "runs", "live"):
+                page.click(f"#tab-{tab}")
+                page.wait_for_function(f"trame.state.get('tab') === '{tab}'")
+                page.wait_for_function("document.getAnimations().every(one => one.playState !== 'running')")
+                assert page.evaluate(FAINT) == [], (scheme, tab)
+    finally:
+        page.emulate_media(color_scheme="light")
 
 
 def test_results_are_two_keys_away_and_broken_places_are_shown(page):

@@ -69,14 +69,6 @@ class TopView:
         """Width of a thin line."""
         return round(0.0022 * self.width, 3)
 
-    def place(self, across: float, down: float) -> tuple[float, float]:
-        """Place on the board in m from shares of sides.
-
-        >>> TopView(-10.0, -5.0, 20.0, 10.0).place(0.75, 0.25)
-        (0.005, 0.0025)
-        """
-        return (self.left + across * self.width) * 1e-3, -(self.top + down * self.height) * 1e-3
-
 
 def top_view(design: Design) -> TopView:
     """Coordinates of a drawing of a board."""
@@ -183,20 +175,19 @@ class TouchPanel(Panel):
         self._dent: tuple[Design, float, xr.Dataset] | None = None
         values = {
             "touch": drawing(session.work.design, {}), "bars": [], "located": [], "touch_note": "",
-            "touch_ready": False, "touch_coarse": False, "touch_work": "",
+            "touch_ready": False, "touch_coarse": False,
             "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
-            "can_touch": False, "pressing": False,
+            "can_touch": False,
         }  # fmt: skip
-        session.state.client_only("pressing")
         super().__init__(
-            session, values, "place_error", compute_table=self._compute, press=self._press, press_at=self._press_at,
+            session, values, "place_error", compute_table=self._compute, press_at=self._press_at,
             press_on=self._press_on,
         )  # fmt: skip
 
     def show(self, design: Design, *, anew: bool) -> None:
         """Show a design's board, `anew` for other files or coils."""
         state = self._state
-        state.can_touch, state.touch_work = design.indentation is not None, touch_work(design)
+        state.can_touch = design.indentation is not None
         table = self._tables.get(design.digest)
         if table is not None:
             self._take_table(table)
@@ -275,12 +266,6 @@ class TouchPanel(Panel):
         self._state.touch_ready, self._state.touch_coarse, self._state.touch_note = True, coarse, ""
         self._put(*(before or (*off_middle(setup), max(setup.depths))))
 
-    def _press(self, across: float, down: float) -> None:
-        if self._touched is not None:
-            x, y = top_view(self._session.work.design).place(across, down)
-            self._put(x, y, float(self._touched.place[2]))
-            self._session.redraw()
-
     def _press_on(self, x_mm: float, y_mm: float) -> None:
         if self._touched is not None:
             self._put(x_mm * 1e-3, y_mm * 1e-3, float(self._touched.place[2]))
@@ -324,20 +309,6 @@ def coarse_table(design: Design, network: Network) -> xr.Dataset:
     depths, x, y = table_grid(design, spacing=spacing)
     solved = Imperfections(network=network)
     return response_map(design, depths=depths[[len(depths) // 2 - 1, -1]], x=x, y=y, imperfections=solved)
-
-
-def touch_work(design: Design) -> str:
-    """Name the response to compute, empty without an indenter.
-
-    >>> from coilarray import load_design
-    >>> touch_work(load_design("starter"))
-    'δ of 3 states at 6 depths and 49 × 25 places'
-    """
-    if design.indentation is None:
-        return ""
-    depths, x, y = table_grid(design)
-    states = f"{len(design.plan)} states" if len(design.plan) > 1 else "one state"
-    return f"δ of {states} at {len(depths)} depths and {len(x)} × {len(y)} places"
 
 
 SPANS = {10.0: "10 s", 60.0: "1 min", 600.0: "10 min", 3600.0: "1 h"}  # times in s over which curves are shown
@@ -479,7 +450,7 @@ class LivePanel(Panel):
             "live_states": [], "live_log": services.log or "", "live_running": False, "live_line": "",
             "live_problem": "", "live_scan": 0, "live_other": False, "live_paused": False, "live_span": 60.0,
             "live_spans": [{"value": span, "title": title} for span, title in SPANS.items()], "live_corrected": "",
-            "live_logged": "", "live_temperature": "",
+            "live_logged": "", "live_temperature": "", "live_board_words": "",
         }  # fmt: skip
         super().__init__(
             session, values, "live_problem", start_board=self.start, stop_board=lambda: session.tell_job("board"),
@@ -547,7 +518,7 @@ class LivePanel(Panel):
                 frame = replace(frame, location=before.location)  # positions are rarer than scans
             self._frame = frame
             if not frame.delta:
-                self._state.live_line = frame.line
+                self._say(frame)
                 continue
             if not self._history.states or frame.time < self._history.end:  # the board may have restarted
                 self._forget(tuple(frame.delta))
@@ -591,11 +562,18 @@ class LivePanel(Panel):
         ]
         state.live_lines = [] if frame is None else _lines(frame)
         if frame is not None:
-            state.live_scan, state.live_line = frame.sequence, frame.line
+            state.live_scan = frame.sequence
+            self._say(frame)
             if frame.temperature is not None:
                 state.live_temperature = true_minus(f"{frame.temperature:.2f} °C")
         if _has_delta(frame) and state.tab == "live" and not state.alone:
             self._session.redraw(moving=True)
+
+    def _say(self, frame: BoardFrame) -> None:
+        """Name the board in words, with its details beside them."""
+        waits = "" if frame.delta else frame.line.partition("; ")[2]
+        board = "Emulated board" if frame.emulated else frame.line.partition("; ")[0]
+        self._state.live_line, self._state.live_board_words = f"{board}{waits and f': {waits}'}", frame.line
 
     def _marks(self, presses: Iterable[Press]) -> str:
         """Numbered presses, trail of the present press, last position."""
@@ -638,5 +616,5 @@ def _lines(frame: BoardFrame) -> list[str]:
         where = location_lines(frame.location)
     else:
         where = [frame.problem] if frame.problem else []
-    rate = "" if frame.rate is None else f"{frame.rate:.2f} scans/s, "
-    return [*where, f"{rate}{frame.lost} lost"]
+    rate = "" if frame.rate is None else f"{frame.rate:.1f} scans a second, "
+    return [*where, f"{rate}{frame.lost or 'none'} lost."]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import xarray as xr
 
@@ -25,6 +25,7 @@ from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.session import Panel, Session
 from coilarray.viz.studio.structure import without_entry
 from coilarray.viz.studio.view import BoardParts
+from coilarray.viz.studio.words import NO_ROWS, with_changes
 from coilarray.viz.studio.work import number_of, place_text
 
 KINDS = ("plate above", "plate below", "target")  # kinds of a new body
@@ -123,15 +124,15 @@ _REST = 0.4  # s without a change before a target is computed
 class MetalPanel(Panel):
     """Panel with the metal near the coils."""
 
-    def __init__(self, session: Session, coupling: Callable[[], xr.Dataset | None]) -> None:
-        self._coupling = coupling  # of the current design, if it is known
+    def __init__(self, session: Session, numbers: Any) -> None:
+        self._numbers = numbers  # panel that keeps the results of the saved design
         self._moved: Moved | None = None
         self._place: tuple[float, float] | None = None  # chosen place
         self._step = 0
         values = {
             "bodies": [], "body_form": FIRST, "body_kinds": list(KINDS), "body_shapes": list(SIZES),
             "body_materials": list(MATERIALS), "body_sizes": dict(SIZES), "body_problem": "", "has_target": False,
-            "distances": [], "distance_at": 0, "target_table": "", "target_problem": "", "target_place": ["", ""],
+            "distances": [], "distance_at": 0, "target_table": NO_ROWS, "target_problem": "", "target_place": ["", ""],
             "show_eddies": False, "target_endless": False,
         }  # fmt: skip
         session.state.client_only("body_form")
@@ -149,14 +150,14 @@ class MetalPanel(Panel):
             self._place, self._step = None, 0
         if target is None:
             self._moved = None
-            state.target_table, state.distances, state.target_problem = "", [], ""
+            state.target_table, state.distances, state.target_problem = NO_ROWS, [], ""
 
     def steps(self, design: Design) -> list[Step]:
         """Make the step that moves the target over its place."""
 
         def fail(problem: str) -> None:
             with self._state as state:
-                state.target_problem, state.target_table = problem, ""
+                state.target_problem, state.target_table = problem, NO_ROWS
                 self._session.failed("target", design, problem)
 
         step = Step("target", partial(moved, design, self._place), self._show, fail, rest=_REST)
@@ -164,12 +165,12 @@ class MetalPanel(Panel):
 
     def scene(self, design: Design, board: BoardParts) -> Scene:
         """Board of a design with metal, made in a thread."""
-        moved, coupling, at = self._moved, self._coupling(), dict[str, Any]()
+        moved, circuit, at = self._moved, self._numbers.circuit, dict[str, Any]()
         if moved is not None and moved.design is design:
             at = {"place": moved.place, "numbers": moved.numbers.isel(distance=[self._step])}
-        with_eddies = self._state.show_eddies and coupling is not None and (at or design.plates)
+        with_eddies = self._state.show_eddies and circuit is not None and (at or design.plates)
         shown = ("plates", "eddies") if with_eddies else ("plates",)
-        metal = scene_of_metal(design, shown, design.array.middle_coil, lambda: cast("xr.Dataset", coupling), **at)
+        metal = scene_of_metal(design, shown, design.array.middle_coil, lambda: circuit.coupling, **at)
         metal = replace(metal.still(), notes=metal.notes)  # the page has a table of the numbers
         return scene_of_sheets(design.array, design.sheets) + metal + Scene(board.copper) + board.rest
 
@@ -182,21 +183,37 @@ class MetalPanel(Panel):
             self._step = min(self._step, len(found.distances) - 1)
             state.distance_at, state.target_problem = self._step, ""
             state.target_place = [place_text(value) for value in found.place]
-            state.target_table = target_table(found, self._step).html()
+            self._numbers.keep("target", found.design, found)
+            self.compare()
             self._session.arrived("target", found.design)
         self._session.redraw()
+
+    def at_place(self, design: Design) -> Moved | None:
+        """Move the target of another design over the same place."""
+        return None if design.target is None else moved(design, self._place)
+
+    def compare(self) -> None:
+        """Show the readings, with their changes against the saved design."""
+        found, saved = self._moved, self._numbers.saved.get("target")
+        if found is not None:
+            at, before = found.distances[self._step], None
+            if saved is not None and at in saved.distances and self._place in (None, saved.place):
+                before = target_table(saved, saved.distances.index(at))
+            self._state.target_table = with_changes(target_table(found, self._step), before)
 
     def _move(self, step: int) -> None:
         """Show the target at a position of the slider."""
         if self._moved is not None and 0 <= step < len(self._moved.distances):
             self._state.distance_at = self._step = step
-            self._state.target_table = target_table(self._moved, step).html()
+            self.compare()
             self._session.redraw()
 
     def _put(self, x: str, y: str) -> None:
         session = self._session
         self._place = number_of("x", x) * 1e-3, number_of("y", y) * 1e-3
         session.state.stale = sorted({*session.state.stale, "target"})
+        self._numbers.saved.pop("target", None)
+        self._numbers.say_changes(session.work, self.at_place)
         session.slow.ask(self.steps(session.work.design))
 
     def _add(self, form: dict[str, str | None]) -> None:

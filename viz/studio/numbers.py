@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,7 +19,7 @@ from coilarray.circuit.coupling import couple_design, design_circuit, design_ind
 from coilarray.circuit.network import Network, Resonance, checked_network, resonate
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, PERCENT, DisplayUnit, number_text, true_minus
-from coilarray.compute.table import Column, Table, Value, cell, dataset_table
+from coilarray.compute.table import Column, Table, cell, dataset_table
 from coilarray.compute.threads import Progress
 from coilarray.design.boards import check_boards
 from coilarray.design.model import Design, build_design
@@ -35,6 +36,7 @@ from coilarray.viz.studio.job import Step
 from coilarray.viz.studio.services import Document, Summary
 from coilarray.viz.studio.session import Panel, Session
 from coilarray.viz.studio.view import BoardParts
+from coilarray.viz.studio.words import NO_ROWS, with_changes
 from coilarray.viz.studio.work import Work
 
 if TYPE_CHECKING:
@@ -44,7 +46,6 @@ _DARK = 0.42  # luminance below which text on a colour is white
 _SHOWN_MARGINS = 40
 _MARKED = 60  # broken places in the picture
 _NEAR = 3  # neighbours in the words beside a coil
-_EQUAL = 1e-9  # relative difference that is rounding
 _LATER = 1.5  # s without a change before the saved design is computed
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
 _MOST_IN_DIGITS = 8  # largest number of coils whose matrix has numbers in its cells from the start
@@ -173,63 +174,22 @@ def margin_table(margins: Sequence[Margin]) -> Table:
     return Table("margins", "", columns, rows, units, mark="no")
 
 
-def with_changes(table: Table, before: Table | None, keys: int = 1) -> dict[str, Any]:
-    """Table for the page, each number with its change against an earlier table."""
-    # Rows and columns belong together by their first `keys` cells and by their names.
-    known = {} if before is None else {row[:keys]: row for row in before.rows}
-    places = {} if before is None else {column.name: k for k, column in enumerate(before.columns)}
-    numbers = [k for k, column in enumerate(table.columns) if column.unit]
-    rows = []
-    for row in table.rows:
-        old, line = known.get(row[:keys]), list[Value](row)
-        for k in numbers:
-            now, at = row[k], places.get(table.columns[k].name)
-            was = old[at] if old is not None and at is not None else ""
-            line[k] = ""
-            if isinstance(now, float | int) and isinstance(was, float | int):
-                line[k] = "" if math.isclose(now, was, rel_tol=_EQUAL) else float(now) - float(was)
-        rows.append(tuple(line))
-    shown, changes = table.cells(), replace(table, rows=tuple(rows)).cells()
-    return {
-        "head": [{"text": one.header, "means": one.meaning} for one in table.columns],
-        "rows": [
-            {
-                "name": str(row[0]), "mark": bool(table.mark) and table.mark in texts,
-                "cells": [
-                    {"text": text, "change": _change_text(now, difference, change) if k in numbers else ""}
-                    for k, (text, now, difference, change) in enumerate(zip(texts, row, line, cells, strict=True))
-                ],
-            }
-            for row, line, texts, cells in zip(table.rows, rows, shown, changes, strict=True)
-        ],
-    }  # fmt: skip
-
-
-def _change_text(now: Value, difference: Value, text: str) -> str:
-    """Change with its sign, and in per cent where it is a share of something."""
-    if not isinstance(difference, float) or isinstance(now, str):
-        return ""
-    was = float(now) - difference
-    share = f" ({number_text(100 * difference / abs(was), 1, '+')} %)" if abs(was) > abs(difference) * _EQUAL else ""
-    return f"{'+' if difference > 0 else ''}{text}{share}"
-
-
 class NumbersPanel(Panel):
     """Panel with the numbers of the design, and their changes against the saved."""
 
-    def __init__(self, session: Session, solved: Callable[[str], None]) -> None:
+    def __init__(self, session: Session, solved: Callable[[str], None], compared: Callable[[], None]) -> None:
         self._solved = solved  # called with the circuit, with the problem if it cannot be solved
+        self._compared = compared  # called when results of the saved design are known
         self._numbers: tuple[Design, Numbers] | None = None
         self._circuit: tuple[Design, Circuit] | None = None
         self._response: tuple[str, xr.Dataset] | None = None  # response of the design with this digest
         self._last: dict[str, tuple[Design, Any]] = {}  # last results by name
-        self._saved: dict[str, Any] = {}  # results of the saved design
-        nothing: Mapping[str, list[Any]] = {"head": [], "rows": []}
+        self.saved: dict[str, Any] = {}  # results of the saved design
         values = {
             "matrix_of": "k", "matrix": {"names": [], "of": "k", "cells": [], "most": "", "dense": False},
-            "matrix_digits": False, "coil_table": nothing, "coil_facts": {}, "margins": nothing, "broken": [],
+            "matrix_digits": False, "coil_table": NO_ROWS, "coil_facts": {}, "margins": NO_ROWS, "broken": [],
             "marks": [], "saved_line": "", "can_compare": True, "verdicts": [], "converter": True,
-            "summary": nothing, "summary_lacks": False,
+            "summary": NO_ROWS, "summary_lacks": False,
             "can_summarize": session.setup.services.summarize is not None,
         }  # fmt: skip
         super().__init__(session, values, respond=self._respond)
@@ -244,14 +204,15 @@ class NumbersPanel(Panel):
         """Compare with another saved design."""
         self._state.can_compare = bool(work.kept)
         known = {name: value for name, (design, value) in self._last.items() if design is work.design}
-        self._saved = {} if work.changed else known
+        self.saved = {} if work.changed else known
 
-    def say_changes(self, work: Work) -> None:
+    def say_changes(self, work: Work, target: Callable[[Design], Any]) -> None:
         """Say what the changes are counted from, and compute it later if it is not known."""
         services = self._session.setup.services
-        lacks = {"numbers", "coil_table", "margins", *(["summary"] if services.summarize else [])} - set(self._saved)
+        given = {"summary": services.summarize, "target": work.design.target}
+        lacks = {"numbers", "circuit", "margins", *(name for name, one in given.items() if one)} - set(self.saved)
         if work.changed and work.kept and lacks and not services.alone:
-            compute = partial(saved_results, work, services.summarize)
+            compute = partial(saved_results, work, services.summarize, target, lacks)
             self._session.slow.ask([Step("saved", compute, self._compare, lambda _: None, _LATER)])
         known = f"small: change against {work.file} as saved" if work.changed else ""
         self._state.saved_line = known if work.kept else f"{work.file} is not saved yet"
@@ -287,32 +248,39 @@ class NumbersPanel(Panel):
         """Draw the requested matrix alone, for speed."""
         if self._numbers is not None:
             names, of = list(self._numbers[1].names), self._state.matrix_of
-            cells, most = matrix_cells(self._numbers[1], of, self._saved.get("numbers"))
+            cells, most = matrix_cells(self._numbers[1], of, self.saved.get("numbers"))
             dense = len(names) > _MOST_IN_DIGITS
             self._state.matrix = {"names": names, "of": of, "cells": cells, "most": most, "dense": dense}
 
     def _note(self, name: str, design: Design, value: Any) -> None:
         """Keep a result of a design, and show it with its changes."""
         self._last[name] = design, value
+        self.keep(name, design, value)
+        self._tell(name)
+
+    def keep(self, name: str, design: Design, value: Any) -> None:
+        """Keep a result of the saved design."""
         work = self._session.work
         if design is work.design and not work.changed:
-            self._saved[name] = value
-        self._tell(name)
+            self.saved[name] = value
 
     def _tell(self, name: str) -> None:
         if name == "numbers":
             self.draw()
         elif name in self._last:
-            keys = 3 if name == "margins" else 1
-            self._state[name] = with_changes(self._last[name][1], self._saved.get(name), keys)
+            now, before, keys = self._last[name][1], self.saved.get(name), 3 if name == "margins" else 1
+            if name == "circuit":
+                name, now, before = "coil_table", coil_table(now.coupling), before and coil_table(before.coupling)
+            self._state[name] = with_changes(now, before, keys)
 
     def _compare(self, found: Mapping[str, Any]) -> None:
         """Show changes against a saved design that was not on show."""
         if self._session.work.kept is found["kept"]:
-            self._saved = {**found, **self._saved}
+            self.saved = {**found, **self.saved}
             with self._state:
                 for name in found:
                     self._tell(name)
+                self._compared()
 
     def _show(self, design: Design, numbers: Numbers) -> None:
         """Show numbers, and after the full numbers solve the circuit."""
@@ -343,7 +311,7 @@ class NumbersPanel(Panel):
             self._circuit = design, circuit
             with self._state as state:
                 state.coil_facts = coil_facts(circuit.coupling)
-                self._note("coil_table", design, coil_table(circuit.coupling))
+                self._note("circuit", design, circuit)
                 self._session.arrived("circuit", design)
             self._solved("")
             self._summarize(design, circuit)
@@ -389,15 +357,22 @@ class NumbersPanel(Panel):
 
 
 def saved_results(
-    work: Work, summarize: Callable[[Design, xr.Dataset, xr.Dataset | None], Summary] | None
+    work: Work,
+    summarize: Callable[[Design, xr.Dataset, xr.Dataset | None], Summary] | None,
+    target: Callable[[Design], Any],
+    names: Collection[str],
 ) -> dict[str, Any]:
-    """Results of the design as saved, for `NumbersPanel`."""
+    """Named results of the design as saved, for `NumbersPanel`."""
     design = build_design(work.kept, work.design.name)
-    coupling = couple_design(design)
-    found = {"kept": work.kept, "margins": margin_table(worst_margins(check_boards(design)))}
-    if summarize is not None:
-        found["summary"] = summarize(design, coupling, None).table
-    return {**found, "numbers": numbers_of(design), "coil_table": coil_table(coupling)}
+    circuit = circuit_of(design)
+    found: dict[str, Any] = {"kept": work.kept, "circuit": circuit, "numbers": numbers_of(design)}
+    if "margins" in names:
+        found["margins"] = margin_table(worst_margins(check_boards(design)))
+    if "summary" in names and summarize is not None:
+        found["summary"] = summarize(design, circuit.coupling, None).table
+    if "target" in names:
+        found["target"] = target(design)
+    return found
 
 
 def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
@@ -474,7 +449,7 @@ class SwitchesPanel(Panel):
         self._result: Resonance | None = None
         self._fields: tuple[Design, float, UnitFields] | None = None
         values = {
-            "settings": {}, "switched": "", "currents": [], "switch_problem": "", "fields_of": list(FIELDS),
+            "settings": {}, "switched": NO_ROWS, "currents": [], "switch_problem": "", "fields_of": list(FIELDS),
             "field_of": FIELDS[0], "field_height": 0.0, "field_heights": [0.0, 0.0],
         }  # fmt: skip
         super().__init__(session, values, switch=self._switch)
@@ -498,18 +473,26 @@ class SwitchesPanel(Panel):
         except NetworkError as error:
             self.fail(str(error))
             return
+        saved, before = self._numbers.saved.get("circuit"), None
+        if saved is not None and saved is not circuit:
+            with suppress(NetworkError):  # it has other coils
+                before = resonate(saved.network, state_of(self._state.settings))
         rows = []
-        for name, current in zip(self._state.settings, found.currents.tolist(), strict=True):
+        for k, (name, current) in enumerate(zip(self._state.settings, found.currents.tolist(), strict=True)):
             angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0
-            rows.append({"name": name, "amount": f"{abs(current) * 1e3:.1f}", "phase": true_minus(f"{angle:+.0f}°")})
+            amount, phase = f"{abs(current) * 1e3:.1f}", true_minus(f"{angle:+.0f}°")
+            was = abs(current) if before is None else abs(before.currents[k])
+            change = number_text((abs(current) - was) * 1e3, 1, "+")
+            rows.append({"name": name, "amount": amount, "phase": phase, "change": change.strip("+−0.") and change})
+        table = with_changes(reading_table(found), None if before is None else reading_table(before), 0)
         with self._state as state:
-            state.switched, state.switch_problem, state.currents = reading_table(found).html(), "", rows
+            state.switched, state.switch_problem, state.currents = table, "", rows
 
     def fail(self, problem: str) -> None:
         """Show why the converter has no readings."""
         self._result = None
         with self._state as state:
-            state.switched, state.currents, state.switch_problem = "", [], problem
+            state.switched, state.currents, state.switch_problem = NO_ROWS, [], problem
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Scene of the solved state or None, in a thread."""

@@ -25,12 +25,12 @@ from typing import Any
 from aiohttp import WSMsgType, web
 from trame_client.module import vue3
 
-from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.offscreen import switched_off
 from coilarray.viz.studio.design import BuildPanel, DesignPanel, NewPanel
 from coilarray.viz.studio.live import LivePanel, TouchPanel, drawing
 from coilarray.viz.studio.metal import MetalPanel
+from coilarray.viz.studio.motion import MotionPanel
 from coilarray.viz.studio.numbers import NumbersPanel, SwitchesPanel
 from coilarray.viz.studio.runs import RunsPanel
 from coilarray.viz.studio.services import Address, Services
@@ -53,12 +53,15 @@ _LOOKS = {  # colours of the page in the light and in the dark, with a contrast 
     "defaults": _DEFAULTS,
     "theme": {
         "themes": {
-            "light": {"dark": False, "colors": {"primary": "#0B5CAD", "error": "#B00020", "warning": "#8A4B00"}},
+            "light": {
+                "dark": False, "variables": {"medium-emphasis-opacity": 0.74},
+                "colors": {"primary": "#0B5CAD", "info": "#0B5CAD", "error": "#B00020", "warning": "#8A4B00"},
+            },
             "dark": {
                 "dark": True,
                 "colors": {
-                    "primary": "#7DB7F5", "error": "#FF8A80", "warning": "#FFB74D", "background": "#16181C",
-                    "surface": "#1E2126",
+                    "primary": "#7DB7F5", "info": "#7DB7F5", "error": "#FF8A80", "warning": "#FFB74D",
+                    "background": "#16181C", "surface": "#1E2126",
                 },
             },
         }
@@ -73,13 +76,14 @@ class Page(Session):
 
     def __init__(self, setup: Setup, work: Work, tab: str) -> None:
         super().__init__(setup, work)
-        self.tab = tab  # of the browser
+        self.tab, self.left = tab, False  # of the browser, and whether it has closed the page
         self.endpoint: Any = None  # endpoint of its messages
-        self.numbers = NumbersPanel(self, self._circuit_solved)
+        self.numbers = NumbersPanel(self, self._circuit_solved, self._compared)
         self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self, self.numbers)
         self.touch = TouchPanel(self, lambda: self.numbers.circuit and self.numbers.circuit.network)
-        self.metal = MetalPanel(self, lambda: self.numbers.circuit and self.numbers.circuit.coupling)
+        self.metal = MetalPanel(self, self.numbers)
+        self.motion = MotionPanel(self)
         self.live = LivePanel(self)
         tabs = {"switches": self.switches.scene, "touch": self.touch.scene, "live": self.live.scene}
         self.scene = ScenePanel(self, tabs, self.metal.scene)
@@ -92,6 +96,7 @@ class Page(Session):
         self.state.tab = "live" if setup.services.alone else "numbers"
         for names, function in (
             (("tab", "scene_sheets", "show_eddies"), self.redraw), (("tab",), self.runs.offer),
+            (("tab",), self.motion.begin), (("motion_board", "motion_axis"), self.motion.offer),
             (("tab",), self.touch.begin), (("run_goal",), self.runs.limit), (("field_of", "field_height"), self.redraw),
             (("matrix_of",), self.numbers.draw),
             (("live_span", "live_paused"), self.live.draw),
@@ -108,6 +113,13 @@ class Page(Session):
         )  # fmt: skip
         self.numbers.show(work)
         self.take(work)
+
+    def come_back(self, tab: str) -> None:
+        """Show a left page, with all of its jobs and results, to a tab that opens it."""
+        self.tab, self.left = tab, False
+        with self.state as state:
+            state.update({"new_dialog": False, "open_dialog": False, "save_dialog": False, "large": ""})
+            self.design.show(self.work, typed=False)  # the closed page alone knew the texts of its fields
 
     async def close(self) -> None:
         """End all computations and processes, and the server."""
@@ -130,10 +142,6 @@ class Page(Session):
         self.numbers.show(work)
         self.design.show(work, typed=True)
 
-    def announce(self, design: Design) -> None:
-        """Show at once where the coils of a design will be."""
-        self.scene.show(design)
-
     def _show(self, work: Work, *, typed: bool) -> None:
         opened = work.file != self.work.file
         other = opened or set(work.design.coil_names) != set(self.work.design.coil_names)
@@ -141,15 +149,16 @@ class Page(Session):
             self.numbers.show(work)
         self.work = work
         design = work.design
-        self.announce(design)
+        self.scene.show(design)
         with self.state:
-            self.numbers.say_changes(work)
+            self.numbers.say_changes(work, self.metal.at_place)
             self.state.can_undo, self.state.can_redo = bool(self._before), bool(self._after)
             self.build.show(work)
             self.design.show(work, typed=typed)
             self.switches.show(design, anew=opened)
             self.touch.show(design, anew=other)
             self.metal.show(design, anew=other)
+            self.motion.show(design)
             self.live.show(design)
             self.runs.show(design)
             self.runs.offer()
@@ -181,6 +190,10 @@ class Page(Session):
         if self.state.tab == "switches" or self.state.show_eddies:
             self.redraw()
 
+    def _compared(self) -> None:
+        self.switches.solve()
+        self.metal.compare()
+
     def _refuse_call(self, error: Exception) -> None:
         """Show a call's error, with traceback if our own."""
         frames = traceback.walk_tb(error.__traceback__)
@@ -206,6 +219,7 @@ class Page(Session):
 _CLIENT = Path(vue3.www)  # scripts of trame
 _HEARTBEAT = 20.0  # s without an answer after which a page counts as closed
 _UNUSED = 60.0  # s, longest time for a page to connect to its session
+_AWAY = 20.0  # s for which a left page is kept, and as long as it has jobs
 _GOING_AWAY, _REFUSED = 1001, 1008  # codes of RFC 6455
 _LARGEST = 10_000_000  # bytes of a message
 _GOODBYE = 2.0  # s, time for requests to end
@@ -311,7 +325,7 @@ class _Studio:
 
     async def _index(self, _: web.Request) -> web.Response:
         """Serve the first text of a page."""
-        if len(self._pages) >= _MOST_PAGES:
+        if sum(not page.left for page in self._pages.values()) >= _MOST_PAGES:
             return web.Response(
                 status=503, text=f"coilarray studio: {_TOO_MANY}; close one, and load this one again.\n"
             )
@@ -325,10 +339,16 @@ class _Studio:
         return web.Response(text=text, content_type="text/html")
 
     async def _open(self, request: web.Request) -> web.Response:
-        """Begin a session with its tab's last design."""
+        """Begin a session with its tab's last design, or go on with a page that was left."""
+        tab, left = request.match_info["tab"], [page for page in self._pages.values() if page.left]
+        for page in sorted(left, key=lambda one: one.tab != tab):
+            if page.tab == tab or page.busy:
+                page.come_back(tab)
+                return self._opened(page)
+        if len(self._pages) >= _MOST_PAGES:
+            await asyncio.gather(*(self._close(page.key) for page in left))  # none of them has a job
         if len(self._pages) >= _MOST_PAGES:
             return web.json_response({"error": _TOO_MANY}, status=503)
-        tab = request.match_info["tab"]
         open_still = [page.work for page in self._pages.values() if page.tab == tab]
         work = open_still[-1] if open_still else self._tabs.get(tab, self._work)
         setup = Setup(self._shelf, self._services, self._reports, self._threads, switched_off())
@@ -343,9 +363,26 @@ class _Studio:
         self._pages[page.key] = page
         for name, place in page.server.serve.items():  # a path or a path with options
             self._static[name] = Path(place[0] if isinstance(place, list | tuple) else place)
-        loop = asyncio.get_running_loop()  # closes a session whose page never connects
-        self._unused[page.key] = loop.call_later(_UNUSED, lambda: loop.create_task(self._close(page.key)))
+        return self._opened(page)
+
+    def _opened(self, page: Page) -> web.Response:
+        """Answer with the address of a session, which closes if no page connects to it."""
+        self._close_later(page, _UNUSED)
         return web.json_response({"sessionURL": f"ws://USE_HOST/ws/{page.key}", "secret": page.secret})
+
+    def _close_later(self, page: Page, wait: float) -> None:
+        """Close a session without a page after some time in s, and after its jobs."""
+        loop = asyncio.get_running_loop()
+
+        def end() -> None:
+            if page.busy:
+                self._close_later(page, _AWAY)
+            else:
+                self._closing = loop.create_task(self._close(page.key))
+
+        if page.key in self._unused:
+            self._unused[page.key].cancel()
+        self._unused[page.key] = loop.call_later(wait, end)
 
     async def _talk(self, request: web.Request) -> web.StreamResponse:
         """Carry messages between a page and its session."""
@@ -354,6 +391,7 @@ class _Studio:
             raise web.HTTPNotFound
         if page.key in self._unused:
             self._unused.pop(page.key).cancel()
+        page.left = False
         if self._ending is not None:
             self._ending.cancel()
         socket_ = web.WebSocketResponse(max_msg_size=_LARGEST, heartbeat=_HEARTBEAT, compress=False)
@@ -376,7 +414,7 @@ class _Studio:
         finally:
             self._talking.discard(socket_)
             await page.endpoint.disconnect(client.client_id)
-            await self._close(page.key)
+            self._leave(page)
         return socket_
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
@@ -407,14 +445,21 @@ class _Studio:
             self._unused.pop(key).cancel()
         self._tabs[page.tab] = page.work
         await page.close()
+        self._leave(page)
         del page
         gc.collect()  # a page is full of cycles
 
+    def _leave(self, page: Page) -> None:
+        """Keep a closed page for a while, as it may only be loaded again."""
+        page.left = True
+        if page.key in self._pages:
+            self._close_later(page, _AWAY)
+
         def end_unused() -> None:
-            if not self._pages:
+            if all(one.left for one in self._pages.values()):
                 self._stop.set()
 
-        if not self._pages and self._linger > 0:
+        if self._linger > 0:
             self._ending = asyncio.get_running_loop().call_later(self._linger, end_unused)
 
 

@@ -34,6 +34,10 @@ _JOINED = 1.0  # s, changes of a slider within it are undone together
 _LONGEST = 200  # designs that can be undone
 _SENT = 4  # turns of the loop after which a flushed state is on its way
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
+_SETTLED = frozenset({  # functions of the page that take the design with all waiting changes
+    "start_run", "start_study", "write_report", "export_board", "save_design", "open_design", "make_design",
+    "compute_table", "respond", "start_board",
+})  # fmt: skip
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
 
@@ -59,6 +63,8 @@ class _Change(NamedTuple):
 
 class Session(ABC):
     """State, design and work of a page's panels."""
+
+    scene: Any  # panel with the picture
 
     def __init__(self, setup: Setup, work: Work) -> None:
         from trame.app import get_server
@@ -86,10 +92,6 @@ class Session(ABC):
         self.trigger("cancel_job", lambda: self.tell_job(self.state.job["name"]))
         self.trigger("undo", lambda: self._step(self._before, self._after))
         self.trigger("redo", lambda: self._step(self._after, self._before))
-
-    @abstractmethod
-    def announce(self, design: Design) -> None:
-        """Show at once where the coils of a design will be."""
 
     @abstractmethod
     def _show(self, work: Work, *, typed: bool) -> None:
@@ -158,7 +160,7 @@ class Session(ABC):
             finally:
                 with self.state:
                     self.state.routing = False
-            self.announce(work.design)
+            self.scene.show(work.design)
             for _ in range(_SENT):  # the rest takes much longer
                 await asyncio.sleep(0)
             same, typed = self.work.opened.document is begun.opened.document, bool(change.entry)
@@ -220,6 +222,8 @@ class Session(ABC):
 
         async def call(*arguments: Any) -> None:
             with self.showing_errors(problem):
+                if name in _SETTLED and self._changing is not None:
+                    await self._changing
                 try:
                     result = strict(*arguments)
                     if inspect.isawaitable(result):
@@ -252,6 +256,11 @@ class Session(ABC):
                 await work(*arguments)
 
         return self._loop.create_task(shown())
+
+    @property
+    def busy(self) -> bool:
+        """True if a job runs that goes on without its page, as a board does not."""
+        return bool(set(self._jobs) - {"board"})
 
     def start_job(
         self,

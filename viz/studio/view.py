@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,16 @@ class BoardParts:
     design: Design
     copper: tuple[Part, ...]  # one part per layer
     rest: Scene  # laminate, barrels, names and rulers
+
+    @cached_property
+    def plain(self) -> Scene:
+        """Board without results."""
+        return Scene(self.copper) + self.rest
+
+    @cached_property
+    def lifted(self) -> Scene:
+        """Board with its sheets lifted off it."""
+        return bare_scene(self.design, sheets=True)
 
     def coloured(self, colours: CoilColours) -> Scene:
         """Colour the copper by values of the coils."""
@@ -190,7 +200,6 @@ class ScenePanel(Panel):
         self._tabs, self._metal = tabs, metal  # scenes of tabs, and of designs with metal
         self._parts: BoardParts | None = None
         self._expected = 0  # number of the last scene that makes the shown scene stale
-        self._alone: tuple[Design, bool, Scene] | None = None  # the last scene without results, with or without sheets
         self._drawn: tuple[Scene, Packed] | None = None
         self._sent: dict[int, tuple[Design, int, Scene, Packed]] = {}
         problem = session.setup.rendering_problem or ("not shown" if session.setup.services.alone else None)
@@ -241,11 +250,7 @@ class ScenePanel(Panel):
         scene = self._tabs[tab](design, self._parts) if tab in self._tabs else None
         if scene is None and (design.plates or design.target is not None):
             scene = self._metal(design, self._parts)
-        if scene is not None:
-            return scene
-        if self._alone is None or self._alone[0] is not design or self._alone[1] != sheets:
-            self._alone = design, sheets, bare_scene(design, sheets=sheets)
-        return self._alone[2]
+        return scene or (self._parts.lifted if sheets else self._parts.plain)
 
     def _send(self, found: tuple[Design, int, Scene, Packed]) -> None:
         """Send a scene; its arrays are asked for by the page."""

@@ -1,11 +1,14 @@
-"""Quantities, entries and limits of runs in words, and a design before and after a change."""
+"""Quantities, entries and limits of runs in words, and numbers before and after a change."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from coilarray.compute.display_units import DisplayUnit, value_text
+from coilarray.compute.display_units import DisplayUnit, number_text, value_text
+from coilarray.compute.table import Table, Value
 from coilarray.design.keys import entry_unit, key_in_si
 from coilarray.design.model import Design
 from coilarray.studies.quantities import QUANTITIES
@@ -16,6 +19,10 @@ MOST_SHOWN = 200  # largest number of rows of a table
 NO_PREVIEW: Mapping[str, Any] = {"rows": [], "plan": None, "name": "", "trigger": "", "point": ""}
 """State of the page without a design to compare with."""
 
+NO_ROWS: Mapping[str, Any] = {"head": [], "rows": []}
+"""State of the page without a table of `with_changes`."""
+
+_EQUAL = 1e-9  # relative difference that is rounding
 _FOUR = DisplayUnit(digits=4, significant=True)
 _WORDS = {  # quantities whose names say less than these words
     "span_mm": "extent of the coils along x", "covered_mm2": "area covered by coils",
@@ -98,6 +105,47 @@ def limit_words(limit: str) -> str:
 def quantity_of(name: str) -> str:
     """Quantity of an objective, without its target."""
     return name.strip("|").partition(" − ")[0]
+
+
+def with_changes(table: Table, before: Table | None, keys: int = 1) -> dict[str, Any]:
+    """Table for the page, each number with its change against an earlier table."""
+    # Rows and columns belong together by their first `keys` cells and by their names.
+    known = {} if before is None else {row[:keys]: row for row in before.rows}
+    places = {} if before is None else {column.name: k for k, column in enumerate(before.columns)}
+    numbers = [k for k, column in enumerate(table.columns) if column.unit]
+    rows = []
+    for row in table.rows:
+        old, line = known.get(row[:keys]), list[Value](row)
+        for k in numbers:
+            now, at = row[k], places.get(table.columns[k].name)
+            was = old[at] if old is not None and at is not None else ""
+            line[k] = ""
+            if isinstance(now, float | int) and isinstance(was, float | int):
+                line[k] = "" if math.isclose(now, was, rel_tol=_EQUAL) else float(now) - float(was)
+        rows.append(tuple(line))
+    shown, changes = table.known().cells(), replace(table, rows=tuple(rows)).cells()
+    return {
+        "head": [{"text": one.header, "means": one.meaning} for one in table.columns],
+        "rows": [
+            {
+                "name": str(row[0]), "mark": bool(table.mark) and table.mark in texts,
+                "cells": [
+                    {"text": text, "change": _change_text(now, difference, change) if k in numbers else ""}
+                    for k, (text, now, difference, change) in enumerate(zip(texts, row, line, cells, strict=True))
+                ],
+            }
+            for row, line, texts, cells in zip(table.rows, rows, shown, changes, strict=True)
+        ],
+    }  # fmt: skip
+
+
+def _change_text(now: Value, difference: Value, text: str) -> str:
+    """Change with its sign, and in per cent where it is a share of something."""
+    if not isinstance(difference, float) or isinstance(now, str):
+        return ""
+    was = float(now) - difference
+    share = f" ({number_text(100 * difference / abs(was), 1, '+')} %)" if abs(was) > abs(difference) * _EQUAL else ""
+    return f"{'+' if difference > 0 else ''}{text}{share}"
 
 
 def preview(
