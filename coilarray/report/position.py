@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import PERCENT, PPM, DisplayUnit, number_text, span
+from coilarray.compute.display_units import PERCENT, PPM, DisplayUnit, span
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table, root_mean_square, text_table
 from coilarray.errors import LocalizeError
 from coilarray.localize.inverse import Location
@@ -125,9 +125,10 @@ def paper_table(frequency: xr.DataArray | None, positions: MapPositions | None) 
             if ours is not None and ours.covers(_LEVEL) and theirs.covers(_LEVEL):
                 curves = zip(("x0", "A", "B"), theirs.curves(_LEVEL), ours.curves(_LEVEL), strict=True)
                 for name, *both in sorted(curves):
-                    numbers = (number_text(1e3 * float(value), 1) for value in both)
+                    numbers = (f"{1e3 * float(value):.1f}" for value in both)
                     rows.append((f"{name} of {theirs.name} at δ = {PPM.text(_LEVEL)} (mm)", *numbers))
-    return text_table(("quantity", "published", "this design"), rows, "Beside the paper")
+    table = text_table(("quantity", "published", "this design"), rows, "Beside the paper")
+    return replace(table, name="paper")
 
 
 _LEVEL = 5e-4  # of δ, in the middle of the published polynomials
