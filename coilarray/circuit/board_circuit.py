@@ -80,7 +80,6 @@ def _windings(design: Design, accuracy: Accuracy, progress: Progress | None) -> 
 def _new_windings(
     array: Array, sheets: tuple[Sheet, ...], above: float, accuracy: Accuracy, progress: Progress | None
 ) -> Windings:
-    """Compute the inductances of an array under its flat sheets."""
 
     def compute() -> xr.Dataset:
         by_sheets = layer_inductance(array.conductors(), sheets, accuracy=accuracy)
@@ -97,7 +96,6 @@ def _new_windings(
 def _joined_windings(
     design: Design, each: Sequence[Windings], accuracy: Accuracy, progress: Progress | None
 ) -> JoinedWindings:
-    """Compute the inductances of all boards, beside the sheets of the design's own."""
     placed, paths = design.placed, design.conductors()
 
     def compute() -> xr.Dataset:
@@ -125,7 +123,6 @@ def _joined_windings(
 
 
 def _kept(array: Array, accuracy: Accuracy, parts: Sequence[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Compute a dataset, kept on disk for few coils only."""
     few = accuracy == "full" and len(array.names) <= _MOST_TOGETHER
     return kept_dataset(parts, compute) if few else compute()
 
@@ -490,13 +487,11 @@ def _close_together(low: float, high: float) -> FloatArray:
 
 
 def _joined(one: SampledMatrix, other: SampledMatrix) -> SampledMatrix:
-    """Join the samples of two matrices at different frequencies."""
     frequencies = np.concatenate((one.frequencies, other.frequencies))
     order = frequencies.argsort()
     return SampledMatrix(frequencies[order], np.concatenate((one.matrices, other.matrices))[order])
 
 
 def _key_of(state: ScanState) -> Hashable:
-    """Key of a state without its name."""
     exceptions = frozenset((name, passive) for name, passive in state.exceptions.items() if passive != state.others)
     return state.measured, state.connection, state.others, exceptions, state.load_resistance

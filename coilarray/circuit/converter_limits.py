@@ -91,7 +91,6 @@ class Limit:
         return f"{name} must be {allowed}; got {value}."
 
     def _texts(self) -> tuple[str, str, str]:
-        """Return name, value and allowed range."""
         name, _, unit = self.name.removesuffix(")").partition(" (")
         digits = ".6" if not unit and float(self.value).is_integer() else ".4"  # of a count, and of a measure
         value, low, high = (shown_unit(unit, one).text(one, digits) for one in (self.value, self.low, self.high))
@@ -389,7 +388,6 @@ def reading_lines(response: xr.Dataset) -> list[str]:
 
 
 def _place(values: xr.DataArray, index: Sequence[np.intp]) -> str:
-    """Name the position of an index."""
     at = values[dict(zip(values.dims, index, strict=True))]
     words = [str(at.state.values)]
     words += [
@@ -401,7 +399,6 @@ def _place(values: xr.DataArray, index: Sequence[np.intp]) -> str:
 
 
 def _spans(values: FloatArray, chosen: BoolArray, what: str) -> str:
-    """Write the chosen of rising lengths in m as spans."""
     parts = []
     for read, group in groupby(zip(values.tolist(), chosen.tolist(), strict=True), key=lambda pair: pair[1]):
         inside = [MM.text(value) for value, _ in group]

@@ -230,7 +230,6 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
 
 
 def _of_each(results: Sequence[StateResult], name: str) -> FloatArray:
-    """Attribute of each of several solved states."""
     return np.array([getattr(one, name) for one in results])
 
 

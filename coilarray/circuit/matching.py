@@ -185,7 +185,6 @@ def _with_values(circuit: PortCircuit, values: Iterable[float]) -> PortCircuit:
 
 
 def _port(circuit: PortCircuit, coil: str) -> Port:
-    """Return the port of a coil with a source or load."""
     found = [port for port in circuit.active if port.coil == coil]
     if not found:
         there = ", ".join(port.coil for port in circuit.active) or "none"
@@ -198,7 +197,6 @@ def _with_port(circuit: PortCircuit, port: Port) -> PortCircuit:
 
 
 def _compensating(port: Port, kind: str, capacitance: float) -> Port:
-    """Return a port with one capacitor, in series or in parallel."""
     return port.with_capacitors(capacitance, None) if kind == "S" else port.with_capacitors(None, capacitance)
 
 

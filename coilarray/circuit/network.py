@@ -102,7 +102,6 @@ class Network:
     dispersion: SampledMatrix | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and values."""
         n = len(self.names)
         if self.inductance.shape != (n, n):
             raise NetworkError(f"{n} coils need an inductance matrix ({n}, {n}); got {self.inductance.shape}.")
@@ -265,7 +264,6 @@ def susceptance_slope(network: Network, state: ScanState, frequency: float) -> f
 def _solve_with_tank(
     network: Network, wiring: _Wiring, frequencies: FloatArray, inductances: FloatArray | ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Solve a state, with the admittances of the tank too."""
     switches, state = network.switches, wiring.state
     measured = {name for name, _ in state.measured}
     winding = network.winding_capacitance

@@ -93,7 +93,6 @@ def _grounded_resonances(network: Network) -> FloatArray:
 
 
 def _subcircuit(network: Network, title: str) -> str:
-    """Write the coils of a network as a SPICE subcircuit."""
     L, found = network.inductance, _grounded_resonances(network)
     middle = network.resistance(float(np.exp(np.log(found).mean())))
     if not isinstance(network.resistance, SampledMatrix) or len(network.resistance.frequencies) == 1:
@@ -336,7 +335,6 @@ def fasthenry_input(
 
 
 def _path_lines(conductor: Conductor, number: int, resistivity: float) -> Iterator[str]:
-    """Write the nodes and segments of a current path."""
     if conductor.is_filament or not (conductor.areas > 0).all():
         raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
     for i, (x, y, z) in enumerate((conductor.vertices / _MM).tolist(), start=1):

@@ -78,7 +78,6 @@ class NoiseBudget:
         return f"<NoiseBudget of {len(self.states)} states: {most}>"
 
     def _repr_html_(self) -> str:
-        """Return the budget as an HTML card."""
         numbers = zip(self.noise.tolist(), self.drift.tolist(), self.sigma.tolist(), strict=True)
         rows = [(name, *(f"{number:.3g}" for number in row)) for name, row in zip(self.states, numbers, strict=True)]
         causes = [

@@ -126,7 +126,6 @@ class _States(NamedTuple):
 
 
 def _measured(network: Network, states: Sequence[ScanState]) -> IntArray:
-    """Return the number of the coil that each state measures."""
     number = {name: k for k, name in enumerate(network.names)}
     return np.array([number[state.measured[0][0]] for state in states], dtype=np.int64)
 

@@ -126,7 +126,6 @@ _FEW = 12  # coils, whose numbers are printed one by one
 
 
 def _print_report(design: Design, made: Report, *, every: bool) -> None:
-    """Print what the first page of a report answers, and the coils."""
     from coilarray.report.tables import neighbour_table
 
     shared.say(f"{design.name}  {design.title}".rstrip())
@@ -177,7 +176,6 @@ def _report_beside(
 
 
 def _coils(design: Design, coupling: xr.Dataset) -> Table:
-    """Short table of the coils, without a tank only L and k."""
     import numpy as np
 
     names, centres = coupling.coil.values.tolist(), design.centres
@@ -407,7 +405,6 @@ def _print_ports(
     *,
     as_json: bool,
 ) -> None:
-    """Print the ports of a design, with other capacitors if asked."""
     import numpy as np
 
     from coilarray.circuit.matching import compensated, matched_port
@@ -451,7 +448,6 @@ def _print_ports(
 
 
 def _require_range(low: float, high: float) -> None:
-    """Refuse frequencies in MHz that are no range."""
     if not 1e-6 <= low < high <= 1e6:
         raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {low:g} and {high:g}.")
 

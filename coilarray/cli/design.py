@@ -329,7 +329,6 @@ def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whol
 def _import(
     board: Path, nets: str | None, stackup: str | None, target: Path
 ) -> tuple[list[str | Table], dict[str, Any]]:
-    """Write the design of an existing board, and return lines and JSON."""
     from coilarray.design.model import Design, parse_design
     from coilarray.design.write import design_text
     from coilarray.fabrication.tracing import trace_coils, traced_array
@@ -386,7 +385,6 @@ def _read(board: Path, stackup: str | None) -> BoardCopper:
 
 
 def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
-    """Return the known properties of every coil, in SI."""
     from coilarray.design.write import design_names, shape_names
 
     names = design_names(traced.array.names)
@@ -526,7 +524,6 @@ def check(
 
 
 def _margin_table(margins: Sequence[Margin], title: str) -> Table:
-    """Numbered margins with their places in one column."""
     from coilarray.report.tables import rules_table
 
     named = [replace(one, rule=f"{'✖ ' * (not one.kept)}{one.rule}{', at most' * one.at_most}") for one in margins]

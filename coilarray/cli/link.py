@@ -135,7 +135,6 @@ def link(
 
 
 def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Dataset, path: Path) -> None:
-    """Write the boards at up to `_FRAMES` poses as a film or page."""
     import numpy as np
 
     from coilarray.studies.link import moved_boards
@@ -168,7 +167,6 @@ def _write_film(design: Design, poses: Mapping[str, xr.DataArray], flat: xr.Data
 
 
 def _tables(flat: xr.Dataset) -> list[Table]:
-    """Tables of all poses, or of the extremes of many."""
     from coilarray.report.tables import link_tables
 
     count, names = math.prod(flat.sizes.values()), [str(name) for name in flat.data_vars]

@@ -300,7 +300,6 @@ def _is_lack_of_memory(error: BaseException) -> bool:
 
 @contextmanager
 def _telling_unusual_values() -> Iterator[None]:
-    """Write each warning of unusual values once to standard error."""
     told: set[str] = set()
 
     def tell(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:

@@ -220,7 +220,6 @@ def locate(
 
 
 def _stream(answer: Callable[[Reading | LocalizeError], Record]) -> None:
-    """Answer every line of standard input at once."""
     good, first = False, None
     try:
         for one in line_readings(sys.stdin.buffer):
@@ -260,7 +259,6 @@ _Solution = tuple[Callable[[Sequence[dict[str, float]]], list[Record]], dict[str
 
 
 def _by_response(response: Any, used: Sequence[str], reference: Sequence[str] | None, noise: float | None) -> _Solution:
-    """Solve by maximum likelihood, and describe the assumed noise."""
     from coilarray.localize.forward import forward_model
     from coilarray.localize.inverse import locate_all
     from coilarray.report.position import location_record
@@ -287,7 +285,6 @@ def _by_response(response: Any, used: Sequence[str], reference: Sequence[str] | 
 
 
 def _by_ellipses(model: Any, names: Sequence[str]) -> _Solution:
-    """Intersect the ellipses of two coils, A longer as published."""
     from coilarray.paper.ellipse_model import EllipseModel, locate_x
 
     widened = EllipseModel(tuple(one for one in model.coils if one.name in names)).with_semiaxis_addition()

@@ -307,7 +307,6 @@ def _goal(
 
 
 def _lines(result: Optimization) -> list[str | Table]:
-    """Describe the search, and compare given and best designs."""
     from coilarray.geometry import check_rules
     from coilarray.report import studies as report
     from coilarray.report.summary import unread_words

@@ -238,7 +238,6 @@ def _check_machine(kind: Kind, out: Path | None, pixels: dict[str, tuple[int, in
 
 
 def _write_film(out: Path, side: Side, pixels: dict[str, tuple[int, int]], along: Callable[..., Touch]) -> int:
-    """Write the film of an indenter or target, and count its pictures."""
     with shared.progress_bar("response") as progress:
         touch = along(count=_FRAMES, progress=progress)
     with shared.progress_bar("film") as progress:
@@ -260,7 +259,6 @@ def _write_field(
     spacing_mm: float,
     distance: float | None,
 ) -> tuple[str, dict[str, object]]:
-    """Compute, write and describe B for 1 mA."""
     active = design.array.middle_coil if coil is None else coil
     if active not in design.coil_names:
         raise GeometryError(f"--coil must be one of {', '.join(design.coil_names)}; got {active}.")

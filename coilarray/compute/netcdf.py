@@ -141,7 +141,6 @@ class Schema:
         return dataset
 
     def _values(self, values: Any, entry: Entry, what: str, unit: Any) -> Any:
-        """Check the values of an entry, and return them."""
         if not entry.dims and values.ndim:
             raise self.error(f"{what} must be a single value; got an array of shape {values.shape}.")
         if entry.unit is None:
@@ -239,7 +238,6 @@ def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
 
 
 def _load(path: Path) -> xr.Dataset:
-    """Load a dataset from a file."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 

@@ -74,7 +74,6 @@ class StackupTable(Table):
 
     @model_validator(mode="after")
     def _one_value_a_layer(self) -> StackupTable:
-        """Refuse lists that do not fit the number of layers."""
         for key, less in (("copper_thickness_um", 0), ("dielectric_thickness_mm", 1), ("dielectric_epsilon_r", 1)):
             count, expected = len(getattr(self, key)), len(self.layers) - less
             if count != expected:
@@ -448,7 +447,6 @@ class LatticeArray(Table):
 
     @model_validator(mode="after")
     def _wanted(self) -> LatticeArray:
-        """Refuse missing or extra keys of a lattice."""
         in_rows = self.lattice in ("linear", "square", "hexagonal")
         for key, wanted in (("columns", in_rows or self.lattice == "triangle"), ("rings", self.lattice == "rings")):
             if (getattr(self, key) is not None) != wanted:

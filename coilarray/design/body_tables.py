@@ -76,7 +76,6 @@ class MaterialTable(Table):
 
     @model_validator(mode="after")
     def _known_material(self) -> Self:
-        """Refuse an unknown material or contradicting keys."""
         if self.material is not None and self.material not in geometry.MATERIALS:
             close = difflib.get_close_matches(self.material, geometry.MATERIALS, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
@@ -137,7 +136,6 @@ class FlatTable(MaterialTable):
 
     @model_validator(mode="after")
     def _sizes_of_its_shape(self) -> Self:
-        """Refuse missing or extra keys of a shape."""
         needed = _SIZES[self.shape]
         for key in dict.fromkeys(key for keys in _SIZES.values() for key in keys):
             if (getattr(self, key) is not None) != (key in needed):
@@ -221,7 +219,6 @@ class PlateTable(FlatTable):
 
     @model_validator(mode="after")
     def _one_height(self) -> Self:
-        """Refuse missing or contradicting keys of the height."""
         if (self.z_mm is None) == (self.distance_mm is None):
             raise ValueError("needs exactly one of z_mm and distance_mm")
         if (self.side is None) != (self.distance_mm is None):
@@ -366,7 +363,6 @@ class PlacesTable(Table):
 
     @model_validator(mode="after")
     def _consistent_places(self) -> Self:
-        """Refuse contradicting keys and too many positions."""
         if self.origin is not None and self.origin_mm is not None:
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
@@ -493,7 +489,6 @@ class IndentationTable(PlacesTable):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Refuse missing or contradicting keys."""
         require_rising("depths_mm", self.depths_mm)
         if (self.base == "seat") != (self.seat_stiffness_kPa_per_mm is not None):
             raise ValueError('needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base')
@@ -680,7 +675,6 @@ def _round(step: float) -> float:
 
 
 def _multiples(bounds: FloatArray, step: float, within: Edges | None) -> tuple[FloatArray, FloatArray]:
-    """Return the first and last multiples of the step."""
     first, last = np.floor(bounds[0] / step + 1e-9), np.ceil(bounds[1] / step - 1e-9)
     if within is not None:
         first = np.maximum(first, np.ceil(np.array(within[:2]) / step - 1e-9))

@@ -298,7 +298,6 @@ def _meanings(table: type[Table]) -> dict[str, str]:
 
 @cache
 def _classes(module: str) -> dict[str, ast.ClassDef]:
-    """Return the classes of a module by their names."""
     body = ast.parse(inspect.getsource(sys.modules[module])).body
     return {node.name: node for node in body if isinstance(node, ast.ClassDef)}
 
@@ -316,7 +315,6 @@ _WORDS = {float: "number", int: "whole number", str: "text", bool: "true or fals
 
 
 def _allowed(annotation: Any) -> str:
-    """Describe what an annotation allows."""
     origin, parts = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is typing.Annotated:
         base, *metadata = parts

@@ -537,7 +537,6 @@ class Design:
 
 
 def _require_boards(design: Design) -> None:
-    """Refuse boards of one name, or that cut through each other."""
     if wrong := [board for board in design.boards if not isinstance(board, Board)]:
         raise DesignError(f"boards of a design must be of type Board; got {wrong[0]!r:.60}.")
     if design.pose != Pose() and (design.sheets or design.plates or design.target is not None):
@@ -829,7 +828,6 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
 
 
 def _build(parsed: Document) -> Design:
-    """Make the design of a checked document."""
     coils: dict[str, Coil] = {}
     for name, table in parsed.coils.items():
         with _named(f"coils.{name}"):

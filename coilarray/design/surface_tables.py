@@ -58,7 +58,6 @@ class SurfaceArray(Table):
 
     @model_validator(mode="after")
     def _one_of_each(self) -> SurfaceArray:
-        """Refuse keys that do not fit each other."""
         dome = self.surface == "dome"
         if (self.radii_mm is not None) != dome:
             raise ValueError(f'{"needs" if dome else "has no"} radii_mm for surface = "{Path(self.surface).name}"')

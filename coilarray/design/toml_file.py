@@ -120,7 +120,6 @@ def first_error(error: ValidationError, document: Mapping[str, Any], model: type
 
 
 def _describe(details: ErrorDetails, document: Mapping[str, Any], model: type[BaseModel]) -> str:
-    """Describe one mistake of a document."""
     where: list[str | int] = []
     table: Any = document
     tagged: Any = None

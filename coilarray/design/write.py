@@ -222,7 +222,6 @@ def design_names(names: Iterable[str]) -> dict[str, str]:
 
 
 def _different(name: str, taken: Iterable[str]) -> str:
-    """Return an allowed name that is not taken."""
     allowed = _NOT_IN_NAMES.sub("_", name.lstrip("/")).lstrip("-") or "_"
     different, n, others = allowed, 1, set(taken)
     while different in others:
@@ -389,7 +388,6 @@ def _edit_list(items: Any, old: Sequence[Any], wanted: Sequence[Any]) -> None:
 
 
 def _known_by(item: Any) -> str:
-    """Return the name of a table, or an item's text."""
     return str(item["name"]) if isinstance(item, Mapping) and "name" in item else repr(item)
 
 

@@ -181,7 +181,6 @@ class ForwardModel(interpolation.ResponseSpline):
         return self.values_at(points), np.stack(slopes, axis=-1)
 
     def _checked(self, points: npt.ArrayLike) -> FloatArray:
-        """Return points as an array, or refuse them."""
         array = np.asarray(points, dtype=np.float64)
         if array.ndim < 1 or array.shape[-1] != 3:
             raise LocalizeError(f"points must have x, y and depth on their last axis; got shape {array.shape}.")

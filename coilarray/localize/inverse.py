@@ -259,7 +259,6 @@ def deviance(
 def _solve(
     model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike | None, confidence: float, alarm: float
 ) -> list[Location]:
-    """Locate checked readings."""
     sigma = None if noise is None else checked_noise(model.states, noise)
     for name, value in (("confidence", confidence), ("alarm", alarm)):
         if not 0 < value < 1:
@@ -274,7 +273,6 @@ def _solve(
 def _solve_block(
     model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float, alarm: float
 ) -> list[Location]:
-    """Locate the readings of one block."""
     states = len(model.states)
     nothing = whitening_of(model, noise).chi_square(readings)
     chances = chdtrc(states, nothing)
@@ -366,7 +364,6 @@ def _is_gaussian(
 
 
 def _judged(modes: tuple[Mode, ...], pressure: float, states: int, alarm: float) -> Location:
-    """Location of the modes of a reading above the noise."""
     best = modes[0]
     freedom = max(1, states - len(best.information) + len(best.border))
     probability = float(chdtrc(freedom, best.chi_square))
@@ -435,7 +432,6 @@ def _kept_scan(model: ForwardModel, noise: tuple[float, ...] | None) -> _Scan:
 
 
 def _scan_of(model: ForwardModel, weights: Whitening) -> _Scan:
-    """Prepare the scan of a table for one covariance."""
     # an even number of cells: on the middle line a symmetric board has no slope across it
     columns, rows = (max((min(len(axis), _MOST_CELLS + 1)) // 2 * 2, 1) for axis in (model.x, model.y))
     shape = (columns, rows, _DEPTH_CELLS if len(model.depth) > 1 else 1)

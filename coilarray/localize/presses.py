@@ -66,7 +66,6 @@ class PressDetector:
     """
 
     def __init__(self, baseline: Sequence[tuple[float, Mapping[str, float]]], number: int = 0) -> None:
-        """Start at rest with the baseline."""
         self.number = number
         self._scans = len(baseline)
         self._names = tuple(dict.fromkeys(name for _, delta in baseline for name in delta))
@@ -132,7 +131,6 @@ class PressDetector:
         return off, math.sqrt(float(off @ off) / off.size), limit
 
     def _add(self, values: FloatArray) -> None:
-        """Add a scan at rest to line and noise."""
         self._line.add(values, math.exp(-self._line.step / _MEMORY) if self._line.count >= self._scans else 1.0)
         steps = (values - self._before)[np.isfinite(values) & np.isfinite(self._before)]
         self._before = values

@@ -331,7 +331,6 @@ def _dataset(
     opened: EllipseCurves,
     effects: dict[str, FloatArray],
 ) -> xr.Dataset:
-    """Dataset of ellipses, published values and all effects."""
     origin = indentation_of(design).origin_point
     centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
     dims, metres = ("state", "delta"), {"units": "m"}

@@ -324,7 +324,6 @@ def _with_a_peak(delta: xr.DataArray, states: Sequence[str] | None, least: float
 
 
 def _require_few_levels(largest: float, step: float, points: int) -> None:
-    """Refuse a sweep that needs too many points in all."""
     levels = largest / step
     most = min(_MOST_LEVELS, _MOST_POINTS // points)
     if not levels <= most:
@@ -335,7 +334,6 @@ def _require_few_levels(largest: float, step: float, points: int) -> None:
 
 
 def _check_map(delta: xr.DataArray) -> None:
-    """Refuse a map that is too small or not numeric."""
     for name in ("x", "y"):
         axis = delta[name].values
         if len(axis) < _LEAST_SAMPLES:
@@ -356,7 +354,6 @@ def _dataset(
     threshold: float,
     response: xr.Dataset,
 ) -> xr.Dataset:
-    """Dataset of the fitted levels of all states."""
 
     def table(name: str) -> npt.NDArray[np.generic]:
         return np.array([[getattr(one, name) for one in row] for row in rows])

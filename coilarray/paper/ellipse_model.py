@@ -90,7 +90,6 @@ class CoilEllipses:
     centre: float
 
     def __post_init__(self) -> None:
-        """Check the coefficients and the range."""
         for key in PARAMETERS:
             p = getattr(self, key)
             if len(p) != DEGREE + 1 or not np.isfinite(p).all():
@@ -151,7 +150,6 @@ class EllipseModel:
         return tuple(coil.name for coil in self.coils)
 
     def __getitem__(self, name: str) -> CoilEllipses:
-        """Return the coil of a name, or raise LocalizeError."""
         for coil in self.coils:
             if coil.name == name:
                 return coil
@@ -310,7 +308,6 @@ def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePositio
 
 
 def _reading(deltas: Mapping[str, float], name: str) -> float:
-    """Return the finite reading of a coil."""
     if name not in deltas:
         raise LocalizeError(f"the reading of {name} is missing.")
     value = float(deltas[name])
@@ -320,7 +317,6 @@ def _reading(deltas: Mapping[str, float], name: str) -> float:
 
 
 def _coil_from(data: object) -> CoilEllipses:
-    """Read one coil of a JSON file."""
     if not isinstance(data, dict) or not isinstance(name := data.get("name"), str):
         raise LocalizeError("a coil of an ellipse model must have a name.")
     keys = (*(f"{key}_m" for key in PARAMETERS), *_RANGE)

@@ -67,7 +67,6 @@ def write_beside(files: Sequence[DesignFile], where: Path, progress: Progress | 
 
 
 def _pictures(report: Report) -> list[Picture]:
-    """Return the pictures of a report, in order."""
     found: list[Picture] = []
     for block in leaves(block for section in report.sections for block in section.blocks):
         if isinstance(block, Picture):
@@ -98,7 +97,6 @@ def _numbers(names: Sequence[str], summaries: Sequence[Table | None]) -> Table:
 
 
 def _inputs(names: Sequence[str], files: Sequence[DesignFile]) -> Table:
-    """Return the inputs in which two designs differ."""
     of = [{str(row[0]): str(row[1]) for row in design_table(file).rows} for file in files]
     keys = [key for key in dict.fromkeys([*of[0], *of[1]]) if of[0].get(key) != of[1].get(key)]
     return text_table(

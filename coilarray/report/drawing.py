@@ -34,7 +34,6 @@ class Drawing:
     """
 
     def __init__(self, process: subprocess.Popen[bytes] | None) -> None:
-        """Make ready a thread that waits for answers."""
         self._process = process
         self._asking = ThreadPoolExecutor(1, "drawing")
         self._tasks: list[Task] = []

@@ -76,7 +76,6 @@ def verdict_lines(file: DesignFile, margins: Sequence[Margin], summary: Table, r
 
 
 def _tightest_words(margins: Sequence[Margin]) -> str:
-    """Name the place with the least margin."""
     worst = tightest(margins)
     if worst is None:
         return ""
@@ -142,7 +141,6 @@ _CARDS = 6  # side by side on paper
 
 
 def _known(design: Design, summary: Table) -> Table:
-    """Return how far the numbers of the summary are known."""
     rows = [
         ("L, M and k", "10⁻⁴ of L", "46 measured coils: 0.6 % on average"),
         ("f", "half the error of L, and of the tank", "winding capacitance: 3 %, of few turns 15 %"),

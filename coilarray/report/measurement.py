@@ -412,7 +412,6 @@ _WHERE = ("depth", "state")
 
 
 def _problem(measured: str, simulated: str) -> str:
-    """Return why there are no ellipses, and in which map."""
     if measured == simulated:
         return measured
     return "; ".join(f"{which}: {text}" for which, text in (("measured", measured), ("simulated", simulated)) if text)

@@ -73,7 +73,6 @@ def order_table(file: DesignFile, margins: Sequence[Margin]) -> Table:
 
 
 def _add_board(board: Board, add: Callable[..., None]) -> None:
-    """Add the rows of a bare board."""
     array, stackup = board.array, board.array.stackup
     name = f"board {board.name}" if board.name else "board"
     x_min, y_min, x_max, y_max = array.bounds

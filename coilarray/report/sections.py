@@ -101,7 +101,6 @@ class Results:
         return self._drawing.submit(function, *arguments)
 
     def _draw_board(self) -> Future[list[Picture]]:
-        """Draw the board once the dent is known."""
         pressed = None if self.pressing.exception() else self.pressing.result()
         dent = None if pressed is None else pressed.isel(depth=-1)
         return self.draw(page.board_picture, self.design, self.active, dent)
@@ -352,7 +351,6 @@ def _circuit_section(r: Results) -> Section:
 
 
 def _equivalent_circuit(r: Results) -> dict[str, str]:
-    """Values of a coil's equivalent circuit with their errors."""
     scan, design = r.scan.sel(coil=r.active), r.design
     H, F, ohm, Hz = (display_unit(unit) for unit in ("H", "F", "ohm", "Hz"))
     at = Hz.text(r.scan.attrs["ac_resistance_frequency_Hz"], ".4")
@@ -482,7 +480,6 @@ def _position(r: Results) -> Section | None:
 
 
 def _ellipse_blocks(r: Results) -> list[Block]:
-    """Fit the paper's ellipse model, and locate the map's places."""
     one_board(r.design, "the ellipse model")
     if r.shown_or_none is None:
         raise LocalizeError("there is no response map.")
@@ -635,13 +632,11 @@ def model_words(design: Design, r: Results) -> str:
 
 
 def _circuit(design: Design) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return scan and sweep of the design's circuit."""
     scan = scan_design(design)
     return scan, sweep_design(design, sweep_frequencies(scan, _SWEEP_POINTS))
 
 
 def _links(design: Design) -> xr.Dataset | None:
-    """Solve the ports around the frequency of the link, None without ports."""
     frequency = design.circuit.link_frequency
     if not design.circuit.ports or frequency is None:
         return None
@@ -650,7 +645,6 @@ def _links(design: Design) -> xr.Dataset | None:
 
 
 def _without_plates(design: Design) -> xr.Dataset | None:
-    """Scan without the plates, None without plates or a circuit."""
     if not design.plates:
         return None
     try:
@@ -660,7 +654,6 @@ def _without_plates(design: Design) -> xr.Dataset | None:
 
 
 def _press(design: Design) -> xr.Dataset | None:
-    """Force curve and dents of the indentation, None without one."""
     setup = design.indentation
     if setup is None:
         return None

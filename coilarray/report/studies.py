@@ -109,7 +109,6 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
 
 
 def _search_words(result: Optimization) -> str:
-    """Describe goal and search in a paragraph."""
     goal, searched = result.goal, sum(trial.kind == "search" for trial in result.trials)
     wanted = ", ".join(f"**{objective.wish}**" for objective in goal.objectives)
     kept = f"; kept: {', '.join(constraint.wish for constraint in goal.constraints)}" if goal.constraints else ""
@@ -155,7 +154,6 @@ def none_better(result: Optimization) -> str:
 
 
 def _is_start(result: Optimization, trial: Trial) -> bool:
-    """Test whether a trial equals the given design to rounding."""
     return all(
         value == axis.start
         or (isinstance(value, float) and isinstance(axis.start, int | float) and math.isclose(value, axis.start))
@@ -349,7 +347,6 @@ def point_table(plan: Sweep, result: xr.Dataset) -> tuple[Table, list[str]]:
 
 
 def _convergence_pictures(result: Optimization) -> list[Picture]:
-    """Draw the convergence of the search."""
     trials, start = result.trials, result.start.scores
     pictures = []
     for k, objective in enumerate(result.goal.objectives):
@@ -373,7 +370,6 @@ def _axis_label(objective: Objective) -> str:
 
 
 def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Picture]:
-    """Draw the front by pairs of objectives."""
     possible = [trial for trial in result.trials if trial.scores]
     if not possible:
         return []
@@ -397,7 +393,6 @@ def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Pict
 
 
 def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:
-    """Quantities of a trial, and others that can be computed."""
     known = dict(trial.quantities)
     evaluation = Evaluation(design)
     for key in keys:
@@ -526,11 +521,9 @@ def sample_table(result: xr.Dataset) -> Table:
 
 
 def _largest(at: xr.Dataset) -> str:
-    """Name the largest contributors of an output with their shares."""
     shown = [(str(at.contributor.values[m]), float(at.share[m])) for m in _ranking(at)[:_MOST_SHOWN]]
     return "; ".join(f"{name} {share * 100:.0f} %" for name, share in shown if share >= 0.005)
 
 
 def _ranking(at: xr.Dataset) -> list[int]:
-    """Order the contributors of one output from the largest."""
     return [int(m) for m in np.argsort(-at.share.values, kind="stable")]

@@ -97,7 +97,6 @@ def unread_words(design: Design) -> str:
 def _rows(
     coupling: xr.Dataset, scan: xr.Dataset | None, margins: Sequence[Margin], response: xr.Dataset | None
 ) -> Iterator[tuple[Value, ...]]:
-    """Rows of the table."""
     names = coupling.coil.values.tolist()
     own = coupling.open_inductance
     yield _row("open_inductance", "L, the others open" if len(names) > 1 else "L", names, own.values, "H")
@@ -122,7 +121,6 @@ def _rows(
 
 
 def _link_rows(links: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
-    """Row of the efficiencies at the link's frequency."""
     if links is not None and "efficiency" in links:
         at = links.efficiency.sel(frequency=links.attrs["link_frequency_Hz"]).transpose("source", "load")
         names = [f"{source} to {load}" for source in at["source"].values for load in at["load"].values]
@@ -170,7 +168,6 @@ def position_bounds(response: xr.Dataset, array: Array) -> xr.Dataset | None:
 
 
 def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
-    """Rows of the bounds of a position."""
     if bounds is None:
         return
     size, values = float(bounds.attrs["coil_size"]), sigma_over_coils(bounds)
@@ -210,7 +207,6 @@ def _place(sigma: xr.DataArray, value: float) -> str:
 def _metal_rows(
     scan: xr.Dataset | None, without: xr.Dataset | None, target: xr.Dataset | None
 ) -> Iterator[tuple[Value, ...]]:
-    """Rows of the plates and of the target."""
     if scan is not None and without is not None:
         change = scan.effective_inductance.values / without.effective_inductance.values - 1
         yield _row("change_by_plates", "L_eff by the plates", scan.state.values.tolist(), change, _PPM)

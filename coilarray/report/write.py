@@ -242,7 +242,6 @@ def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str,
 
 
 def _datasets(r: Results) -> dict[str, xr.Dataset | None]:
-    """Arrays of the report by the names of their files."""
     field, (_, plane) = None, r.fields
     if plane:  # of both states, along ``others``
         field = xr.concat(list(plane.values()), dim="others", combine_attrs="drop_conflicts")

@@ -229,7 +229,6 @@ def _near_coils(
     ideal: bool,
     progress: Progress | None,
 ) -> _Solved:
-    """Compute a map with the coils near the indenter only."""
     # Each state has the losses of its own coil here.
     C, resistance = network.switches.tank_capacitance, network.resistance
     frequency = 1 / (2 * np.pi * np.sqrt(states.base_inductance * C))
@@ -267,7 +266,6 @@ def _all_coils(
     ideal: bool,
     progress: Progress | None,
 ) -> _Solved:
-    """Compute a map with every coil and the whole circuit."""
     axes, ball = pressed.axes, indentation_of(design).ball
     flats = [resonate(network, state) for state in design.plan]
     band, mean = _band(flats)
@@ -453,7 +451,6 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, metal: bool) -> f
 
 
 def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: float = 0.0) -> None:
-    """Refuse a map that is too large."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
     if error:
@@ -475,7 +472,6 @@ def _band(flats: Sequence[Resonance]) -> tuple[FrequencyBand, float]:
 
 
 def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, changes.Variable]:
-    """Return the loss by plates, and both changes over frequency."""
     matrix, f = (*_PLACES, "coil", "other"), over.band.nodes
     each = np.moveaxis(over.values, 1, 0)
     shape = (*axes.shape, *each.shape[2:])

@@ -84,7 +84,6 @@ class Imperfections:
     network: Network | Literal["ideal"] | None = None
 
     def __post_init__(self) -> None:
-        """Check the values."""
         drifts = (self.drift, self.column_drift)
         errors = (self.depth_error, *self.thickness_errors.values(), *drifts, self.noise)
         numbers = [*self.tilt, *self.offset, *errors]
@@ -299,7 +298,6 @@ def _finite(
 
 
 def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
-    """Select the contact depths nearest to depths in m."""
     return contact.isel(depth=np.abs(contact.depth.values - depths[:, None]).argmin(axis=1))
 
 
@@ -325,7 +323,6 @@ def _kept_contact(
     strain: Strain,
     mesh: ContactMesh,
 ) -> xr.Dataset:
-    """Solve a contact, or return it from the disk."""
 
     def solve() -> xr.Dataset:
         return indent(sheets, indenter, depths, base=base, radius=radius, strain=strain, accuracy=mesh)

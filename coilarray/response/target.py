@@ -247,7 +247,6 @@ def _dataset(
     middle: FloatArray,
     matrix: ComplexArray,
 ) -> xr.Dataset:
-    """Assemble the dataset of `target_map`."""
     names = list(design.coil_names)
     place, pair = ("distance", "y", "x"), ("coil", "other")
     with_target = network.inductance + matrix.real

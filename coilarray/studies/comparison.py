@@ -198,7 +198,6 @@ def _combined(rows: Sequence[Any], *dims: str) -> xr.Dataset:
 def _compared(
     measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, largest_shift: tuple[float, float]
 ) -> xr.Dataset:
-    """Compare a map with its model, `sigma` for both."""
     shape = measured.delta.shape
     X, Y = np.meshgrid(measured.x.values, measured.y.values)
     places = np.column_stack((X.ravel(), Y.ravel(), np.full(X.size, float(measured.depth))))
@@ -413,7 +412,6 @@ def own_noise(response: xr.Dataset) -> FloatArray | None:
 def _ellipses(
     measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, progress: Progress | None
 ) -> xr.Dataset:
-    """Fit the ellipses of both maps at their common positions."""
     x, y = measured.x.values, measured.y.values
     along = inside(model, np.column_stack((x, np.full_like(x, model.y[0]), np.full_like(x, model.depth[-1]))))
     across = inside(model, np.column_stack((np.full_like(y, model.x[0]), y, np.full_like(y, model.depth[-1]))))

@@ -412,7 +412,6 @@ def _move(
 def _between_ports(
     circuit: ports.PortCircuit, inductance: FloatArray, resistance: FloatArray
 ) -> list[tuple[str, tuple[str, ...], Any, str, str]]:
-    """Efficiencies between ports and resonances at every pose."""
     rows: list[tuple[str, tuple[str, ...], Any, str, str]] = []
     if circuit.sources and circuit.loads:
         Z = resistance + 2j * math.pi * circuit.frequency * inductance

@@ -174,7 +174,6 @@ def live(
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
-    """Return a function that prints a line per scan."""
 
     def show(reading: LiveReading) -> None:
         sys.stdout.write(text(reading) + "\n")
@@ -185,7 +184,6 @@ def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
 
 @contextmanager
 def _screen(emulated: bool, reference: Sequence[str]) -> Iterator[Callable[[LiveReading], None]]:
-    """Draw the latest scan, at most ten times a second."""
     from rich.console import Console
     from rich.live import Live
     from rich.text import Text
@@ -289,7 +287,6 @@ def _delta_text(state: LiveState) -> str:
 
 
 def _place_text(reading: LiveReading) -> str:
-    """Return the position, or why it is unknown."""
     if reading.waiting:
         from coilarray.localize.presses import baseline_text
 
@@ -401,7 +398,6 @@ def live_source(options: LiveOptions, design: Design, *, locate: bool, progress:
 
 
 def _model(design: Design, progress: Progress) -> ForwardModel:
-    """Return the forward model of a design, its table stored."""
     from coilarray.localize.forward import forward_model
     from coilarray.response.dataset import on_board
 
@@ -438,7 +434,6 @@ def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[
 
 
 def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> NoiseBudget | None:
-    """Return the noise budget, None for given noise or other states."""
     if asked.board.file.noise is not None or not {one.name for one in settings.states} <= {
         one.name for one in design.plan
     }:
@@ -468,7 +463,6 @@ def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[],
 
 @contextmanager
 def _replay(options: LiveOptions, design: Design) -> Iterator[LiveSource]:
-    """Yield the readings of a recording in order and time."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.scan.readings import read_scan
 

@@ -419,7 +419,6 @@ def _reconnect(board: Board) -> Reader:
 
 
 def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], *, yes: bool) -> Stage:
-    """Return the plan's machine, a person, or the emulator's stage."""
     from coilarray.hardware.record.campaign import EmulatedStage, GcodeStage, PersonStage, StageLimits
     from coilarray.hardware.wire.ports import OpenSerialPort, choose_serial_port
 
@@ -442,7 +441,6 @@ def _stage(stage: StageTable | None, board: Board, origin: tuple[float, float], 
 
 
 def _ask(text: str) -> None:
-    """Show a text and wait for the Enter key."""
     _answer(f"{text} Then press Enter. ")
 
 

@@ -121,7 +121,6 @@ def info(
 
 
 def _verify(path: Path, *, as_json: bool) -> None:
-    """Check a file against its checksums, and tell the findings."""
     if shared.is_recording(str(path)) or path.suffix.lower() not in _SEALED:
         from coilarray.hardware.record.recording import open_recording
 
@@ -179,7 +178,6 @@ def reading_cells(frequency: float | None, inductance: float | None) -> tuple[st
 
 
 def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_json: bool) -> None:
-    """Print the longest session's Allan deviations beside its budget."""
     import numpy as np
 
     from coilarray.hardware.record.recorded_response import at_rest, less_reference, recorded_series
@@ -448,7 +446,6 @@ def _is_page(out: Path) -> bool:
 def _response(
     name: str, beside: xr.Dataset | None, largest_shift: float | None, calibration: Path | None, allow_violations: bool
 ) -> _Source:
-    """Read or compute a response, with positions around another."""
     if shared.is_recording(name):
         return shared.recorded_map(Path(name), calibration)
     if shared.is_map(name):
@@ -462,7 +459,6 @@ def _response(
 
 
 def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | None) -> _Source:
-    """Response of a design with all strays, around another's positions."""
     # L_0 is by all capacitance only beside a calibrated recording, otherwise by the design's tank capacitor.
     from coilarray.errors import ElastomerError
     from coilarray.hardware.scan.settings import board_network

@@ -387,7 +387,6 @@ def calibrate(
 
 
 def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case:
-    """Case of a combination, or why it is impossible."""
     name = ", ".join(choice.name for choice in choices) or "as designed"
     unknowns = tuple(plan.unknowns_of(choices))
     document = decisive(file.document)
@@ -434,7 +433,6 @@ def _fit_all(
     store: Store | None,
     progress: Progress | None,
 ) -> list[Fit]:
-    """Fit all combinations side by side, with stored evaluations."""
     total = sum(2 * len(case.unknowns) + 1 + _GUESSED_STEPS for case in cases)
     starts = [case.changed(case.start)[0] for case in cases]  # an entry that a choice needs may be an unknown
     done = 0

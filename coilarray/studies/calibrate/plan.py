@@ -324,7 +324,6 @@ def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray
 
 
 def _check_places(data: xr.Dataset, design: Design) -> None:
-    """Refuse a response with coils elsewhere than the design's."""
     if not {"coil", "coil_x", "coil_y"} <= set(data.coords):
         return
     centres = dict(zip(design.array.names, design.array.centres[:, :2] - map_origin(design.indentation), strict=True))

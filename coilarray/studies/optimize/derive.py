@@ -450,7 +450,6 @@ def _worst_k(file: DesignFile) -> _Part:
 
 
 def _decouple(file: DesignFile) -> _Part:
-    """Goal of zero coupling between two neighbours in the middle."""
     near = neighbours(file.design)
     reason = "two neighbours in the middle"
     if near.share_copper:
@@ -460,7 +459,6 @@ def _decouple(file: DesignFile) -> _Part:
 
 
 def _three_states(design: Design) -> None:
-    """Refuse a design with fewer states than unknowns."""
     _ = Evaluation(design).indentation  # there must be one
     if len(design.plan) < 3:
         raise GoalError(
@@ -469,7 +467,6 @@ def _three_states(design: Design) -> None:
 
 
 def _position_error(file: DesignFile) -> _Part:
-    """Goal of the least error of x over all coils."""
     says = "least standard deviation of x over all coils, for δ with the design's noise budget"
     objective = Row({"quantity": "position_error_mm", "direction": "minimize"}, says)
     return _Part(objective, [_fab(file), *_areas(file)], ["depth_error_mm"], trials=40, polish=0)
@@ -480,7 +477,6 @@ def _a_target(design: Design) -> None:
 
 
 def _of_target(file: DesignFile, *, finest: bool) -> _Part:
-    """Goal of the finest resolution, or of the largest range."""
     coil = file.design.array.middle_coil
     if finest:
         distances = Evaluation(file.design).target.distances
@@ -496,7 +492,6 @@ def _of_target(file: DesignFile, *, finest: bool) -> _Part:
 
 
 def _smallest(file: DesignFile) -> _Part:
-    """Minimize the area, keeping inductance, coupling and most of Q."""
     design = file.design
     coil = design.array.names[0] if len(design.array.names) == 1 else neighbours(design).names[0]
     wanted = {f"inductance_uH[{coil}]": (1.0, "at_least", "as much as it is; another one can be asked for here")}

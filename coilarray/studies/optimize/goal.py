@@ -494,7 +494,6 @@ def value_of(file: DesignFile, entry: str) -> Any:
 
 
 def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
-    """Refuse a value that the entry cannot have."""
     try:
         document = vary_document(file.document, {entry: value})
         Document.model_validate(document)

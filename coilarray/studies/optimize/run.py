@@ -258,7 +258,6 @@ def _key(changes: Mapping[str, Any], accuracy: Accuracy) -> str:
 
 @contextmanager
 def _open_points(folder: Path, design: Design, goal: Goal, axes: Sequence[Axis]) -> Iterator[_Points]:
-    """Open the points of a study in a folder."""
     # A study is code, design and goal except its trials, polish and watch. A folder has one search at a time.
     import_extra("optuna", "optimisations", package="Optuna", extra="optimize")
     make_folder(folder)

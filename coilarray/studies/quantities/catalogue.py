@@ -69,7 +69,6 @@ def _span(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Smallest margin in mm of one or all length rules."""
     wanted = options.get("rule")
     margins = [m.margin * 1e3 for m in evaluation.margins if m.unit == "m" and wanted in (None, m.rule)]
     rules = evaluation.design.rules
@@ -82,7 +81,6 @@ def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _pairs(evaluation: Evaluation) -> FloatArray:
-    """Coupling coefficients of all pairs."""
     count = len(evaluation.design.coil_names)
     if count < 2:
         raise GoalError(f"the design {evaluation.design.name} has only one coil, and so no coupling.")
@@ -90,14 +88,12 @@ def _pairs(evaluation: Evaluation) -> FloatArray:
 
 
 def _link(evaluation: Evaluation) -> xr.Dataset:
-    """Ports at the frequency of the link."""
     if not any(port.resistance is not None for port in evaluation.design.circuit.ports):
         raise GoalError(f"{evaluation.design.name} has no circuit.ports with a source or a load.")
     return solve_ports(evaluation.design, accuracy=evaluation.accuracy).isel(frequency=0)
 
 
 def _link_efficiency(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Least efficiency from a source to a load."""
     solved = _link(evaluation)
     if "efficiency" not in solved:
         raise GoalError(f"the circuit.ports of {evaluation.design.name} need a source_ohm and a load_ohm.")
@@ -105,13 +101,11 @@ def _link_efficiency(evaluation: Evaluation, options: Mapping[str, Any]) -> floa
 
 
 def _link_reflection(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Largest |S| of a port."""
     solved = _link(evaluation)
     return float(np.diagonal(np.hypot(solved.s_real, solved.s_imag)).max())
 
 
 def _of_state(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
-    """Quantity of a scan's variable for one coil alone."""
 
     def of_state(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
         return float(evaluation.scan[variable].values[evaluation.state_of(options["coil"])]) * scale
@@ -125,7 +119,6 @@ def _quality(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Smallest relative distance from the limits of the drive window."""
     if not evaluation.design.readout.is_judged:
         raise GoalError(f'no converter drives {evaluation.design.name}, which has readout.converter = "none".')
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
@@ -236,7 +229,6 @@ def _noise(of: str) -> Option:
 
 
 def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """δ at one coil's centre, or the largest of all."""
     depth = evaluation.depth(options.get("depth_mm"))
     if "coil" in options:
         state, (x, y) = evaluation.state_of(options["coil"]), evaluation.centre(options["coil"])
@@ -247,7 +239,6 @@ def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Width in mm of a response at half the peak."""
     name = options["coil"]
     state, (x, y) = evaluation.state_of(name), evaluation.centre(name)
     line = _line(evaluation, y, evaluation.depth(options.get("depth_mm")), x)
@@ -263,7 +254,6 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
 
 
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Rms shift of x0 in mm of the worst coil."""
     setup, given = evaluation.indentation.in_ellipse_window(), options.get("coil")
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
@@ -331,7 +321,6 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
 
 
 def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
-    """Make the quantity of a variable of the target's map."""
 
     def with_target(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
         at = evaluation.taken(_over(evaluation, options, [evaluation.distance(options.get("distance_mm"))]))
@@ -354,7 +343,6 @@ def _ranges(
 
 
 def _target_range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Largest detected distance in mm."""
     value = float(_ranges(evaluation, options)[1].range.item())
     if math.isnan(value):
         raise GoalError(
@@ -365,7 +353,6 @@ def _target_range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Compute the standard deviation of the distance in µm."""
     distance = evaluation.distance(options.get("distance_mm"))
     known, found = _ranges(evaluation, options, distance)
     value = float(found.distance_deviation.values[np.abs(known.distance.values - distance).argmin(), 0])
@@ -490,7 +477,6 @@ def evaluate(
 
 
 def _quantity(name: object) -> Quantity:
-    """Quantity of a name, or GoalError with a hint."""
     if isinstance(name, str) and name in QUANTITIES:
         return QUANTITIES[name]
     if not name:

@@ -286,7 +286,6 @@ def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
 
 
 def _check_places(design: Design, outputs: Outputs) -> None:
-    """Refuse positions outside the later table, and too few states."""
     at = outputs.positions
     if at is None:
         return
@@ -383,7 +382,6 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
 def _with_shifts(
     shifts: Shifts, outputs: Outputs, nominal: FloatArray, effects: FloatArray, sampled: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, str]]:
-    """Append the shifts of the located positions to the outputs."""
     first, by_delta = len(outputs.quantities), shifts.matrix()
     matrix = np.hstack((np.zeros((len(by_delta), first)), by_delta))
     good = np.isfinite(sampled).all(axis=1)
@@ -478,7 +476,6 @@ def _yields(
     values: FloatArray,
     unread: BoolArray,
 ) -> xr.Dataset:
-    """Yield for each limit and, last, for all together."""
     # No converter reads the boards `unread`.
     units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
     columns = [names.index(limit.quantity) for limit in limits]
