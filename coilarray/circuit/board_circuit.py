@@ -52,6 +52,7 @@ _ROUNDS = 8
 
 _KEPT: Recent[Any] = Recent(8)  # circuits of the last designs, and windings of many coils
 _BOARDS: Recent[Any] = Recent(128)  # windings of few coils, as a design may have many boards
+Result = TypeVar("Result")
 
 
 def board_circuit(
@@ -125,9 +126,6 @@ def _joined_windings(
 def _kept(array: Array, accuracy: Accuracy, parts: Sequence[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
     few = accuracy == "full" and len(array.names) <= _MOST_TOGETHER
     return kept_dataset(parts, compute) if few else compute()
-
-
-Result = TypeVar("Result")
 
 
 class _computed_once(Generic[Result]):  # noqa: N801

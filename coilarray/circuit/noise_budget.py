@@ -27,6 +27,25 @@ from coilarray.design.scan_states import Switches, referenced_names
 from coilarray.errors import NetworkError
 
 _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
+_OF_CURVES = "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature"
+_OF_CRYSTALS = "assumed for a crystal within ± 50 ppm from −20 to 70 °C"
+_OF_UNITS = "SNOSCY9A, section 6.5: mean of units"
+# By external clock: name, drift in 1/K and its source, change in 1/V and its source
+_CLOCKS = {
+    False: ("converter's own clock", INTERNAL_CLOCK_PER_KELVIN, _OF_UNITS, 50e-6, _OF_CURVES),
+    True: ("crystal oscillator", 1e-6, _OF_CRYSTALS, 1e-6, "assumed for a crystal oscillator"),
+}
+_GIVEN = "[readout] of the design"
+_NO_JITTER = "not published; none is counted"
+_C0G = "C0G, at most ± 30 ppm/K (IEC 60384-8)"
+_FR4 = "FR4 in its plane, 14 ppm/K; L grows with the size"
+_COPPER = "IEC 60028 and the computed Q"
+_ADG729 = "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature"
+_DELAY = "5 ns of equation 1 of SNOSCY9A, not verified"
+_RESOLUTION = (
+    "8·10⁻⁷ of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
+    "that of white noise"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,27 +326,6 @@ def budget_of(
         Cause("losses by the converter's delay", none, delay, delay * readout.temperature_change, True, _DELAY, True),
     )
     return NoiseBudget(tuple(state.name for state in design.plan), causes, readout)
-
-
-_OF_CURVES = "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature"
-_OF_CRYSTALS = "assumed for a crystal within ± 50 ppm from −20 to 70 °C"
-_OF_UNITS = "SNOSCY9A, section 6.5: mean of units"
-# By external clock: name, drift in 1/K and its source, change in 1/V and its source
-_CLOCKS = {
-    False: ("converter's own clock", INTERNAL_CLOCK_PER_KELVIN, _OF_UNITS, 50e-6, _OF_CURVES),
-    True: ("crystal oscillator", 1e-6, _OF_CRYSTALS, 1e-6, "assumed for a crystal oscillator"),
-}
-_GIVEN = "[readout] of the design"
-_NO_JITTER = "not published; none is counted"
-_C0G = "C0G, at most ± 30 ppm/K (IEC 60384-8)"
-_FR4 = "FR4 in its plane, 14 ppm/K; L grows with the size"
-_COPPER = "IEC 60028 and the computed Q"
-_ADG729 = "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature"
-_DELAY = "5 ns of equation 1 of SNOSCY9A, not verified"
-_RESOLUTION = (
-    "8·10⁻⁷ of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
-    "that of white noise"
-)
 
 
 def _quadrature(values: Sequence[FloatArray]) -> FloatArray:

@@ -36,6 +36,7 @@ from coilarray.errors import NetworkError
 _BAND = 3.0  # factor around the frequency of the link within which its R holds for a resonance
 _SAMPLES = 9  # of R(f) over the frequencies
 _OSCILLATES = 0.5  # least quality factor of an oscillation
+_LOAD = 50.0  # Ω, of a loaded coil, as in a state of a scan
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +119,6 @@ def coil_endings(design: Design) -> FloatArray:
     """Return the resistance (n,) in Ω that terminates each coil, infinite for an open one."""
     closed = {"ground": design.circuit.short_resistance, "load": _LOAD}
     return np.array([closed.get(passive, math.inf) for passive in design.terminations.values()])
-
-
-_LOAD = 50.0  # Ω, of a loaded coil, as in a state of a scan
 
 
 class _Admittances(NamedTuple):

@@ -37,6 +37,11 @@ if TYPE_CHECKING:
 
 _COMPILE = "from coilarray.electromagnetics import kernels; kernels.compile_kernels()"
 _LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: the index of its code on disk
+_MARKS = {"ok": "✔", "bad": "✖", "warn": "⚠"}
+_FEW = 12  # coils, whose numbers are printed one by one
+_FILES = r"\.(nc|csv|cir|sub|inp|s\d+p)"
+_REST = "rest_distance_mm"
+_SHEET = "thickness_error_mm."
 
 
 @contextmanager
@@ -121,10 +126,6 @@ def report(
         shared.open_page(made.page)
 
 
-_MARKS = {"ok": "✔", "bad": "✖", "warn": "⚠"}
-_FEW = 12  # coils, whose numbers are printed one by one
-
-
 def _print_report(design: Design, made: Report, *, every: bool) -> None:
     from coilarray.report.tables import neighbour_table
 
@@ -194,9 +195,6 @@ def _coils(design: Design, coupling: xr.Dataset) -> Table:
         neighbours = ", ".join(f"{names[b]} {number_text(float(coupling.coupling[a, b]), 4, '+')}" for b in near)
         rows.append((name, *numbers, neighbours or "none"))
     return Table("", "", tuple(columns), tuple(rows))
-
-
-_FILES = r"\.(nc|csv|cir|sub|inp|s\d+p)"
 
 
 def impedance(
@@ -450,10 +448,6 @@ def _print_ports(
 def _require_range(low: float, high: float) -> None:
     if not 1e-6 <= low < high <= 1e6:
         raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {low:g} and {high:g}.")
-
-
-_REST = "rest_distance_mm"
-_SHEET = "thickness_error_mm."
 
 
 def response(

@@ -31,6 +31,27 @@ if TYPE_CHECKING:
     from coilarray.fabrication.tracing import TracedArray, Tracing
     from coilarray.geometry import Margin
 
+Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
+Overlap = Literal["none", "decoupled"]
+Side = Literal["right", "top", "left", "bottom"]
+Part = Literal["ADG714", "ADG738", "ADG739"]
+_NO_FAB = (
+    "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
+    "board house."
+)
+_MANY_LAYERS = 8  # of copper, above which boards are special orders
+_MET = 5e-3  # of the wanted inductance: as near as is not worth a word
+_HELPS = {  # remedies for a converter's broken limit, by name and side
+    ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
+    ("frequency over self-resonance", "high"): "; a larger --capacitance-pF lowers it",
+    ("R_p", "low"): "; larger coils, more inductance or less capacitance raise it",
+    ("R_p", "high"): "; a larger --capacitance-pF lowers it",
+    ("amplitude with the smallest drive current", "high"): "; a larger --capacitance-pF lowers it",
+    ("quality factor", "low"): "; larger coils and less capacitance raise it",
+}
+_SAME = 9  # decimals of m or of a ratio, to which layers that are drawn alike have the same
+_CLEARANCE = (Column("board"), Column("other"), Column("clearance", unit="m"))
+
 
 def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
     """Ask for a new design's choices, and check each answer."""
@@ -82,26 +103,6 @@ def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
         name, scale = key_in_si(key)
         choices[name] = read_size(value) if key == "size_mm" else value if scale == 1 else value * scale
     return choices
-
-
-Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
-Overlap = Literal["none", "decoupled"]
-Side = Literal["right", "top", "left", "bottom"]
-Part = Literal["ADG714", "ADG738", "ADG739"]
-_NO_FAB = (
-    "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
-    "board house."
-)
-_MANY_LAYERS = 8  # of copper, above which boards are special orders
-_MET = 5e-3  # of the wanted inductance: as near as is not worth a word
-_HELPS = {  # remedies for a converter's broken limit, by name and side
-    ("sensor frequency", "high"): "; a larger --capacitance-pF or --inductance-uH lowers it",
-    ("frequency over self-resonance", "high"): "; a larger --capacitance-pF lowers it",
-    ("R_p", "low"): "; larger coils, more inductance or less capacitance raise it",
-    ("R_p", "high"): "; a larger --capacitance-pF lowers it",
-    ("amplitude with the smallest drive current", "high"): "; a larger --capacitance-pF lowers it",
-    ("quality factor", "low"): "; larger coils and less capacitance raise it",
-}
 
 
 def init(
@@ -401,9 +402,6 @@ def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-_SAME = 9  # decimals of m or of a ratio, to which layers that are drawn alike have the same
-
-
 def check(
     design: shared.DesignArgument = None,
     every: Annotated[
@@ -532,9 +530,6 @@ def _margin_table(margins: Sequence[Margin], title: str) -> Table:
         rows.append((str(number), *numbers, f"{x},\u00a0{y}" if x else ""))
     headers = ("no.", "rule", "layer", "feature", "value", "limit", "margin", "at x, y")
     return replace(text_table(headers, rows, title), mark="✖")
-
-
-_CLEARANCE = (Column("board"), Column("other"), Column("clearance", unit="m"))
 
 
 def _layers_text(names: Sequence[str], layers: Collection[str]) -> str:

@@ -13,6 +13,10 @@ from coilarray.compute.extras import python_command
 from coilarray.compute.table import text_table
 from coilarray.errors import DesignError, MissingDependencyError, OutputError
 
+CLONE = Path(__file__).resolve().parents[2]  # folder of the package, the clone if installed from it
+_BUILT = Path("docs", "_build", "html")  # of a clone, where the command of CONTRIBUTING.md writes them
+_PAGE = ".html"
+
 
 def keys(
     word: Annotated[
@@ -54,11 +58,6 @@ def keys(
         for key in found
     ]
     shared.say(text_table(("key", "unit", "allowed", "default", "meaning"), rows))
-
-
-CLONE = Path(__file__).resolve().parents[2]  # folder of the package, the clone if installed from it
-_BUILT = Path("docs", "_build", "html")  # of a clone, where the command of CONTRIBUTING.md writes them
-_PAGE = ".html"
 
 
 def docs(

@@ -33,44 +33,6 @@ INTERRUPTED = 130  # exit code of an interrupted program
 _MESSAGE = b"coilarray: interrupted\n"
 _PATIENCE = 2.0  # s for a computation to return to Python
 _heard = Event()  # of the block that lasts
-
-
-@contextmanager
-def ending_on_interrupt() -> Iterator[None]:
-    """End on Ctrl-C if a library does not return."""
-    # Files stay whole, as each gets its name in one step. Another program's handler of Ctrl-C is left.
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    global _heard  # noqa: PLW0603
-    heard = _heard = Event()  # its own: the thread of a block that has ended may still look at it
-    read_end, write_end = socket.socketpair()
-    write_end.setblocking(False)  # as set_wakeup_fd demands
-
-    def raise_interrupt(number: int, frame: object) -> NoReturn:
-        heard.set()
-        raise KeyboardInterrupt
-
-    def watch() -> None:
-        with read_end:
-            while came := read_end.recv(1):
-                if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
-                    with suppress(OSError):
-                        os.write(2, _MESSAGE)
-                    os._exit(INTERRUPTED)
-
-    signal.signal(signal.SIGINT, raise_interrupt)
-    before = signal.set_wakeup_fd(write_end.fileno(), warn_on_full_buffer=False)
-    Thread(target=watch, daemon=True).start()
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(before)
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        write_end.close()
-        _heard = Event()
-
-
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
@@ -113,6 +75,55 @@ COMMANDS: dict[str, Callable[..., None]] = {  # every command by name, with ``bo
 _FAMILIES = {"board": "Read out a board, real or emulated.", "paper": "Evaluate maps as Gast & Zimmermann (2020) did."}
 """First words of commands, and their help."""
 _ORDERLY = {"board", "studio"}  # which bring boards to rest and end sessions, however long that takes
+_MOST_LINES = 40  # of a command's help
+_ENDS = (r"[;.] ", r"[;.] | \(", r"[;.,:] | \(")  # of what is said about an option, the briefer the narrower
+_RARE = {  # options that only --help-all explains
+    "--accuracy", "--allow-violations", "--cache", "--capacitance-pF", "--cluster", "--distortion", "--emulate",
+    "--experiment", "--folder", "--force", "--help", "--host", "--ideal", "--ignore-self-test", "--json", "--linger",
+    "--link", "--nets", "--rate", "--reach", "--reference", "--seed", "--series", "--settings", "--spacing-mm",
+    "--stackup", "--switches", "--wiring", "--workers", "--z-mm",
+}  # fmt: skip
+_READABLE = {
+    "−": "-", "–": "-", "—": "-", "µ": "u", "μ": "u", "Ω": "Ohm", "…": "...", "·": "*", "×": "x", "±": "+/-", "≤": "<=",
+    "≥": ">=", "≈": "~", "→": "->", "°": " deg", "√": "sqrt ", "∞": "inf", "“": '"', "”": '"', "‘": "'", "’": "'",
+    "•": "*", "✔": "ok", "✖": "NO", "⚠": "!", "⁻": "^-", "²": "^2", "³": "^3",
+}  # fmt: skip
+
+
+@contextmanager
+def ending_on_interrupt() -> Iterator[None]:
+    """End on Ctrl-C if a library does not return."""
+    # Files stay whole, as each gets its name in one step. Another program's handler of Ctrl-C is left.
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    global _heard  # noqa: PLW0603
+    heard = _heard = Event()  # its own: the thread of a block that has ended may still look at it
+    read_end, write_end = socket.socketpair()
+    write_end.setblocking(False)  # as set_wakeup_fd demands
+
+    def raise_interrupt(number: int, frame: object) -> NoReturn:
+        heard.set()
+        raise KeyboardInterrupt
+
+    def watch() -> None:
+        with read_end:
+            while came := read_end.recv(1):
+                if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
+                    with suppress(OSError):
+                        os.write(2, _MESSAGE)
+                    os._exit(INTERRUPTED)
+
+    signal.signal(signal.SIGINT, raise_interrupt)
+    before = signal.set_wakeup_fd(write_end.fileno(), warn_on_full_buffer=False)
+    Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        write_end.close()
+        _heard = Event()
 
 
 def summary(name: str) -> str:
@@ -131,16 +142,6 @@ class _Grouped(typer.core.TyperGroup):
             if shown:
                 with formatter.section(group):
                     formatter.write_dl(shown)
-
-
-_MOST_LINES = 40  # of a command's help
-_ENDS = (r"[;.] ", r"[;.] | \(", r"[;.,:] | \(")  # of what is said about an option, the briefer the narrower
-_RARE = {  # options that only --help-all explains
-    "--accuracy", "--allow-violations", "--cache", "--capacitance-pF", "--cluster", "--distortion", "--emulate",
-    "--experiment", "--folder", "--force", "--help", "--host", "--ideal", "--ignore-self-test", "--json", "--linger",
-    "--link", "--nets", "--rate", "--reach", "--reference", "--seed", "--series", "--settings", "--spacing-mm",
-    "--stackup", "--switches", "--wiring", "--workers", "--z-mm",
-}  # fmt: skip
 
 
 class _Folded(typer.core.TyperCommand):
@@ -344,13 +345,6 @@ def _prepare(stream: io.TextIOWrapper) -> None:
         return write(text if encoding == "utf-8" else text.encode(encoding, "coilarray").decode(encoding))
 
     stream.write = write_readable  # type: ignore[method-assign]
-
-
-_READABLE = {
-    "−": "-", "–": "-", "—": "-", "µ": "u", "μ": "u", "Ω": "Ohm", "…": "...", "·": "*", "×": "x", "±": "+/-", "≤": "<=",
-    "≥": ">=", "≈": "~", "→": "->", "°": " deg", "√": "sqrt ", "∞": "inf", "“": '"', "”": '"', "‘": "'", "’": "'",
-    "•": "*", "✔": "ok", "✖": "NO", "⚠": "!", "⁻": "^-", "²": "^2", "³": "^3",
-}  # fmt: skip
 
 
 def _in_ascii(error: UnicodeError) -> tuple[str, int]:

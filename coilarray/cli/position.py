@@ -35,6 +35,7 @@ _FEWER_UNKNOWNS = (
     "A map at one place, as of coilarray response --x-mm 0 --y-mm 0 --out map.nc, leaves the depth alone: "
     "--model map.nc."
 )
+_Solution = tuple[Callable[[Sequence[dict[str, float]]], list[Record]], dict[str, float | None], list[str]]
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
@@ -253,9 +254,6 @@ def _model(
     # a table of an indentation has three unknowns, a target's table shows them itself
     unknowns = 3 if design.target is None or design.indentation is not None else 0
     return tuple(state.name for state in design.plan), unknowns, lambda: shared.kept_table(design)
-
-
-_Solution = tuple[Callable[[Sequence[dict[str, float]]], list[Record]], dict[str, float | None], list[str]]
 
 
 def _by_response(response: Any, used: Sequence[str], reference: Sequence[str] | None, noise: float | None) -> _Solution:

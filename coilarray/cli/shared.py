@@ -36,6 +36,11 @@ if TYPE_CHECKING:
 
 
 MARK = "[emulator] "  # start of every line about an emulated board
+_COLOURS = {"✔": "green", "✖": "red", "⚠": "yellow"}
+_CODES = re.compile(r"\x1b\[[0-9;]*m")  # of colours
+_LOOSE_MINUS = re.compile(r"(?<![^\s(\[±])-(?=\.?\d)")  # before a number in a sentence, not in a command
+_SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
+_RECORDING = ".sqlite"
 
 
 def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, printed: bool = False) -> Any:
@@ -421,11 +426,6 @@ def say(text: str | Table, *, err: bool = False, emulated: bool = False) -> None
         print(shown if stream.isatty() else _CODES.sub("", shown), file=stream, flush=True)
 
 
-_COLOURS = {"✔": "green", "✖": "red", "⚠": "yellow"}
-_CODES = re.compile(r"\x1b\[[0-9;]*m")  # of colours
-_LOOSE_MINUS = re.compile(r"(?<![^\s(\[±])-(?=\.?\d)")  # before a number in a sentence, not in a command
-
-
 def drop_output() -> None:
     """Redirect standard output to nothing, as it cannot be written."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -492,10 +492,6 @@ def resumable(
         if done:
             say(f"coilarray: {kept(done)}; the same command continues from there", err=True)
         raise
-
-
-_SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
-_RECORDING = ".sqlite"
 
 
 def is_map(source: str | None) -> bool:

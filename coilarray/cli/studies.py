@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 _MOST_BEST = 5  # points of a front that are printed
 _MOST_ROWS = 16  # points of a sweep that are printed one by one
+_ERRORS_OFF = 3.0  # standard errors
+_NAMED = 6  # outputs in a line
 
 
 def sweep(
@@ -342,10 +344,6 @@ def _progress(goal: Goal) -> Iterator[SearchProgress]:
             show(done, total, "" if best is None else f"best {first} {best.quantities[first]:.5g}")
 
         yield progress
-
-
-_ERRORS_OFF = 3.0  # standard errors
-_NAMED = 6  # outputs in a line
 
 
 def tolerance(

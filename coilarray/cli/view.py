@@ -41,6 +41,9 @@ _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 _FRAMES, _RATE = 48, 12.0  # pictures of a film, and pictures per second
 _SPACING_MM = 0.5  # of points of the field
 _MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory than a desk computer has to spare
+_NOT_OF_FIELDS = {"--show", "--from", "--size", "--layers", "--at-mm", "--depth-mm"}
+_NOT_OF_FILMS = {"--layers", "--coil", "--spacing-mm", "--at-mm", "--z-mm"}
+_LONGEST = 86_400.0  # s
 
 
 def _length(name: str, text: str) -> Any:
@@ -209,10 +212,6 @@ def view(
     shared.print_result(data, as_json=as_json, lines=lines)
 
 
-_NOT_OF_FIELDS = {"--show", "--from", "--size", "--layers", "--at-mm", "--depth-mm"}
-_NOT_OF_FILMS = {"--layers", "--coil", "--spacing-mm", "--at-mm", "--z-mm"}
-
-
 def _kind(out: Path | None) -> Kind:
     if out is None:
         return "window"
@@ -307,9 +306,6 @@ def _heights(text: str) -> tuple[float, float]:
             f"--z-mm must be a number or FROM:TO with FROM below TO, at most {shared.LONGEST_MM:g}; got {text!r}."
         )
     return values[0], values[-1]
-
-
-_LONGEST = 86_400.0  # s
 
 
 def studio(

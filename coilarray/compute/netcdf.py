@@ -26,6 +26,7 @@ from coilarray.errors import CoilarrayError
 
 _SHOWN = 100  # characters of names in a message
 _LEAST_STEP = 1e-9  # m. Closer positions have another unit or do not belong to a map
+_SLASH = "\N{DIVISION SLASH}"  # for the slash in names of coils of boards, which netCDF keeps for its groups
 
 
 class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
@@ -192,9 +193,6 @@ def netcdf_of(dataset: xr.Dataset) -> bytes:
     with netcdf_in(memory, dataset):
         pass
     return memory.getvalue()
-
-
-_SLASH = "\N{DIVISION SLASH}"  # for the slash in names of coils of boards, which netCDF keeps for its groups
 
 
 def _renamed(dataset: xr.Dataset, old: str, new: str) -> xr.Dataset:

@@ -53,6 +53,15 @@ _SYMBOLS = {
     "contact_radius": "a", "ring_height": "h_ring", "ring_radius": "r_ring",
 }  # fmt: skip
 """Headings of a narrow terminal, by the name of the quantity."""
+# a number and its unit stay together
+_UNIT = re.compile(r"(?<=\d) (?=(?:%|[kMmµnp]?(?:[mHΩFVAWNTK]|Hz|Pa)²?|ppm|°C|ohm)(?![\w·]))")
+_TEX = {
+    "µ": r"\textmu{}", "−": "$-$", "–": "--", "\\": r"\textbackslash{}",
+    "Ω": r"$\Omega$", "δ": r"$\delta$", "σ": r"$\sigma$", "ω": r"$\omega$", "Δ": r"$\Delta$", "χ": r"$\chi$",
+    "ε": r"$\varepsilon$", "°": r"$^\circ$", "±": r"$\pm$", "·": r"$\cdot$", "×": r"$\times$", "√": r"$\surd$",
+    "≤": r"$\le$", "≥": r"$\ge$", **{character: f"\\{character}" for character in "&%$#_{}"},
+}  # fmt: skip
+_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 def html_table(
@@ -518,10 +527,6 @@ def fill(text: str, width: int | None) -> str:
     return "\n".join("\n".join(_wrapped(line, max(width, 20), "  ")) for line in text.split("\n"))
 
 
-# a number and its unit stay together
-_UNIT = re.compile(r"(?<=\d) (?=(?:%|[kMmµnp]?(?:[mHΩFVAWNTK]|Hz|Pa)²?|ppm|°C|ohm)(?![\w·]))")
-
-
 def _wrapped(text: str, width: int, indent: str = "") -> list[str]:
     """Lines of at most `width` characters, longer words whole."""
     held = _UNIT.sub("\u00a0", text)
@@ -570,15 +575,6 @@ def _close(a: Value, b: Value, unit: str) -> bool:
     if isinstance(a, float) and isinstance(b, float):
         return math.isclose(a, b, rel_tol=_ALIKE if unit not in ("", "1") else _ALIKE_RATIOS)
     return a == b
-
-
-_TEX = {
-    "µ": r"\textmu{}", "−": "$-$", "–": "--", "\\": r"\textbackslash{}",
-    "Ω": r"$\Omega$", "δ": r"$\delta$", "σ": r"$\sigma$", "ω": r"$\omega$", "Δ": r"$\Delta$", "χ": r"$\chi$",
-    "ε": r"$\varepsilon$", "°": r"$^\circ$", "±": r"$\pm$", "·": r"$\cdot$", "×": r"$\times$", "√": r"$\surd$",
-    "≤": r"$\le$", "≥": r"$\ge$", **{character: f"\\{character}" for character in "&%$#_{}"},
-}  # fmt: skip
-_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 def _latex(text: str) -> str:

@@ -56,6 +56,12 @@ _TURNED = 1e-12  # rad
 _PICOMETRE, _SAME_PLACE = 1e-12, 1e-15  # m
 
 Turns = Annotated[float, Field(gt=0, le=1000)]
+# One width for all segments, or one width for each segment of each line.
+TraceWidths = Annotated[
+    Annotated[Millimetres, Tag("number")] | Annotated[list[list[Millimetres]], Tag("list")],
+    Discriminator(lambda value: "list" if isinstance(value, list) else "number"),
+]
+_Radius = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
 class StackupTable(Table):
@@ -257,13 +263,6 @@ class RacetrackCoil(OblongTable):
 def _half_side(sides: int, winding: Sense) -> float:
     """Angle in rad from a corner to its side's middle."""
     return math.pi / sides if winding == "ccw" else -math.pi / sides
-
-
-# One width for all segments, or one width for each segment of each line.
-TraceWidths = Annotated[
-    Annotated[Millimetres, Tag("number")] | Annotated[list[list[Millimetres]], Tag("list")],
-    Discriminator(lambda value: "list" if isinstance(value, list) else "number"),
-]
 
 
 class PathCoil(Table):
@@ -520,9 +519,6 @@ class ConnectorTable(Table):
     """Width of the traces to it; that of the coils by default."""
     gap_mm: Millimetres | None = None
     """Distance between them; that of the coils by default."""
-
-
-_Radius = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
 class BendTable(Table):

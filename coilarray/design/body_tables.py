@@ -47,6 +47,34 @@ Corners = Annotated[list[Point], Field(min_length=3, max_length=10_000)]
 PositionList = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
 Shape = Literal["plate", "disc", "rectangle", "ring", "polygon"]
 Flat: TypeAlias = geometry.Plate | geometry.FinitePlate
+_SIZES: Mapping[Shape, tuple[str, ...]] = {  # Keys of the sizes that each shape needs. A polygon may have holes too.
+    "plate": (),
+    "disc": ("diameter_mm",),
+    "rectangle": ("width_mm", "height_mm"),
+    "ring": ("diameter_mm", "inner_diameter_mm"),
+    "polygon": ("corners_mm",),
+}
+_OUTLINES: Mapping[Shape, Callable[[Mapping[str, Any]], geometry.Outline | None]] = {
+    "plate": lambda sizes: None,
+    "disc": lambda sizes: geometry.Disc(sizes["diameter"] / 2),
+    "rectangle": lambda sizes: geometry.Rectangle(sizes["width"], sizes["height"]),
+    "ring": lambda sizes: geometry.Ring(sizes["diameter"] / 2, sizes["inner_diameter"] / 2),
+    "polygon": lambda sizes: geometry.Polygon(sizes["exterior"], sizes["holes"]),
+}
+"""Outlines of each shape from its sizes in SI."""
+_UNEVEN = (
+    *("seat_stiffness_slope_x_per_mm", "seat_stiffness_slope_y_per_mm"),
+    *("seat_gap_slope_x_mm_per_mm", "seat_gap_slope_y_mm_per_mm", "seat_lifts", "seat_weight_Pa"),
+)
+MOST_POSITIONS = 100_000  # most positions of a map
+# Parts of the narrowest coil for the finest and the coarsest step, which resolve its response.
+_PARTS = {"indentation": (12.0, 6.0), "target": (12.0, 4.0)}
+_PARTS_OF_ONE = (32.0, 12.0)  # of a single coil, whose map is small
+_POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step allows. Targets are wide
+_ROUND = 0.1e-3  # m. A step is a multiple of it, and a multiple of five times it from there on
+
+Positions = tuple[tuple[float, ...], tuple[float, ...]]
+Edges = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max in m
 
 
 class SheetTable(Table):
@@ -182,23 +210,6 @@ class FlatTable(MaterialTable):
                 table |= {"shape": "polygon"} | cls.entries_of(plate.outline, *keys)
         angles = {"tilt_deg": plate.tilt, "tilt_direction_deg": math.remainder(plate.tilt_direction, 2 * math.pi)}
         return table | {key: entry_of(angle, DEG) for key, angle in angles.items() if angle}
-
-
-_SIZES: Mapping[Shape, tuple[str, ...]] = {  # Keys of the sizes that each shape needs. A polygon may have holes too.
-    "plate": (),
-    "disc": ("diameter_mm",),
-    "rectangle": ("width_mm", "height_mm"),
-    "ring": ("diameter_mm", "inner_diameter_mm"),
-    "polygon": ("corners_mm",),
-}
-_OUTLINES: Mapping[Shape, Callable[[Mapping[str, Any]], geometry.Outline | None]] = {
-    "plate": lambda sizes: None,
-    "disc": lambda sizes: geometry.Disc(sizes["diameter"] / 2),
-    "rectangle": lambda sizes: geometry.Rectangle(sizes["width"], sizes["height"]),
-    "ring": lambda sizes: geometry.Ring(sizes["diameter"] / 2, sizes["inner_diameter"] / 2),
-    "polygon": lambda sizes: geometry.Polygon(sizes["exterior"], sizes["holes"]),
-}
-"""Outlines of each shape from its sizes in SI."""
 
 
 class PlateTable(FlatTable):
@@ -547,12 +558,6 @@ class IndentationTable(PlacesTable):
         return table
 
 
-_UNEVEN = (
-    *("seat_stiffness_slope_x_per_mm", "seat_stiffness_slope_y_per_mm"),
-    *("seat_gap_slope_x_mm_per_mm", "seat_gap_slope_y_mm_per_mm", "seat_lifts", "seat_weight_Pa"),
-)
-
-
 class MovedTable(PlacesTable):
     """Where a target is moved: the same for all bodies."""
 
@@ -619,17 +624,6 @@ def target_entries(target: geometry.Target, names: Mapping[str, str]) -> dict[st
         table = {"shape": "plate", **FlatTable.of_piece(body)}
     table["distances_mm"] = list(map(_label, target.distances))
     return table if isinstance(body, geometry.Plate) else table | PlacesTable.of_places(target, names)
-
-
-MOST_POSITIONS = 100_000  # most positions of a map
-# Parts of the narrowest coil for the finest and the coarsest step, which resolve its response.
-_PARTS = {"indentation": (12.0, 6.0), "target": (12.0, 4.0)}
-_PARTS_OF_ONE = (32.0, 12.0)  # of a single coil, whose map is small
-_POSITIONS = {"indentation": 2000.0, "target": 500.0}  # of a map, if the step allows. Targets are wide
-_ROUND = 0.1e-3  # m. A step is a multiple of it, and a multiple of five times it from there on
-
-Positions = tuple[tuple[float, ...], tuple[float, ...]]
-Edges = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max in m
 
 
 def array_window(

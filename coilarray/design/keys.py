@@ -39,6 +39,18 @@ _UNITS: Mapping[str, tuple[str, float]] = {
     "Pa": ("Pa", 1.0),
 }  # fmt: skip
 """Units at the end of a key, each as tables show it, and in SI."""
+# Bounds far beyond any board, which refuse a typo at once instead of running for hours.
+Millimetres = Annotated[float, Field(gt=0, le=10_000)]
+Micrometres = Annotated[float, Field(gt=0, le=100_000)]
+LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
+Position = Annotated[float, Field(ge=-100_000, le=100_000)]
+Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
+Relative = Annotated[float, Field(ge=1, le=1e6)]
+Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
+REQUIRED = "none, required"  # default of a key that must be given
+_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 
 def _parts(key: str) -> tuple[str, str, float]:
@@ -63,18 +75,6 @@ def key_in_si(key: str) -> tuple[str, float]:
     """Return a key without unit, and its SI factor."""
     name, _, scale = _parts(key)
     return name, scale
-
-
-# Bounds far beyond any board, which refuse a typo at once instead of running for hours.
-Millimetres = Annotated[float, Field(gt=0, le=10_000)]
-Micrometres = Annotated[float, Field(gt=0, le=100_000)]
-LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
-Position = Annotated[float, Field(ge=-100_000, le=100_000)]
-Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
-Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
-Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
-Relative = Annotated[float, Field(ge=1, le=1e6)]
-Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
 
 
 class Table(BaseModel):
@@ -308,10 +308,6 @@ def _tables(annotation: Any) -> Iterator[type[Table]]:
         yield annotation
     for part in typing.get_args(annotation):
         yield from _tables(part)
-
-
-REQUIRED = "none, required"  # default of a key that must be given
-_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 
 def _allowed(annotation: Any) -> str:

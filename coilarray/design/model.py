@@ -66,6 +66,14 @@ from coilarray.geometry.rules import BEND_RATIO_SOURCE, usual_bend_ratio
 from coilarray.geometry.spiral import Winding
 from coilarray.geometry.usual_values import reading, unusual_values
 
+_OPEN: ContextVar[tuple[str, ...]] = ContextVar("_OPEN", default=())
+_KNOWN_BY = {"boards": "name", "ports": "coil"}  # tables in lists whose keys have a name instead of a number
+# 13.28 · 1e-3 m and 0.01328 m differ in the last bit, which must not make another design.
+# Places and angles, for which zero is not a special value, count to 1 pm and 1 prad.
+_DIGITS = 14
+_PLACES = 12
+_HASH_DIGITS = 12
+
 
 @dataclass(frozen=True)
 class Circuit:
@@ -714,9 +722,6 @@ def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
         return parse_design_file(text, given, Path(given).parent)
 
 
-_OPEN: ContextVar[tuple[str, ...]] = ContextVar("_OPEN", default=())
-
-
 @contextmanager
 def _opened(given: str) -> Iterator[None]:
     """Refuse a file that is read for one of its own boards."""
@@ -917,9 +922,6 @@ def _named(key: str) -> Iterator[None]:
         raise DesignError(f"{key}: {error}") from None
 
 
-_KNOWN_BY = {"boards": "name", "ports": "coil"}  # tables in lists whose keys have a name instead of a number
-
-
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
     """Return every value by its dotted key, plain lists whole, boards and ports by their names."""
     flat: dict[str, object] = {}
@@ -933,12 +935,6 @@ def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
         else:
             flat[name] = value
     return flat
-
-
-# 13.28 · 1e-3 m and 0.01328 m differ in the last bit, which must not make another design.
-# Places and angles, for which zero is not a special value, count to 1 pm and 1 prad.
-_DIGITS = 14
-_PLACES = 12
 
 
 def digest_of(*values: object) -> str:
@@ -1007,9 +1003,6 @@ def _array(array: Array) -> Any:
         placements.append([place.name, coils[id(coil)], list(place.layers), _plain(where)])
     form = () if array.form is None else (_plain(array.form),)
     return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes, *form]
-
-
-_HASH_DIGITS = 12
 
 
 def metal_words(design: Design) -> str:

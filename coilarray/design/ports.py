@@ -8,6 +8,11 @@ from typing import Literal
 
 from coilarray.errors import DesignError, require_positive
 
+_UNITS = {
+    "source_resistance": " Ω", "load_resistance": " Ω", "series_capacitance": " F", "parallel_capacitance": " F",
+    "capacitor_quality": "",
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Port:
@@ -69,12 +74,6 @@ class Port:
     def with_capacitors(self, series: float | None, parallel: float | None) -> Port:
         """Return the port with other `series` and `parallel` capacitances in F, None for none."""
         return replace(self, series_capacitance=series, parallel_capacitance=parallel)
-
-
-_UNITS = {
-    "source_resistance": " Ω", "load_resistance": " Ω", "series_capacitance": " F", "parallel_capacitance": " F",
-    "capacitor_quality": "",
-}  # fmt: skip
 
 
 def check_ports(ports: Sequence[Port], link_frequency: float | None, names: Sequence[str]) -> None:

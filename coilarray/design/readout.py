@@ -23,6 +23,8 @@ USUAL: Mapping[str, float] = {
     "switch_per_kelvin": 1.9e-3,
 }
 """Sizes for a `Readout` without its own. `coilarray.circuit.noise_budget` has their sources."""
+_POSITIVE = ("clock", "reference_divider", "resolution", "amplitude", "averaged_scans", "baseline_scans")
+_NOT_NEGATIVE = ("clock_jitter", "temperature_change", "supply_change")
 
 
 def conversion_time(rcount: int, reference: float) -> float:
@@ -171,7 +173,3 @@ class Readout:
     def frequency_noise(self) -> float:
         """Relative standard deviation of one conversion's frequency, without the sensor's noise."""
         return math.hypot(self.resolution_noise, self.jitter_noise)
-
-
-_POSITIVE = ("clock", "reference_divider", "resolution", "amplitude", "averaged_scans", "baseline_scans")
-_NOT_NEGATIVE = ("clock_jitter", "temperature_change", "supply_change")

@@ -10,6 +10,12 @@ from coilarray.errors import CoilarrayError, HardwareError, NetworkError, requir
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
 """Termination of a coil that is not measured, both ends or one end to ground for a grounded
 coil."""
+CONVERTER_PIN = 4e-12  # capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)
+PartName = Literal["ADG714", "ADG738", "ADG739"]  # names of the known parts
+_NETS = 3  # nets that every end of a coil has a switch to: ground and both sides of the bus
+_LOAD = 50.0  # Ω, into which the off isolation is measured
+_DECADE = 10e6  # Hz, frequency of the off isolation
+_FROM_MEMORY = "not verified: the table of the data sheet was not read"
 
 
 @dataclass(frozen=True)
@@ -165,14 +171,6 @@ def check_state(state: ScanState, names: Sequence[str]) -> None:
             )
     if not (math.isfinite(state.load_resistance) and state.load_resistance > 0):
         raise NetworkError(f"load_resistance of state {state.name} must be positive; got {state.load_resistance} Ω.")
-
-
-CONVERTER_PIN = 4e-12  # capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)
-PartName = Literal["ADG714", "ADG738", "ADG739"]  # names of the known parts
-_NETS = 3  # nets that every end of a coil has a switch to: ground and both sides of the bus
-_LOAD = 50.0  # Ω, into which the off isolation is measured
-_DECADE = 10e6  # Hz, frequency of the off isolation
-_FROM_MEMORY = "not verified: the table of the data sheet was not read"
 
 
 @dataclass(frozen=True)

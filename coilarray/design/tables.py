@@ -31,6 +31,18 @@ _Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
 _Scans = Annotated[int, Field(ge=1, le=1_000_000)]
 _PartsPerMillion = Annotated[float, Field(ge=-100_000, le=100_000)]
 _Termination = Literal["short", "open", "ground one end", "ground other end", "load"]
+_SHORT = "short_resistance_ohm"
+_OF_SWITCHES = (
+    "capacitance_pF", "switch_off_capacitance_pF", "terminal_capacitance_pF", "bus_capacitance_pF",
+    "lead_inductance_nH", "tank",
+)  # fmt: skip
+_OF_PART = {  # Keys of ``[circuit]`` that a part replaces, each with the reason why its value is assumed
+    _SHORT: "two closed switches, typical at 5 V",
+    "switch_off_capacitance_pF": "from the off isolation of the same switches with another bus, or not verified",
+    "terminal_capacitance_pF": "its pins at the end of a coil; typical, not verified; traces not counted",
+    "bus_capacitance_pF": "a pin of each of its switches on the bus, and the converter's; typical, not verified; "
+    "traces not counted",
+}
 
 
 def passive_of(termination: _Termination) -> Passive:
@@ -146,20 +158,6 @@ class CircuitTable(Table):
         if circuit.ports:
             entries["ports"] = [PortTable.of(port, names) for port in circuit.ports]
         return {key: entries[key] for key in cls.model_fields if key in entries}
-
-
-_SHORT = "short_resistance_ohm"
-_OF_SWITCHES = (
-    "capacitance_pF", "switch_off_capacitance_pF", "terminal_capacitance_pF", "bus_capacitance_pF",
-    "lead_inductance_nH", "tank",
-)  # fmt: skip
-_OF_PART = {  # Keys of ``[circuit]`` that a part replaces, each with the reason why its value is assumed
-    _SHORT: "two closed switches, typical at 5 V",
-    "switch_off_capacitance_pF": "from the off isolation of the same switches with another bus, or not verified",
-    "terminal_capacitance_pF": "its pins at the end of a coil; typical, not verified; traces not counted",
-    "bus_capacitance_pF": "a pin of each of its switches on the bus, and the converter's; typical, not verified; "
-    "traces not counted",
-}
 
 
 def switch_entries(switches: Switches) -> dict[str, Any]:

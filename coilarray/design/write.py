@@ -47,6 +47,7 @@ _KEY = re.compile(r"""([\w"'.]+)\s*=\s""")
 _TITLE = re.compile(r"``\[+[\w.]+\]+``: (.*?)\.?$")
 _WIDTH, _LONGEST_LINE = 34, 120
 _PLACES = ("lines_mm", "outline_mm", "corners_mm", "holes_mm", "x_mm", "y_mm", "z_mm")
+_Body = TypeVar("_Body", Sheet, Plate | FinitePlate)
 
 
 def design_document(design: Design | DesignFile) -> dict[str, Any]:
@@ -146,9 +147,6 @@ def _file_of(board: Board) -> str | None:
         return board.file if board.file and load_design(board.file).digest == board.design.digest else None
     except DesignError:
         return None
-
-
-_Body = TypeVar("_Body", Sheet, Plate | FinitePlate)
 
 
 def _named_tables(bodies: Sequence[_Body], entries: Callable[[_Body], dict[str, Any]]) -> list[dict[str, Any]]:

@@ -33,6 +33,37 @@ _WIDE = (18e-3, 12e-3)  # the wide window is larger by this on each side, along 
 _FINE = 2  # parts of the grid's step
 _SEEDS = 8
 _BALLS = ("steel", "aluminium", "ferrite")  # materials that a hemisphere may have
+_OF_LEVELS = ("neighbours", "state", "delta")
+_METRES = Entry("m", _OF_LEVELS, needed=True, gaps=True)
+_PUBLISHED = Entry("m", _OF_LEVELS[1:], needed=True, gaps=True)
+DISTORTION = Schema(
+    LocalizeError, "effects and ellipses over cause, neighbours, state and delta",
+    {
+        "effect": Entry("m", ("cause", "state", "delta"), needed=True, gaps=True),
+        "rms": Entry("m", ("cause", "state"), needed=True, gaps=True),
+        "rms_residual": Entry("m", ("state",), needed=True, gaps=True),
+        "centre": Entry("m", ("state",), needed=True),
+        **dict.fromkeys(PARAMETERS, _METRES),
+        **{f"published_{name}": _PUBLISHED for name in PARAMETERS},
+        "undetermined": Entry("", _OF_LEVELS, needed=True, flag=True),
+        "published_undetermined": Entry("", _OF_LEVELS[1:], needed=True, flag=True),
+        "neighbours": Entry(None, ("neighbours",), needed=True, names=("grounded", "open")),
+        "state": Entry(None, ("state",), needed=True),
+        "delta": Entry("1", ("delta",), needed=True),
+        "cause": Entry(None, ("cause",), needed=True),
+        "x0_std": replace(_METRES, needed=False),
+        "effect_std": Entry("m", ("cause", "state", "delta"), gaps=True),
+        "rms_std": Entry("m", ("cause", "state"), gaps=True),
+        **{f"indenter_{name}": Entry("m", ("indenter", "state", "delta"), gaps=True) for name in PARAMETERS},
+        "indenter_peak": Entry("1", ("indenter", "state")),
+        "indenter": Entry(None, ("indenter",), names=("without",)),
+    },
+    together=(
+        ("x0_std", "effect_std", "rms_std"),
+        ("indenter", "indenter_peak", *(f"indenter_{name}" for name in PARAMETERS)),
+    ),
+)  # fmt: skip
+"""Schema of the result of `distortion` when it is read from a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,39 +165,6 @@ def distortion(
         pair = (response, _opened(one, response, names))
         drawn.append([ellipse_curves(each, states, levels).determined_x0 for each in pair])
     return result.assign(_errors(result, np.array(drawn)))
-
-
-_OF_LEVELS = ("neighbours", "state", "delta")
-_METRES = Entry("m", _OF_LEVELS, needed=True, gaps=True)
-_PUBLISHED = Entry("m", _OF_LEVELS[1:], needed=True, gaps=True)
-DISTORTION = Schema(
-    LocalizeError, "effects and ellipses over cause, neighbours, state and delta",
-    {
-        "effect": Entry("m", ("cause", "state", "delta"), needed=True, gaps=True),
-        "rms": Entry("m", ("cause", "state"), needed=True, gaps=True),
-        "rms_residual": Entry("m", ("state",), needed=True, gaps=True),
-        "centre": Entry("m", ("state",), needed=True),
-        **dict.fromkeys(PARAMETERS, _METRES),
-        **{f"published_{name}": _PUBLISHED for name in PARAMETERS},
-        "undetermined": Entry("", _OF_LEVELS, needed=True, flag=True),
-        "published_undetermined": Entry("", _OF_LEVELS[1:], needed=True, flag=True),
-        "neighbours": Entry(None, ("neighbours",), needed=True, names=("grounded", "open")),
-        "state": Entry(None, ("state",), needed=True),
-        "delta": Entry("1", ("delta",), needed=True),
-        "cause": Entry(None, ("cause",), needed=True),
-        "x0_std": replace(_METRES, needed=False),
-        "effect_std": Entry("m", ("cause", "state", "delta"), gaps=True),
-        "rms_std": Entry("m", ("cause", "state"), gaps=True),
-        **{f"indenter_{name}": Entry("m", ("indenter", "state", "delta"), gaps=True) for name in PARAMETERS},
-        "indenter_peak": Entry("1", ("indenter", "state")),
-        "indenter": Entry(None, ("indenter",), names=("without",)),
-    },
-    together=(
-        ("x0_std", "effect_std", "rms_std"),
-        ("indenter", "indenter_peak", *(f"indenter_{name}" for name in PARAMETERS)),
-    ),
-)  # fmt: skip
-"""Schema of the result of `distortion` when it is read from a file."""
 
 
 def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:

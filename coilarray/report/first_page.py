@@ -19,6 +19,7 @@ _MICROMETRES, _PLAIN = DisplayUnit("µm", 1e6), DisplayUnit()
 _LARGE = 1e-3  # relative change from which it is shown in %
 _LONG = 1e-4  # m, length from which it is shown in mm
 _KNOWN = 1e-4  # of k, as M is known to this part of L
+_CARDS = 6  # side by side on paper
 
 
 def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block]:
@@ -135,9 +136,6 @@ def cards(summary: Table, design: Design) -> list[Card]:
     ]  # fmt: skip
     hidden = () if design.is_tuned else ("Frequency", "Q of the coil")  # of a tank that is not there
     return [card for card in found if card.value and card.name not in hidden][:_CARDS]
-
-
-_CARDS = 6  # side by side on paper
 
 
 def _known(design: Design, summary: Table) -> Table:

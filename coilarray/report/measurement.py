@@ -23,6 +23,15 @@ _FOUR = DisplayUnit(digits=4)
 _MOST_ALTERNATIVES = 20  # rows of the posterior's picture
 _LEAST_DOUBT = 1e-3  # probability of a larger χ² by chance, below which the data are not explained
 _ESTIMATED = "estimated"
+# by the attribute ``capacitance_from`` of a measured response
+_OF_INDUCTANCES = {
+    "design": "The tank capacitances were calibrated with the simulated inductances: that measured and simulated L_0 "
+    "agree is no test of either.",
+    "known inductances": "The tank capacitances were calibrated with known inductances.",
+    "None": "The tank capacitances of the measured L_0 were not calibrated; they are those of the recording.",
+}
+
+_WHERE = ("depth", "state")
 
 
 def ranking_table(result: xr.Dataset) -> Table:
@@ -398,17 +407,6 @@ def write_comparison_page(
         title=f"{names[0]} beside {names[1]}",
     )
     write_text(path, page)
-
-
-# by the attribute ``capacitance_from`` of a measured response
-_OF_INDUCTANCES = {
-    "design": "The tank capacitances were calibrated with the simulated inductances: that measured and simulated L_0 "
-    "agree is no test of either.",
-    "known inductances": "The tank capacitances were calibrated with known inductances.",
-    "None": "The tank capacitances of the measured L_0 were not calibrated; they are those of the recording.",
-}
-
-_WHERE = ("depth", "state")
 
 
 def _problem(measured: str, simulated: str) -> str:

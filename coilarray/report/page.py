@@ -40,6 +40,27 @@ if TYPE_CHECKING:
 
     from coilarray.viz.scenes.scene import Side
 
+_DATA = re.compile(r'(?<=base64Str: ")[^"]+')  # of a scene's page: a ZIP file of index.json
+_STEPS = (3, 4, 24)  # distances of like numbers: in points, in lines of two, in the triangles of prisms
+_SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
+_QUALITY = 80  # of its JPEG
+_RIM = 16  # white pixels above and below what it shows
+FULL, HALF = 8.6, 5.2
+"""Inches of a figure as wide as the page, and of a figure that shares the width with another."""
+_LAYOUTS = 5  # most of a figure
+_DPI = 130  # of maps in figures, and of figures of too many paths
+_MOST_BYTES = 250_000  # of a figure of paths
+_UNDER_AXES = 2.4  # height of what becomes an image in a figure of too many paths, below axes, rulers and texts
+# colours of figures that a dark page replaces
+_DARK = {
+    "#202020": "ink",
+    "#000000": "ink",
+    "#606060": "axis",
+    "#ffffff": "paper",
+    "#e4e4e4": "faint",
+    "#ededed": "shade",
+}
+
 
 def html_page(
     heading: str,
@@ -70,10 +91,6 @@ def html_page(
         sections=sections, contents=contents, blocks=html_blocks,
         foot='"' + re.sub(r'["\\<\n]', " ", foot or heading) + '"',
     )  # fmt: skip
-
-
-_DATA = re.compile(r'(?<=base64Str: ")[^"]+')  # of a scene's page: a ZIP file of index.json
-_STEPS = (3, 4, 24)  # distances of like numbers: in points, in lines of two, in the triangles of prisms
 
 
 def _packed(scene: str) -> str:
@@ -123,26 +140,6 @@ def require_own(page: Path) -> None:
 def now() -> str:
     """Return the date and time in UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-_SIZE = (1280, 720)  # pixels of a rendered picture, the page is 1100 wide
-_QUALITY = 80  # of its JPEG
-_RIM = 16  # white pixels above and below what it shows
-FULL, HALF = 8.6, 5.2
-"""Inches of a figure as wide as the page, and of a figure that shares the width with another."""
-_LAYOUTS = 5  # most of a figure
-_DPI = 130  # of maps in figures, and of figures of too many paths
-_MOST_BYTES = 250_000  # of a figure of paths
-_UNDER_AXES = 2.4  # height of what becomes an image in a figure of too many paths, below axes, rulers and texts
-# colours of figures that a dark page replaces
-_DARK = {
-    "#202020": "ink",
-    "#000000": "ink",
-    "#606060": "axis",
-    "#ffffff": "paper",
-    "#e4e4e4": "faint",
-    "#ededed": "shade",
-}
 
 
 def board_picture(design: Design, coil: str, dent: xr.Dataset | None) -> list[Picture]:

@@ -29,6 +29,14 @@ from coilarray.response.interpolation import PARAMETERS
 
 Place = tuple[float, float]
 """Real x and y in m, from the map's origin."""
+_LEVEL = 5e-4  # of δ, in the middle of the published polynomials
+_PARAMETERS = ("A", "B", "x0")
+_POWERS = ("p4", "p3", "p2", "p1", "p0")
+_COMPARED = np.linspace(1e-4, 1e-3, 37)  # δ, in the range where the paper's polynomials were fitted
+_STATUS = {
+    "found": "located", "border": "on the border", "outside": "outside", "no fit": "no position fits",
+    "nothing pressed": "nothing pressed",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +139,6 @@ def paper_table(frequency: xr.DataArray | None, positions: MapPositions | None) 
     return replace(table, name="paper")
 
 
-_LEVEL = 5e-4  # of δ, in the middle of the published polynomials
-
-
 def map_position_table(positions: MapPositions) -> Table:
     """Return real and determined x by place, and used coils."""
     columns = (
@@ -150,15 +155,6 @@ def map_position_table(positions: MapPositions) -> Table:
             found = (position.x + from_x, position.x - x, position.case, " and ".join(position.coils))
         rows.append((x + from_x, y + from_y, *found))
     return Table("map_positions", "Positions of the map", columns, tuple(rows))
-
-
-_PARAMETERS = ("A", "B", "x0")
-_POWERS = ("p4", "p3", "p2", "p1", "p0")
-_COMPARED = np.linspace(1e-4, 1e-3, 37)  # δ, in the range where the paper's polynomials were fitted
-_STATUS = {
-    "found": "located", "border": "on the border", "outside": "outside", "no fit": "no position fits",
-    "nothing pressed": "nothing pressed",
-}  # fmt: skip
 
 
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:

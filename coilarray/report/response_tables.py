@@ -17,6 +17,18 @@ from coilarray.geometry import FinitePlate
 from coilarray.response.dataset import NO_ANSWER
 
 _NO_RING = 1e-6  # of the depth, below which a rise is rounding
+_CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "quality_factor", "parallel_resistance")
+_CHANGE = "frequency_change"
+_DELTAS = ("delta", "delta_error")  # delta_error is for a target with a mesh
+_LARGE, _LARGE_DELTA = 0.01, DisplayUnit("%", 100.0, significant=True)  # |δ| from which its column is in %
+_VOLTS = DisplayUnit("V", 1.0, 3, significant=True)
+_MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
+_CONDUCTIVITY = DisplayUnit("MS/m", 1e-6, 4, significant=True)
+_SHORT = DisplayUnit("mm", 1e3, 3, significant=True)
+_RATIO = DisplayUnit(digits=3, significant=True)
+_COMPARED = {
+    "effective_inductance": "L_eff", "effective_resistance": "R_eff", "quality_factor": "Q", "frequency": "f"
+}  # fmt: skip
 
 
 def indentation_table(indentation: xr.Dataset) -> Table:
@@ -91,14 +103,6 @@ def _ring(at: xr.Dataset) -> tuple[float, float]:
     near = slice(highest - 1, highest + 2)
     a, b, c = np.polyfit(r[near] - r[highest], rise[near], 2).tolist()
     return c - b**2 / (4 * a), float(r[highest]) - b / (2 * a)
-
-
-_CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "quality_factor", "parallel_resistance")
-_CHANGE = "frequency_change"
-_DELTAS = ("delta", "delta_error")  # delta_error is for a target with a mesh
-_LARGE, _LARGE_DELTA = 0.01, DisplayUnit("%", 100.0, significant=True)  # |δ| from which its column is in %
-_VOLTS = DisplayUnit("V", 1.0, 3, significant=True)
-_MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
 
 
 def base_table(response: xr.Dataset) -> Table:
@@ -210,14 +214,6 @@ def values_table(response: xr.Dataset) -> Table:
     names = ("distance", "y", "x", "state", *deltas, _CHANGE, *_CIRCUIT, "base_inductance", "base_frequency")
     response, read = with_reasons(_with_change(response))
     return dataset_table("target_values", "Target", response, (*names, *read))
-
-
-_CONDUCTIVITY = DisplayUnit("MS/m", 1e-6, 4, significant=True)
-_SHORT = DisplayUnit("mm", 1e3, 3, significant=True)
-_RATIO = DisplayUnit(digits=3, significant=True)
-_COMPARED = {
-    "effective_inductance": "L_eff", "effective_resistance": "R_eff", "quality_factor": "Q", "frequency": "f"
-}  # fmt: skip
 
 
 def plate_table(design: Design, frequency: float) -> Table:

@@ -55,6 +55,7 @@ _CURVE_POINTS, _CURVE_APART = 8, 0.02
 _MOST_MATRIX = 12  # coils whose pairs are shown as a matrix, of more by kinds of neighbours
 RULES, INPUTS = "rules", "inputs"  # parts of the page that its first lines link to
 _PLACES = ("x", "y", "z", "layers")  # columns that do not part coils that are alike
+_RESTS = {"bonded": "which are glued to the board", "frictionless": "which slide on the board"}
 
 
 class Results:
@@ -216,9 +217,6 @@ def _indentation(r: Results) -> Section | None:
         Group("two", (r.draw(page.indentation_pictures, r.design, setup.indenter, found, r.active),)),
         response_tables.indentation_table(found),
     ))  # fmt: skip
-
-
-_RESTS = {"bonded": "which are glued to the board", "frictionless": "which slide on the board"}
 
 
 def _coils(r: Results) -> Section:

@@ -41,6 +41,24 @@ _MOST_REASONS = 5
 _MOST_BEST = 20
 _NUMBERS = re.compile(r"\d+")
 _MOST_FRONTS = 3  # pictures of pairs of objectives
+_REACHED = 0.01  # of the start's distance from a target, and of the target
+_LAYERS_OF_THEIR_OWN = (
+    "array.layers with layers of their own for neighbours frees them, such as "
+    '[["L1", "L2"], ["L3", "L4"]] (coilarray init --overlap decoupled).'
+)
+_MOST_SHOWN = 3  # contributors of an output in the table of spreads
+
+_PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
+    DisplayUnit(symbol, factor, 3, significant=True)
+    for symbol, factor in (("%", 100.0), ("µm", 1e6), ("mm", 1e3), ("mrad", 1e3))
+)
+# units of a tolerance file by its tables
+_FILE_UNITS = {
+    "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
+    "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
+    "capacitance": _PERCENT, "plate_distance": _MILLIMETRES, "plate_thickness": _PERCENT, "conductivity": _PERCENT,
+    "target_tilt": _MILLIRADIANS,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,13 +227,6 @@ def target_missed(result: Optimization, best: Chosen) -> list[str]:
     elif result.design.array.neighbours and neighbours(result.design).share_copper:
         lines.append(f"Neighbours lie on the same copper, so they cannot overlap. {_LAYERS_OF_THEIR_OWN}")
     return lines
-
-
-_REACHED = 0.01  # of the start's distance from a target, and of the target
-_LAYERS_OF_THEIR_OWN = (
-    "array.layers with layers of their own for neighbours frees them, such as "
-    '[["L1", "L2"], ["L3", "L4"]] (coilarray init --overlap decoupled).'
-)
 
 
 def _freed_by(design: Design, worst: Margin) -> str:
@@ -413,21 +424,6 @@ def _allowed(axis: Axis) -> str:
 
 def _shown(value: Any) -> str:
     return true_minus(f"{value:.5g}") if isinstance(value, float) else value_text(value)
-
-
-_MOST_SHOWN = 3  # contributors of an output in the table of spreads
-
-_PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
-    DisplayUnit(symbol, factor, 3, significant=True)
-    for symbol, factor in (("%", 100.0), ("µm", 1e6), ("mm", 1e3), ("mrad", 1e3))
-)
-# units of a tolerance file by its tables
-_FILE_UNITS = {
-    "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
-    "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
-    "capacitance": _PERCENT, "plate_distance": _MILLIMETRES, "plate_thickness": _PERCENT, "conductivity": _PERCENT,
-    "target_tilt": _MILLIRADIANS,
-}  # fmt: skip
 
 
 def _significant(digits: int) -> DisplayUnit:

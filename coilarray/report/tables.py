@@ -21,6 +21,18 @@ if TYPE_CHECKING:
 
     from coilarray.circuit.noise_budget import NoiseBudget
 
+_DEGREES = DisplayUnit("°", 180 / math.pi, 5)
+_ALIKE_K = 2e-4  # of k, as M is known to 10⁻⁴ of L
+_ALIKE_PLACES = 0.01  # of the least distance of two coils
+_FOUR = DisplayUnit(digits=4)  # as M is known to 10⁻⁴ of L
+_LINK_WORDS = {"M_uH": "M (µH)", "voltage_V_per_A": "U (V/A)", "deg": "°"}
+_LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)
+_LAST = 4  # digits of L after the first, as it is known to 1e-4
+_ALIKE = 1e-6  # relative distance of frequencies that is only rounding
+_MICROHENRY = DisplayUnit("µH", 1e6)  # four digits of the largest
+_NOISE = DisplayUnit("10⁻⁶", 1e6, 3, significant=True)
+_DRIFT = DisplayUnit("10⁻⁶/K", 1e6, 3, significant=True)
+
 
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:
     """Return the coils alone, and with their neighbours as terminated."""
@@ -34,9 +46,6 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
         "ideal_effective_inductance", "ideal_frequency",
     )  # fmt: skip
     return dataset_table("coils", "Coils", single, names, {"inductance_change": PERCENT})
-
-
-_DEGREES = DisplayUnit("°", 180 / math.pi, 5)
 
 
 def board_table(design: Design) -> Table:
@@ -137,11 +146,6 @@ def neighbour_table(design: Design, coupling: xr.Dataset) -> Table:
     return Table("neighbours", "Coupling by kind of neighbour", columns, tuple(rows))
 
 
-_ALIKE_K = 2e-4  # of k, as M is known to 10⁻⁴ of L
-_ALIKE_PLACES = 0.01  # of the least distance of two coils
-_FOUR = DisplayUnit(digits=4)  # as M is known to 10⁻⁴ of L
-
-
 def link_tables(columns: xr.Dataset) -> list[Table]:
     """Return the numbers of a link at every pose, from `coilarray.studies.link.columns`.
 
@@ -167,9 +171,6 @@ def link_tables(columns: xr.Dataset) -> list[Table]:
     of_pose = [name for name in names if "[" not in name]
     found = [table("link", [*names[:places], "pair", *of_pairs], pairs)]
     return [*found, table("link_poses", of_pose, [""])] if len(of_pose) > places else found
-
-
-_LINK_WORDS = {"M_uH": "M (µH)", "voltage_V_per_A": "U (V/A)", "deg": "°"}
 
 
 def _in_words(name: str) -> str:
@@ -217,9 +218,6 @@ def rules_table(margins: Sequence[Margin]) -> Table:
     return Table("rules", "Fabrication rules", columns, rows, units, mark="no")
 
 
-_LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)
-
-
 def line_table(fields: Mapping[str, xr.Dataset]) -> Table:
     """Return B_z per ampere in the active coil by state."""
     columns = (
@@ -240,9 +238,6 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-_LAST = 4  # digits of L after the first, as it is known to 1e-4
-
-
 def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
     """Return the matrices of L and M (H), and of k."""
     from coilarray.electromagnetics.inductance import coupling_matrix
@@ -258,9 +253,6 @@ def matrix_tables(names: Sequence[str], inductance: FloatArray) -> list[Table]:
         rows = tuple((one, *row) for one, row in zip(names, values.tolist(), strict=True))
         tables.append(Table(name, unit.label(name), columns, rows))
     return tables
-
-
-_ALIKE = 1e-6  # relative distance of frequencies that is only rounding
 
 
 def winding_table(scan: xr.Dataset) -> Table:
@@ -295,9 +287,6 @@ def state_table(scan: xr.Dataset) -> Table:
     return dataset_table(
         "states", "States", scan, (*names, *read), {"parallel_resistance": KILOHM, "effective_inductance": _MICROHENRY}
     )
-
-
-_MICROHENRY = DisplayUnit("µH", 1e6)  # four digits of the largest
 
 
 def converter_line(design: Design) -> str:
@@ -395,10 +384,6 @@ def sweep_table(sweep: xr.Dataset) -> Table:
     """Return one row for each frequency and state."""
     names = ("frequency", "state", "impedance_real", "impedance_imag", "apparent_inductance", "quality_factor")
     return dataset_table("sweep", "Impedance over frequency", sweep, names)
-
-
-_NOISE = DisplayUnit("10⁻⁶", 1e6, 3, significant=True)
-_DRIFT = DisplayUnit("10⁻⁶/K", 1e6, 3, significant=True)
 
 
 def noise_table(budget: NoiseBudget) -> Table:

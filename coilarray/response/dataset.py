@@ -27,6 +27,57 @@ ELLIPSE_WINDOW = "ellipse_window"  # attribute of a map for the window (x_min, y
 _BOARD = "board"
 _NEAR = 1e-9  # m
 _PICOMETRE = 12  # digits of m, for the sum of a shift and a number of few digits
+_OVER = ("depth", "y", "x", "state")
+_FARTHEST = 10.0  # m. Larger values are a map in mm
+_LARGEST = 100.0  # of δ, which is −1 for zero inductance
+_PLACE = Entry("m", ("coil",), low=-_FARTHEST, high=_FARTHEST)
+
+RESPONSE = Schema(
+    LocalizeError, "delta over depth, y, x and state, with coordinates",
+    {
+        "delta": Entry("1", _OVER, needed=True, low=-_LARGEST, high=_LARGEST, gaps=True),
+        "depth": Entry("m", ("depth",), needed=True, low=0.0, high=_FARTHEST, rising=True),
+        "y": Entry("m", ("y",), needed=True, low=-_FARTHEST, high=_FARTHEST, rising=True),
+        "x": Entry("m", ("x",), needed=True, low=-_FARTHEST, high=_FARTHEST, rising=True),
+        "state": Entry(None, ("state",), needed=True),
+        "delta_std": Entry("1", _OVER, low=0.0, high=_LARGEST, gaps=True, fewer_dims=True),
+        "readable": Entry("", _OVER, fewer_dims=True, flag=True),
+        "common_noise": Entry("1", ("drift_cause", "state"), low=-_LARGEST, high=_LARGEST),
+        "base_inductance": Entry("H", ("state",), low=0.0, high=1e6, gaps=True),
+        "coil": Entry(None, ("coil",)),
+        "coil_x": _PLACE,
+        "coil_y": _PLACE,
+    },
+    {
+        "noise": Entry("1", low=1e-15, high=1.0),
+        "repeats": Entry("1", low=1.0, high=1e9),
+        "emulated": Entry("1", low=0.0, high=1.0),
+        "origin": Entry(None),
+        "origin_x": Entry("m", low=-_FARTHEST, high=_FARTHEST),
+        "origin_y": Entry("m", low=-_FARTHEST, high=_FARTHEST),
+    },
+)  # fmt: skip
+"""Response over the depth of an indentation.
+
+δ and its deviation are NaN where a position was not measured.
+"""
+
+_OF_TARGET = tuple("distance" if dim == "depth" else dim for dim in _OVER)
+TARGET_MAP = replace(
+    RESPONSE, summary="delta over distance, y, x and state, with coordinates",
+    variables={
+        **{name: entry for name, entry in RESPONSE.variables.items() if name != "depth"},
+        "delta": replace(RESPONSE.variables["delta"], dims=_OF_TARGET),
+        "delta_std": replace(RESPONSE.variables["delta_std"], dims=_OF_TARGET),
+        "readable": replace(RESPONSE.variables["readable"], dims=_OF_TARGET),
+        "delta_error": Entry("1", _OF_TARGET, low=0.0, high=_LARGEST),
+        "distance": replace(RESPONSE.variables["depth"], dims=("distance",)),
+    },
+)  # fmt: skip
+"""Map over the distance of a target."""
+NO_ANSWER = 1e-8  # largest |δ| that counts as zero, the converter's last digits
+_ROUNDING = 1e-9  # m
+_ANSWERS = 0.25  # of the largest |δ| of all states. Weaker states come last
 
 
 def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
@@ -154,67 +205,12 @@ def axis_label(response: xr.Dataset, axis: str) -> str:
     return f"{axis} (mm)" if origin_of(response) == (0.0, 0.0) else f"{axis} from the map's origin (mm)"
 
 
-_OVER = ("depth", "y", "x", "state")
-_FARTHEST = 10.0  # m. Larger values are a map in mm
-_LARGEST = 100.0  # of δ, which is −1 for zero inductance
-_PLACE = Entry("m", ("coil",), low=-_FARTHEST, high=_FARTHEST)
-
-RESPONSE = Schema(
-    LocalizeError, "delta over depth, y, x and state, with coordinates",
-    {
-        "delta": Entry("1", _OVER, needed=True, low=-_LARGEST, high=_LARGEST, gaps=True),
-        "depth": Entry("m", ("depth",), needed=True, low=0.0, high=_FARTHEST, rising=True),
-        "y": Entry("m", ("y",), needed=True, low=-_FARTHEST, high=_FARTHEST, rising=True),
-        "x": Entry("m", ("x",), needed=True, low=-_FARTHEST, high=_FARTHEST, rising=True),
-        "state": Entry(None, ("state",), needed=True),
-        "delta_std": Entry("1", _OVER, low=0.0, high=_LARGEST, gaps=True, fewer_dims=True),
-        "readable": Entry("", _OVER, fewer_dims=True, flag=True),
-        "common_noise": Entry("1", ("drift_cause", "state"), low=-_LARGEST, high=_LARGEST),
-        "base_inductance": Entry("H", ("state",), low=0.0, high=1e6, gaps=True),
-        "coil": Entry(None, ("coil",)),
-        "coil_x": _PLACE,
-        "coil_y": _PLACE,
-    },
-    {
-        "noise": Entry("1", low=1e-15, high=1.0),
-        "repeats": Entry("1", low=1.0, high=1e9),
-        "emulated": Entry("1", low=0.0, high=1.0),
-        "origin": Entry(None),
-        "origin_x": Entry("m", low=-_FARTHEST, high=_FARTHEST),
-        "origin_y": Entry("m", low=-_FARTHEST, high=_FARTHEST),
-    },
-)  # fmt: skip
-"""Response over the depth of an indentation.
-
-δ and its deviation are NaN where a position was not measured.
-"""
-
-_OF_TARGET = tuple("distance" if dim == "depth" else dim for dim in _OVER)
-TARGET_MAP = replace(
-    RESPONSE, summary="delta over distance, y, x and state, with coordinates",
-    variables={
-        **{name: entry for name, entry in RESPONSE.variables.items() if name != "depth"},
-        "delta": replace(RESPONSE.variables["delta"], dims=_OF_TARGET),
-        "delta_std": replace(RESPONSE.variables["delta_std"], dims=_OF_TARGET),
-        "readable": replace(RESPONSE.variables["readable"], dims=_OF_TARGET),
-        "delta_error": Entry("1", _OF_TARGET, low=0.0, high=_LARGEST),
-        "distance": replace(RESPONSE.variables["depth"], dims=("distance",)),
-    },
-)  # fmt: skip
-"""Map over the distance of a target."""
-
-
 def checked_response(response: xr.Dataset) -> xr.Dataset:
     """Return a response or target map in float64, checked."""
     checked = (TARGET_MAP if is_of_target(response) else RESPONSE).checked(response, "a response")
     if bool(checked["delta"].isnull().any()):
         raise LocalizeError("delta of a response must be finite everywhere.")
     return checked
-
-
-NO_ANSWER = 1e-8  # largest |δ| that counts as zero, the converter's last digits
-_ROUNDING = 1e-9  # m
-_ANSWERS = 0.25  # of the largest |δ| of all states. Weaker states come last
 
 
 def middle_state(response: xr.Dataset) -> str:

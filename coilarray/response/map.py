@@ -47,16 +47,6 @@ from coilarray.response.setup import (
 __all__ = ["Imperfections", "MapAccuracy", "Reach", "inductance_changes", "respond", "response_dataset", "response_map"]
 
 Reach = float | Literal["auto"] | None  # coils that count at a position, see `response_map`
-
-
-@dataclass(frozen=True)
-class MapAccuracy:
-    """Accuracy of a map: coils that count, and the mesh."""
-
-    reach: Reach = None
-    mesh: LayerMesh | None = None
-
-
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances for the circuit, and a copy on the way
 _BYTES_OF_METAL = 80.0  # more with a metal indenter: complex changes, their copies, and two variables
@@ -68,6 +58,16 @@ _AUTO_ERROR = 1e-3
 _OVER_FREQUENCY = 1e-4  # error of the change by dents beside plates between the computed frequencies
 
 _PLACES = ("depth", "y", "x")
+_Solved = tuple[FloatArray, FloatArray, NoiseBudget, dict[str, changes.Variable], dict[str, object]]
+"""δ of all states, L_0 (states,) in H, the noise budget, and more variables and attributes."""
+
+
+@dataclass(frozen=True)
+class MapAccuracy:
+    """Accuracy of a map: coils that count, and the mesh."""
+
+    reach: Reach = None
+    mesh: LayerMesh | None = None
 
 
 def response_map(
@@ -212,10 +212,6 @@ def response_map(
     return response_dataset(
         given, axes, pressed.contact, delta, base, network.inductance, more=more, attributes=attributes
     )
-
-
-_Solved = tuple[FloatArray, FloatArray, NoiseBudget, dict[str, changes.Variable], dict[str, object]]
-"""δ of all states, L_0 (states,) in H, the noise budget, and more variables and attributes."""
 
 
 def _near_coils(

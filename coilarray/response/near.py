@@ -34,6 +34,8 @@ _DIRECTIONS, _STEPS_PER_RADIUS = 8, 8  # of a profile
 _PROFILE_TOLERANCE = 1e-4  # of its amplitudes
 _LEFT = 0.9  # of the largest ΔL_aa that remains in the largest δ beside the currents of the neighbours
 _DIPOLE = 3  # power of the distance with which a coil's field falls
+_Profile = tuple[FloatArray, FloatArray, FloatArray]
+"""Distances in m of a coil from the axis, rising from 0, and the largest |ΔL_aa| of it and |ΔL_ab| with any coil."""
 
 
 @dataclass(frozen=True)
@@ -134,10 +136,6 @@ def _solve(
     cutoff = Cutoff(min(cutoff.states, extent), min(cutoff.coils, extent))
     scatterings = tuple(shapes[dent.shape] for dent in dents)
     return _Solved(scatterings, {STILL.slope: spectra, **turned}, clearance, cutoff, error)
-
-
-_Profile = tuple[FloatArray, FloatArray, FloatArray]
-"""Distances in m of a coil from the axis, rising from 0, and the largest |ΔL_aa| of it and |ΔL_ab| with any coil."""
 
 
 def _profile(scattering: Scattering, spectra: flat_stack.CoilSpectra, farthest: float) -> _Profile:

@@ -15,6 +15,7 @@ _Drive = Annotated[int, Field(ge=0, le=31)]
 _Row = Annotated[list[float], Field(min_length=1, max_length=1000)]
 _Ends = Annotated[list[float], Field(min_length=2, max_length=2)]
 _Count = Annotated[int, Field(ge=1, le=1000)]
+_File = TypeVar("_File", bound=Table)
 
 
 class BoardSettings(Table):
@@ -111,9 +112,6 @@ class CampaignPlan(Table):
     """Speed of the indenter, down and up."""
     stage: StageTable | None = None
     """Mover of the indenter, by default a person with prompts."""
-
-
-_File = TypeVar("_File", bound=Table)
 
 
 def read_file(model: type[_File], kind: str, path: Path | None) -> _File:

@@ -39,6 +39,19 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.job import Link
     from coilarray.viz.studio.services import BoardFrame, BoardRequest
 
+_REDRAW = 0.1  # s, at least, from picture to picture
+_BAR, _LEAST_SCALE = 40, 1e-4  # characters; δ at the end of a bar, at least
+_FADE = 0.98  # of the scale of the bars from scan to scan
+QUIT, ZERO = "q", "z"  # orders to a display: end, or measure the baseline again
+_MOST_SCANS = 100_000_000
+_LONGEST_GAP = 5.0  # s that a replay waits at most from scan to scan
+_LOCATE = 0.05  # s, at least, from position to position of a board
+_TOUR = 3600.0  # s: duration of the path of the emulated finger
+_STEP = 3.2  # s of the path at one place
+_FIRST = 5  # points of the path until the finger has pressed once
+_TOLD = 0.1  # s from message to message to the page
+_LINGER = 5.0  # s to load the page again before the window counts as closed
+
 
 @contextmanager
 def pressed_keys() -> Iterator[Callable[[], str]]:
@@ -83,11 +96,6 @@ def pressed_keys() -> Iterator[Callable[[], str]]:
         yield ready
     finally:
         termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
-
-
-_REDRAW = 0.1  # s, at least, from picture to picture
-_BAR, _LEAST_SCALE = 40, 1e-4  # characters; δ at the end of a bar, at least
-_FADE = 0.98  # of the scale of the bars from scan to scan
 
 
 @board_command()
@@ -300,15 +308,6 @@ def _place_text(reading: LiveReading) -> str:
     return f"{found.verdict}: {places}" if places else found.verdict
 
 
-QUIT, ZERO = "q", "z"  # orders to a display: end, or measure the baseline again
-_MOST_SCANS = 100_000_000
-_LONGEST_GAP = 5.0  # s that a replay waits at most from scan to scan
-_LOCATE = 0.05  # s, at least, from position to position of a board
-_TOUR = 3600.0  # s: duration of the path of the emulated finger
-_STEP = 3.2  # s of the path at one place
-_FIRST = 5  # points of the path until the finger has pressed once
-
-
 @dataclass(frozen=True)
 class LiveOptions:
     """Checked options of a live display, plain for another process."""
@@ -502,10 +501,6 @@ def tour(setup: Indentation, start: float) -> list[tuple[float, float, float, fl
         depth = setup.depths[-1] * (1.0 - 0.4 * (k % 3) / 2)
         path += [(at + 0.5, x, y, 0.0), (at + 1.0, x, y, depth), (at + 2.7, x, y, depth), (at + 3.0, x, y, 0.0)]
     return path
-
-
-_TOLD = 0.1  # s from message to message to the page
-_LINGER = 5.0  # s to load the page again before the window counts as closed
 
 
 def show_window(options: LiveOptions, file: DesignFile, *, locate: bool) -> None:

@@ -38,6 +38,11 @@ _CHAIN = {
     "none": "not wired back, so that a broken data line shows only as coils that do not oscillate",
 }
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
+RUN = Path("run.sqlite")
+_SCANS, _MOST_SCANS = 100, 100_000_000
+_LONGEST = 1e7  # s
+_MET = 0.98  # part of --rate below which a slower rate is reported
+_PATIENCE = 10.0  # s in which the port of a board that restarted may come back
 
 
 @board_command(without=("rate",))
@@ -174,12 +179,6 @@ def _test_parts(result: SelfTest) -> list[str | Table]:
     return parts
 
 
-RUN = Path("run.sqlite")
-_SCANS, _MOST_SCANS = 100, 100_000_000
-_LONGEST = 1e7  # s
-_MET = 0.98  # part of --rate below which a slower rate is reported
-
-
 @board_command()
 def measure(
     design: shared.DesignArgument = None,
@@ -309,9 +308,6 @@ def _print_scan(raw: RawScan, board: Board, settings: ScanSettings, design: Desi
     table = text_table(("state", "f (MHz)", "L_eff (µH)", "verdict", "why"), rows)
     data = {"emulated": board.emulated, "board": board.line, "time_s": scan.time, "states": states}
     shared.print_result(data, as_json=as_json, lines=[board.line, table], emulated=board.emulated)
-
-
-_PATIENCE = 10.0  # s in which the port of a board that restarted may come back
 
 
 @board_command()

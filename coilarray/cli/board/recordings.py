@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 
 FORMATS = (".nc", ".csv")  # endings of the files that a recording is converted to
 _SEALED = (".toml", ".csv")
+_MOST_ERROR = 0.5  # relative, of a known inductance or frequency
+_PAGE = ".html"
+_LACKING = ("only_measured", "only_simulated")
+_ALONE = 2e-3  # m; spacing of a simulated map along an axis on which there is a single measured position
 
 
 def info(
@@ -217,9 +221,6 @@ def _show_noise(path: Path, reference: Sequence[str], plot: Path | None, *, as_j
     shared.print_result(data, as_json=as_json, lines=parts, emulated=emulated)
 
 
-_MOST_ERROR = 0.5  # relative, of a known inductance or frequency
-
-
 def calibrate(
     recording: Annotated[
         Path, typer.Argument(metavar="RUN.sqlite", help="Recording of the board at rest, or of a campaign.")
@@ -346,11 +347,6 @@ def _pair(option: str, text: str, unit: float) -> tuple[str, float]:
     if not (math.isfinite(value) and value > 0):
         raise HardwareError(f"{option} must be STATE=VALUE with a positive number; got {text.removeprefix('=')!r}.")
     return state, value * unit
-
-
-_PAGE = ".html"
-_LACKING = ("only_measured", "only_simulated")
-_ALONE = 2e-3  # m; spacing of a simulated map along an axis on which there is a single measured position
 
 
 def compare(

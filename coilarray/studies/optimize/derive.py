@@ -40,6 +40,7 @@ _TABLES = ("variable", "objective", "constraint")
 _WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
 _KEPT = -0.001  # mm: margin that the check of the fabrication rules takes as kept
 _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # relative to the present values
+_SEVERAL = "named goals are for one board, and {} has several: give a goal file, or --goal and --vary."
 
 
 @dataclass(frozen=True)
@@ -408,9 +409,6 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
         if not ((kind == "variable" and vary) or (kind == "constraint" and name in given))
     }
     return DerivedGoal(check_goal(document, "--vary and --keep"), comments)
-
-
-_SEVERAL = "named goals are for one board, and {} has several: give a goal file, or --goal and --vary."
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:

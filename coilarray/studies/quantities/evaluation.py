@@ -27,6 +27,15 @@ from coilarray.response.target import target_map
 
 Rectangle = tuple[float, float, float, float]
 _CONTACT_ENDS = 4.0  # depths above the tip of an indenter, beyond which it never touches (coilarray.elastomer.contact)
+Value: TypeAlias = str | float | tuple[str, ...] | tuple[float, ...]
+
+Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "target", "response", "table"]
+"""Most expensive result that a quantity needs.
+
+It is shapes alone, inductances, the circuit of every state, a target at some distances, an
+indentation at some places, or an indentation at a whole table of places and depths.
+"""
+_EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in the form used in brackets
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,17 +153,6 @@ class Evaluation:
         if not (low < high).all():
             raise GoalError(f"the sample of {self.design.name} leaves no room for the indenter over the coils.")
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
-
-
-Value: TypeAlias = str | float | tuple[str, ...] | tuple[float, ...]
-
-Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "target", "response", "table"]
-"""Most expensive result that a quantity needs.
-
-It is shapes alone, inductances, the circuit of every state, a target at some distances, an
-indentation at some places, or an indentation at a whole table of places and depths.
-"""
-_EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, in the form used in brackets
 
 
 @dataclass(frozen=True)
