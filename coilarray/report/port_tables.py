@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
 
 from coilarray.circuit.matching import TOLERANCES, Series, capacitors, tolerance_corners, with_standard_values
 from coilarray.circuit.ports import PortCircuit, port_impedance, power_transfer, scattering
@@ -12,9 +11,6 @@ from coilarray.compute.arrays import ComplexArray
 from coilarray.compute.display_units import PERCENT, DisplayUnit
 from coilarray.compute.table import Column, Table, Value, cell, dataset_table
 from coilarray.design.model import Design
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 SWEPT = (0.7, 1.4)
 """Ends of a sweep, over the frequency of the link."""

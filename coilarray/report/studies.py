@@ -10,9 +10,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+import xarray as xr
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.display_units import PERCENT, DisplayUnit, true_minus, value_text
@@ -31,10 +32,6 @@ from coilarray.studies.optimize.run import Optimization, design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.studies.sweep import RULES, UNREAD, Sweep
 from coilarray.viz import boards_figure, plot_convergence, plot_front
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 _CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page always shows
 _MOST_REASONS = 5

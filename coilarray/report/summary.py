@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
+import xarray as xr
 
 from coilarray.circuit.converter_limits import readable_of, reading_lines
 from coilarray.circuit.coupling import resonators
@@ -16,16 +16,11 @@ from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, di
 from coilarray.compute.table import Column, Table, Value, cell
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, LocalizeError
-from coilarray.geometry import Margin
+from coilarray.geometry import Array, Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.studies.create.new_design import broken_limits
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from coilarray.geometry import Array
 
 CHECKED_WITHOUT = "Limits of the converter were checked without"
 _MOST_READ = 64  # coils, which take a few seconds

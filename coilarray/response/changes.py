@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from coilarray.circuit.network import Network, Resonance, cases_at_once, changed_resonances
 from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.store import Keep
 from coilarray.compute.threads import Progress, part_of, ranges
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.finite_sample import shift_inductance
@@ -26,9 +27,6 @@ from coilarray.metal.backing import backings_of
 from coilarray.metal.ball import indenter_inductance
 from coilarray.metal.frequencies import ChangeOverFrequency, FrequencyBand
 from coilarray.response.setup import Experiment, Level, MapAxes, together
-
-if TYPE_CHECKING:
-    from coilarray.compute.store import Keep
 
 Variable = tuple[tuple[str, ...], Any, dict[str, str]]  # variable of a dataset: dimensions, values and attributes
 
