@@ -225,6 +225,12 @@ def check_channel(
     return tuple(limits)
 
 
+def channels_of(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
+    """Return state, frequency, R_p, Q and self-resonance of a scan, none without a converter."""
+    names = ("state", "frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
+    return list(zip(*(scan[name].values.tolist() for name in names), strict=True)) if "readable" in scan else []
+
+
 def least_divider(frequency: float, reference: float) -> int:
     """Return the least FIN_DIVIDER of any size."""
     least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it

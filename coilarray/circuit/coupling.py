@@ -15,7 +15,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.board_circuit import BoardCircuit, bare_network, board_circuit
-from coilarray.circuit.converter_limits import LARGEST_SHARE_OF_SELF_RESONANCE, RESONATOR, readability
+from coilarray.circuit.converter_limits import RESONATOR, readability
 from coilarray.circuit.network import (
     Network,
     StateResult,
@@ -471,27 +471,6 @@ def _self_resonances(circuit: BoardCircuit, results: Sequence[StateResult]) -> l
         if all(low <= one <= high for one in found if math.isfinite(one)):
             break
     return found
-
-
-@serial_algebra()
-def resonators(design: Design, accuracy: Accuracy = "screen") -> xr.Dataset:
-    """Return quantities of readability of the flat board over ``state``.
-
-    `scan_design` takes longer. ``state_self_resonance`` is infinite if it is too far above the
-    frequency to count, and leaves out the effect of plates there.
-    """
-    network = board_circuit(design, accuracy=accuracy).network
-    results = [resonate(network, state) for state in design.plan]
-    at = {name: _of_each(results, name) for name in RESONATOR}
-    states, within = ("state",), 1 / LARGEST_SHARE_OF_SELF_RESONANCE
-    own = [self_resonance_of(network, one, within) for one in results]
-    rows = variables(
-        ("frequency", states, at["frequency"], "Hz", "resonance frequency"),
-        ("parallel_resistance", states, at["parallel_resistance"], "ohm", "parallel resistance"),
-        ("loaded_quality_factor", states, [loaded_quality(network, one) for one in results], "1", "quality factor"),
-        ("state_self_resonance", states, own, "Hz", "self-resonance without the tank"),
-    )
-    return xr.Dataset(rows | readability(design, states, at, at), {"state": [state.name for state in design.plan]})
 
 
 @serial_algebra()

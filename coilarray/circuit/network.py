@@ -320,11 +320,11 @@ def loaded_quality(network: Network, result: StateResult) -> float:
     return result.frequency / 2 * susceptance_slope(network, result.state, result.frequency) / result.admittance.real
 
 
-def self_resonance_of(network: Network, result: StateResult, within: float = _SEARCH) -> float:
+def self_resonance_of(network: Network, result: StateResult) -> float:
     """Return the self-resonance in Hz of a state without tank.
 
     It is the lowest frequency above a resonance at which the state turns from coil to capacitor, or
-    infinite if there is none below `within` times the resonance.
+    infinite if there is none below 30 times the resonance.
     """
     wiring = _wire(network, result.state)
 
@@ -332,8 +332,7 @@ def self_resonance_of(network: Network, result: StateResult, within: float = _SE
         return np.asarray((1 / _solve_with_tank(network, wiring, frequencies, network.inductance)[0]).imag)
 
     # Fine steps, because modes of several coils lie close together.
-    points = math.ceil(_FINE_POINTS * math.log(within) / math.log(_SEARCH))
-    crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, within, points))
+    crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, _SEARCH, _FINE_POINTS))
     return math.inf if crossing is None else crossing
 
 

@@ -588,7 +588,10 @@ def export(
     exported = write(opened, target, to, sheets=not no_sheets, allow_faults=allow_violations)
     written, faults = exported.files, exported.net_faults
     sizes = [path.stat().st_size for path in written]
-    lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
+    lines = [
+        f"wrote {path} ({f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.1f} kB'})"
+        for path, size in zip(written, sizes, strict=True)
+    ]
     lines += [f"warning: {fault}" for fault in faults]
     if to in ("kicad", "gerber") and not faults:
         count = len(opened.coil_names)
@@ -600,7 +603,3 @@ def export(
         as_json=as_json,
         lines=lines,
     )
-
-
-def _readable(size: int) -> str:
-    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.1f} kB"

@@ -10,7 +10,7 @@ import shapely
 import xarray as xr
 
 from coilarray.circuit.converter_limits import readable_of, reading_lines
-from coilarray.circuit.coupling import resonators
+from coilarray.circuit.coupling import scan_design
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, MM, PER_MILLION, PERCENT, display_unit, true_minus
 from coilarray.compute.table import Column, Table, Value, cell
@@ -84,7 +84,8 @@ def unread_words(design: Design) -> str:
     if not design.readout.is_judged or len(design.coil_names) > _MOST_READ:
         return ""
     try:
-        return " ".join(verdicts(resonators(design), ()))
+        scan = scan_design(design, elastomer=False, accuracy="screen")
+        return " ".join(verdicts(scan.assign_attrs(left_out=""), ()))
     except CoilarrayError:  # a board without a resonance, for example
         return ""
 

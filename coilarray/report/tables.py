@@ -336,7 +336,7 @@ def state_current_table(scan: xr.Dataset) -> Table:
 
 def limit_table(scan: xr.Dataset) -> Table:
     """Return the limits of an LDC1614 for every state."""
-    from coilarray.circuit.converter_limits import check_channel
+    from coilarray.circuit.converter_limits import channels_of, check_channel
 
     columns = (
         *map(Column, ("state", "limit")),
@@ -345,24 +345,15 @@ def limit_table(scan: xr.Dataset) -> Table:
     )
     rows = tuple(
         (state, limit.name, limit.value, limit.low, cell(limit.high), limit.kept)
-        for state, *resonator in _resonators(scan)
+        for state, *resonator in channels_of(scan)
         for limit in check_channel(*resonator)
     )
     return Table("ldc1614", "LDC1614", columns, rows, mark="no")
 
 
-def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
-    """State, frequency, R_p, Q and self-resonance of all resonators."""
-    if "readable" not in scan:
-        return []
-    names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
-    values = [scan[name].values.tolist() for name in names]
-    return list(zip(scan.state.values.tolist(), *values, strict=True))
-
-
 def drive_table(scan: xr.Dataset) -> Table:
     """Return the LDC1614's drive and least settling count by state."""
-    from coilarray.circuit.converter_limits import RESISTANCE, drive_for
+    from coilarray.circuit.converter_limits import RESISTANCE, channels_of, drive_for
     from coilarray.hardware import settle_count
 
     columns = (
@@ -373,7 +364,7 @@ def drive_table(scan: xr.Dataset) -> Table:
         Column("settle_count", "SETTLECOUNT, at least", "1"),
     )
     rows: list[tuple[Value, ...]] = []
-    for state, f, R_p, Q, _ in _resonators(scan):
+    for state, f, R_p, Q, _ in channels_of(scan):
         drive = drive_for(R_p) if RESISTANCE[0] <= R_p <= RESISTANCE[1] else None
         setting = ("none fits", "", "") if drive is None else (str(drive.code), drive.current, drive.amplitude)
         rows.append((state, *setting, settle_count(f, Q)))

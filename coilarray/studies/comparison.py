@@ -49,62 +49,42 @@ def compare_responses(
 ) -> xr.Dataset:
     """Compare a measured response with a simulated one.
 
-    Parameters
-    ----------
-    measured : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and coordinates in m, NaN where a position was
-        not measured. ``delta_std``, the standard deviation of δ, is the noise, of a single reading
-        if the attribute ``repeats`` gives the number of readings in a mean δ.
-    simulated : xarray.Dataset
-        Response without NaN, at least four x and four y. It may be another measured response, whose
-        ``delta_std`` is then added to the noise.
-    largest_shift : float, optional
-        Largest shift of the search in m, by default the measured map's own spacing. Only positions
-        that are in the simulated map by this much are used, so let it be larger than the measured.
-    progress : callable, optional
-        Called with (done, total).
+    The `measured` dataset has ``delta`` (depth, y, x, state) and coordinates in m, NaN where a
+    position was not measured. Its ``delta_std``, the standard deviation of δ, is the noise, of a
+    single reading if the attribute ``repeats`` gives the number of readings in a mean δ. The
+    `simulated` one has no NaN and at least four x and four y. It may be another measured response,
+    whose ``delta_std`` is then added to the noise. The search shifts by up to `largest_shift` in m,
+    by default the measured map's own spacing. Only positions that are in the simulated map by this
+    much are used, so let it be larger than the measured. `progress` is called with (done, total).
+    Raises LocalizeError for datasets that are not responses, no common state, depth or position, or
+    a largest shift that is negative.
 
-    Returns
-    -------
-    xarray.Dataset
-        Comparison of the common states and depths at the positions that both have: dimensions
-        ``depth``, ``y``, ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and
-        ``level``. NaN for unknown values.
+    The result holds the common states and depths at the positions that both have, over ``depth``,
+    ``y``, ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated) and ``level``, NaN
+    for unknown values:
 
-        - ``delta`` (source, depth, y, x, state), and ``base_inductance`` (source, state) in H
-        - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated,
-          as it is, and scaled and shifted
+    - ``delta`` (source, depth, y, x, state), and ``base_inductance`` (source, state) in H
+    - ``residual_before`` and ``residual_after`` (depth, y, x, state): measured minus simulated, as
+      it is, and scaled and shifted
+    - for every depth and state ``scale`` and, with an axis, ``shift`` in m, which bring the
+      simulated map onto the measured map, ``rms_before``, ``rms_after``, ``correlation_before`` and
+      ``correlation_after``, each with its standard deviation, whose name ends in ``_std``,
+      ``at_limit``, whether the best shift is beyond the largest, ``noise``, its level in δ if it is
+      known, and ``points``, the number of positions
+    - for every depth, state and ``source`` the ellipses of `level_curves` over the level of δ,
+      neither scaled nor shifted: ``x0``, ``A``, ``B``, their standard deviations, ``undetermined``
+      and ``ellipse_problem``
 
-        For every depth and state ``scale`` and, with an axis, ``shift`` in m, which bring the
-        simulated map onto the measured map, ``rms_before``, ``rms_after``, ``correlation_before``
-        and ``correlation_after``, each with its standard deviation, whose name ends in ``_std``,
-        ``at_limit``, whether the best shift is beyond the largest, ``noise``, its level in δ if it
-        is known, and ``points``, the number of positions.
+    Of the attributes, ``only_measured`` and ``only_simulated`` are states of a single response.
+    ``depths_left_out`` in m and ``points_left_out`` were measured but are not in the simulated map.
+    ``points_missing`` were not measured. ``noise_from`` is "delta_std" or "residuals". The
+    attributes of both are kept as ``measured_…`` and ``simulated_…``.
 
-        For every depth, state and ``source``, the ellipses of `level_curves` over the level of δ,
-        neither scaled nor shifted: ``x0``, ``A``, ``B``, their standard deviations,
-        ``undetermined`` and ``ellipse_problem``.
-
-        Attributes: ``only_measured`` and ``only_simulated`` are states of a single response.
-        ``depths_left_out`` in m and ``points_left_out`` were measured but are not in the simulated
-        map. ``points_missing`` were not measured. ``noise_from`` is "delta_std" or "residuals". The
-        attributes of both are kept as ``measured_…`` and ``simulated_…``.
-
-    Raises
-    ------
-    LocalizeError
-        Datasets that are not responses, no common state, depth or position, or a largest shift that
-        is negative.
-
-    Notes
-    -----
     The standard deviations of scale, shift, rms and correlation are the effect of the noise of the
     readings on them, to first order. If no noise is known, it is taken from the scatter of the
     residuals of the fit. Noise of the simulated side (a second measurement) also biases the scale
     towards zero, by noise² over the mean square of its map.
 
-    Examples
-    --------
     >>> from coilarray.paper.ellipse_model import published_map
     >>> simulated = published_map()
     >>> found = compare_responses(simulated.assign(delta=1.1 * simulated.delta), simulated)

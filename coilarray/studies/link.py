@@ -60,25 +60,11 @@ def pose_grid(
 ) -> xr.DataArray:
     """Return the poses of all combinations of values.
 
-    Parameters
-    ----------
-    x, y, z : array_like, shape (n,) or scalar
-        Shifts in m.
-    turn_x, turn_y, turn_z : array_like, shape (n,) or scalar
-        Angles about the axes in rad, as in `coilarray.geometry.Pose`.
+    Shifts `x`, `y` and `z` are in m, the angles `turn_x`, `turn_y` and `turn_z` about the axes in
+    rad, as in `coilarray.geometry.Pose`: a number or a row (n,) each. The poses are over the axes
+    that have several values, or over z if none has. Raises DesignError for values of an axis that
+    are not different and finite, or more than `MOST_POSES` poses.
 
-    Returns
-    -------
-    xarray.DataArray
-        Poses over the axes that have several values, or over z if none has.
-
-    Raises
-    ------
-    DesignError
-        Values of an axis that are not different and finite, or more than `MOST_POSES` poses.
-
-    Examples
-    --------
     >>> dict(pose_grid(z=[5e-3, 10e-3], x=[0.0, 2e-3, 4e-3]).sizes)
     {'x': 3, 'z': 2}
     """
@@ -113,21 +99,10 @@ def pose_of(design: Design, name: str) -> Pose:
 
 
 def together(design: Design, names: Sequence[str], poses: xr.DataArray) -> dict[str, xr.DataArray]:
-    """Return the poses of boards that move as one.
+    """Return the poses of boards that move as one, for `link`.
 
-    Parameters
-    ----------
-    design : Design
-        Design that places the boards.
-    names : sequence of str
-        Names of the boards.
-    poses : xarray.DataArray
-        Poses of the first. The others keep their places relative to it.
-
-    Returns
-    -------
-    dict of str to xarray.DataArray
-        Poses by board, for `link`.
+    The `poses` are of the first of the `names`. The other boards of the `design` keep their places
+    relative to it.
     """
     places = {name: pose_of(design, name) for name in names}
     first = _back(places[names[0]])
@@ -159,45 +134,26 @@ def link(
 ) -> xr.Dataset:
     """Compute the link between boards over poses of some of them.
 
-    Parameters
-    ----------
-    design : Design or DesignFile
-        Design with several boards.
-    poses : mapping of str to xarray.DataArray or sequence of Pose
-        Poses of each board that moves, by its name, in place of its pose in the design. Those of
-        `pose_grid` have coordinates. All boards have equally many.
-    frequency : float, optional
-        Frequency in Hz. By default that of the design's ports. Without any, only M and k are given.
-    keep : bool, str or Path
-        Whether results are kept for later runs: in the user's cache folder, or in the given folder.
-    progress : callable, optional
-        Called with (done, total).
+    The `poses` of each board of the `design` that moves, by its name, take the place of its pose in
+    the design, equally many for all. Those of `pose_grid` have coordinates. The `frequency` in Hz
+    is by default that of the design's ports. Without any, only M and k are given. `keep` tells
+    whether results are kept for later runs: in the user's cache folder, or in the given folder.
+    `progress` is called with (done, total).
 
-    Returns
-    -------
-    xarray.Dataset
-        ``mutual_inductance`` in H and ``coupling`` over the poses and ``pair``, all pairs of coils
-        that move against each other. With a frequency also ``induced_voltage`` ωM in V per ampere
-        and ``best_efficiency``, which `coilarray.circuit.ports.best_link` describes, of both coils
-        alone. With ports the ``efficiency`` and ``available_efficiency`` from
-        ``source_coil`` to ``load_coil``, the number of ``resonances``, the lowest and highest of them
-        and their ``splitting``, see `coilarray.circuit.ports`. The latter three have no value at poses
-        where no port oscillates, and are left out if there is no other.
+    In the result, ``mutual_inductance`` in H and ``coupling`` are over the poses and ``pair``, all
+    pairs of coils that move against each other. With a frequency also ``induced_voltage`` ωM in V
+    per ampere and ``best_efficiency``, which `coilarray.circuit.ports.best_link` describes, of both
+    coils alone. With ports the ``efficiency`` and ``available_efficiency`` from ``source_coil`` to
+    ``load_coil``, the number of ``resonances``, the lowest and highest of them and their
+    ``splitting``, see `coilarray.circuit.ports`. The latter three have no value at poses where no
+    port oscillates, and are left out if there is no other.
 
-    Raises
-    ------
-    DesignError
-        An unknown board, poses that do not fit each other, boards that cut through each other at a
-        pose, a frequency that is not positive, or metal or magnetic sheets, whose effect on moved
-        boards is not known.
-
-    Notes
-    -----
     The error of M is below 1e-4 of the larger L, see
     `coilarray.electromagnetics.motion.moved_inductance`. Resistances are those of each board alone.
+    Raises DesignError for an unknown board, poses that do not fit each other, boards that cut
+    through each other at a pose, a frequency that is not positive, or metal or magnetic sheets,
+    whose effect on moved boards is not known.
 
-    Examples
-    --------
     >>> import coilarray as ca
     >>> reader, tag = ca.Spiral(4, 40e-3, 5, 0.5e-3, 0.5e-3), ca.Spiral(4, 25e-3, 6, 0.3e-3, 0.3e-3)
     >>> pair = ca.Design(reader.as_array(), boards=(ca.Board(tag.as_array(), ca.Pose(z=10e-3), "tag"),))
@@ -264,18 +220,10 @@ def link(
 
 
 def columns(result: xr.Dataset) -> xr.Dataset:
-    """Return a link with a variable for every pair, for tables and plots.
+    """Return the `result` of `link` with a variable for every pair, for tables and plots.
 
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `link`.
-
-    Returns
-    -------
-    xarray.Dataset
-        k of each pair as ``k[coil,coil]``, M in µH, voltages and efficiencies named in the same
-        way, and resonances in MHz, over the poses in mm and degrees.
+    Over the poses in mm and degrees, k of each pair is ``k[coil,coil]``, M in µH, voltages and
+    efficiencies are named in the same way, and resonances are in MHz.
     """
     names = {
         "coupling": ("k", 1.0, "1"), "mutual_inductance": ("M_uH", 1e6, "µH"),

@@ -27,7 +27,7 @@ from coilarray.circuit.converter_limits import (
     reading_lines,
     shared_drive,
 )  # fmt: skip
-from coilarray.circuit.coupling import resonators, scan_design, sweep_design
+from coilarray.circuit.coupling import scan_design, sweep_design
 from coilarray.circuit.network import Network, resonate, self_resonance_of
 from coilarray.circuit.noise_budget import noise_budget
 from coilarray.compute.workers import open_executor
@@ -255,10 +255,9 @@ def with_tank(capacitance):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("capacitance", [20, 60, 3300])
-def test_the_quick_look_at_a_board_says_what_its_scan_says(capacitance):
+def test_the_words_about_a_board_say_what_its_scan_says(capacitance):
     design = with_tank(capacitance)
-    quick, whole = resonators(design), scan_design(design, elastomer=False, accuracy="screen")
-    assert verdicts(quick, ()) == verdicts(whole, ())
+    whole = scan_design(design, elastomer=False, accuracy="screen")
     words, read = unread_words(design), bool(whole.readable.all())
     assert words == "" if read else words.startswith("The converter cannot read coil1: ")
     assert noise_budget(design).unread == (() if read else ("coil1",))
@@ -276,8 +275,7 @@ def test_a_self_resonance_counts_where_it_is_near():
     )
     at = resonate(coil, ScanState("a", (("a", 1),)))
     ratio = math.sqrt(11)
-    assert self_resonance_of(coil, at, 1.01 * ratio) / at.frequency == pytest.approx(ratio, rel=1e-5)  # by R, 1e-6
-    assert self_resonance_of(coil, at, 0.99 * ratio) == math.inf
+    assert self_resonance_of(coil, at) / at.frequency == pytest.approx(ratio, rel=1e-5)  # by R, 1e-6
 
 
 def test_goals_of_what_is_read_ask_for_a_converter_that_reads_it():

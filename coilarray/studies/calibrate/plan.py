@@ -244,8 +244,6 @@ def load_plan(name_or_path: str | Path) -> Plan:
     Raises GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not
     allowed, in one line.
 
-    Examples
-    --------
     >>> [unknown.name for unknown in load_plan("table_a1").unknowns][:2]
     ['stackup.dielectric_thickness_mm.1', 'elastomer.1.relative_permeability']
     """

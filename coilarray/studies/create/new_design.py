@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import xarray as xr
 
-from coilarray.circuit.converter_limits import Limit, check_channel
+from coilarray.circuit.converter_limits import Limit, channels_of, check_channel
 from coilarray.circuit.coupling import design_inductance, scan_design
 from coilarray.circuit.matching import standard_value
 from coilarray.design.bundled import DESIGNS
@@ -58,13 +58,9 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
 
 def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
     """List the LDC1614's broken limits with the states, none without a converter."""
-    names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     broken: list[tuple[str, Limit]] = []
-    if "readable" not in scan:
-        return broken
-    for state, *values in zip(scan.state.values.tolist(), *(scan[name].values.tolist() for name in names), strict=True):
-        frequency, _, _, self_resonance = values
-        share = Limit("frequency over self-resonance", frequency / self_resonance, 0, share_of_self_resonance)
+    for state, *values in channels_of(scan):
+        share = Limit("frequency over self-resonance", values[0] / values[-1], 0, share_of_self_resonance)
         limits = (share, *check_channel(*values))
         broken += [(state, limit) for limit in limits if not limit.kept]
     return broken

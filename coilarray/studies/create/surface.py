@@ -29,20 +29,10 @@ def decoupled_lattice(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stacku
     not allow that for all, the squares of the couplings become least. Coils without a common border
     keep a small negative coupling. Coils count as thin filaments, which changes k by some 1e-4.
 
-    Parameters
-    ----------
-    lattice : SurfaceLattice
-        Places and sizes from which the search starts. Without sizes, 1.4 times the mean distance to
-        the neighbours. Places in triangles, few with other than six neighbours, decouple best.
-    coil : Coil, Spiral or RoundedSpiral
-        Shape of the coils.
-    stackup : Stackup
-        Layers of each board.
-
-    Returns
-    -------
-    SurfaceLattice
-        The lattice with the places and sizes found. Raises DesignError for a single coil.
+    The search starts from the places and sizes of the `lattice`, without sizes from 1.4 times the
+    mean distance to the neighbours. Places in triangles, few with other than six neighbours,
+    decouple best. `coil` is the shape of the coils, `stackup` the layers of each board. Raises
+    DesignError for a single coil.
     """
     surface, count = lattice.surface, len(lattice.points)
     pairs = np.array(neighbours(surface, lattice.points), dtype=np.intp).reshape(-1, 2).T

@@ -315,15 +315,8 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
 
     `name_or_path` is the path of a file, which has precedence, or a name. Raises GoalError for an
     unreadable file, an unknown key or a value that is not allowed, in one line, and if the goal
-    does not fit the design, for example `decouple` for a single coil.
+    does not fit the `design`, for example `decouple` for a single coil.
 
-    Returns
-    -------
-    Goal
-        The goal, checked against the design.
-
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> [variable.entry for variable in load_goal("worst_k", load_design("starter")).variables]
     ['array.pitch_mm', 'array.layers']

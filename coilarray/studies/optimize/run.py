@@ -117,17 +117,12 @@ def optimize_design(
 ) -> Optimization:
     """Search for better designs, and continue a killed run.
 
-    Entries that are not variables of the goal stay unchanged. Boards that cannot be made are
+    Entries that are not variables of the `goal` stay unchanged. Boards that cannot be made are
     excluded, see `keeping_rules`. Every point is written to ``points.jsonl`` in `folder` as soon as
     it is known. `workers` are a number of local processes or an executor, on which the points do
     not depend. `cache` keeps evaluated points. `progress` is a `SearchProgress`. Raises GoalError
-    if a variable does not fit the design or it lacks a quantity, OutputError if the file cannot be
-    used, and MissingDependencyError without Optuna.
-
-    Returns
-    -------
-    Optimization
-        All trials, the best designs and the input of the search.
+    if a variable does not fit the `design` or it lacks a quantity, OutputError if the file cannot
+    be used, and MissingDependencyError without Optuna.
     """
     file = as_file(design)
     require_coils(file.design, goal)
@@ -413,14 +408,10 @@ def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Eval
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
     """Write the files of an optimization into a folder.
 
-    Designs of an earlier search, listed in its ``result.json``, are removed. Raises OutputError. No
-    file is left half-written.
-
-    Returns
-    -------
-    tuple of Path
-        ``trials.csv``, ``result.json`` and the designs: ``best.toml``, or ``pareto_01.toml`` and so
-        on in the order of the first objective.
+    They are ``trials.csv``, ``result.json`` and the designs: ``best.toml``, or ``pareto_01.toml``
+    and so on in the order of the first objective. Designs of an earlier search in the `folder`,
+    listed in its ``result.json``, are removed. Raises OutputError. No file of the `result` is left
+    half-written.
     """
     folder = Path(folder)
     make_folder(folder)

@@ -14,7 +14,7 @@ import shapely
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from coilarray.circuit.converter_limits import DRIVE_WINDOW, check_channel
+from coilarray.circuit.converter_limits import DRIVE_WINDOW, channels_of, check_channel
 from coilarray.circuit.ports import solve_ports
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, one_board
@@ -121,9 +121,8 @@ def _quality(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     if not evaluation.design.readout.is_judged:
         raise GoalError(f'no converter drives {evaluation.design.name}, which has readout.converter = "none".')
-    names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     margins = []
-    for state in zip(*(evaluation.scan[name].values.tolist() for name in names), strict=True):
+    for _, *state in channels_of(evaluation.scan):
         window = next(limit for limit in check_channel(*state) if limit.name == DRIVE_WINDOW)
         margins.append(min(window.value / window.low - 1, 1 - window.value / window.high))
     return min(margins)

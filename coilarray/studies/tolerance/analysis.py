@@ -127,7 +127,7 @@ def analyse(
 ) -> xr.Dataset:
     """Compute the spread of quantities over boards of a design with errors.
 
-    `quantities` are by default of the tolerances, otherwise `default_quantities`, and of the
+    `quantities` are by default of the `tolerances`, otherwise `default_quantities`, and of the
     limits. `samples` is the number of drawn boards, 0 or at least 8, with `seed` as in `draw`. The
     `accuracy` ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so
     their spread is accurate to 1 %. `table` is the response table for locating positions, from
@@ -136,27 +136,21 @@ def analyse(
     `check_analysis` refuses the arguments, or a board next to the nominal board is impossible, and
     CoilarrayError if the nominal board cannot be solved.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dataset over ``output``, quantities in the units of their names, δ by place and state and
-        shifts of the located position in mm, and over ``contributor``, the errors:
+    The result is over ``output``, quantities in the units of their names, δ by place and state and
+    shifts of the located position in mm, and over ``contributor``, the errors:
 
-        - ``nominal`` and ``linear_deviation`` of each output.
-        - ``effect`` of one standard deviation and ``share`` of the variance (contributor, output).
-        - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor,
-          with a reason.
-        - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a
-          board has no value or a reading has no position, with the cause in ``failure``;
-          ``sample_mean``, ``sample_deviation`` with its standard error, its ``ratio`` to the linear
-          deviation, and ``percentiles``. ``unread`` marks boards that no converter reads.
-        - For each ``limit`` and last for all together ``linear_yield`` and, with samples,
-          ``sample_yield`` with its interval. A board that cannot be made keeps no limit, and a
-          board that no converter can read none on read quantities. The linear model includes
-          neither effect.
+    - ``nominal`` and ``linear_deviation`` of each output.
+    - ``effect`` of one standard deviation and ``share`` of the variance (contributor, output).
+    - ``deviation``, ``unit``, ``table``, ``part`` and ``distribution`` of each contributor, with a
+      reason.
+    - With samples ``error`` (sample, contributor) and ``value`` (sample, output), NaN if a board
+      has no value or a reading has no position, with the cause in ``failure``; ``sample_mean``,
+      ``sample_deviation`` with its standard error, its ``ratio`` to the linear deviation, and
+      ``percentiles``. ``unread`` marks boards that no converter reads.
+    - For each ``limit`` and last for all together ``linear_yield`` and, with samples,
+      ``sample_yield`` with its interval. A board that cannot be made keeps no limit, and a board
+      that no converter can read none on read quantities. The linear model includes neither effect.
 
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> from coilarray.studies.tolerance import Spread, Tolerances
     >>> thickness = Tolerances({"dielectric": Spread(board=0.02)})

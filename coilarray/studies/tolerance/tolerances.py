@@ -169,13 +169,6 @@ def load_tolerances(path: str | Path | None = None) -> Tolerances:
     unless it has ``others = "none"``. Raises GoalError for an unreadable file, wrong TOML, or a key
     or value that is not allowed, in one line.
 
-    Returns
-    -------
-    Tolerances
-        The tolerances.
-
-    Examples
-    --------
     >>> load_tolerances().spreads["etch"].board
     4.7e-06
     """
