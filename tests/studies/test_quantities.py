@@ -243,7 +243,7 @@ def test_circuit_is_that_of_the_scan(true):
 def test_drive_margin_is_positive_where_the_converter_may_drive(R_p):
     """Electrical characteristics of the data sheet; the other states are in the middle of the window."""
     of = Evaluation(STARTER)
-    same = {"frequency": 2e6, "loaded_quality_factor": 30.0, "state_self_resonance": 9e6}
+    same = {"frequency": 2e6, "loaded_quality_factor": 30.0, "state_self_resonance": 9e6, "readable": True}
     states = {name: ("state", [number] * 3) for name, number in same.items()}
     vars(of)["scan"] = xr.Dataset({**states, "parallel_resistance": ("state", [10e3, R_p, 20e3])})
     margin = request("drive_margin").value(of)
