@@ -76,7 +76,6 @@ def view(
     size: Annotated[
         str | None, typer.Option(help="Pixels of picture and film; 1600x900 and 960x540 by default.")
     ] = None,
-    dark: Annotated[bool, typer.Option("--dark", help="Draw a picture for a dark page.")] = False,
     layers: Annotated[str | None, typer.Option(help="Copper layers shown, as L1,L3; all by default.")] = None,
     coil: Annotated[
         str | None, typer.Option(help='The measured coil, the middle one by default; on a page "each", with a slider.')
@@ -147,8 +146,6 @@ def view(
         if value is not None and option in unused:
             what = {"film": "a film, which shows δ of all coils", "field": "the numbers of a field"}
             raise OutputError(f"{option} is not for {what.get(kind, 'a scene, but for .nc and .vtr')}.")
-    if dark and kind != "picture":
-        raise OutputError("--dark is for a picture (.png).")
     if distance_mm is not None and kind != "field" and items and "target" not in items:
         raise OutputError("--distance-mm is for --show target.")
     heights = None if z_mm is None else _heights(z_mm)
@@ -206,7 +203,7 @@ def view(
         elif kind == "page":
             viz.save_page(scene, out, title=opened.name, side=side)
         else:
-            viz.save_picture(scene, out, side=side, dark=dark, **pixels)
+            viz.save_picture(scene, out, side=side, **pixels)
         lines = [*notes, *([] if out is None else [f"wrote {', '.join(map(str, written))}"])]
     data = {**shared.design_record(opened), "file": out and str(out), "notes": notes}
     shared.print_result(data, as_json=as_json, lines=lines)

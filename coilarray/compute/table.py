@@ -598,7 +598,10 @@ def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
 def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int], list[int]]]:
     """Return blocks of columns that fit, with their widths."""
     full = [max(map(len, texts)) for texts in columns]
-    words = [[len(word) for text in texts for word in _UNIT.sub("\u00a0", text).split(" ")] for texts in columns]
+    words = [
+        [len(word) for text in texts for word in ([text] if _is_number(text) else _UNIT.sub("\u00a0", text).split(" "))]
+        for texts in columns
+    ]
     least = [max([min(most, _NARROWEST), *lengths]) for most, lengths in zip(full, words, strict=True)]
     whole = list(zip(*columns, strict=True))
     keys = next((k for k in range(1, _MOST_KEYS) if len({row[:k] for row in whole}) == len(whole)), _MOST_KEYS)
@@ -622,7 +625,7 @@ def _blocks(columns: Sequence[Sequence[str]], width: int) -> list[tuple[list[int
 
 def _is_number(text: str) -> bool:
     try:
-        float(re.sub("·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+$", "", text).replace("−", "-"))
+        float(re.sub("·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+ *$", "", text).replace("−", "-"))
     except ValueError:
         return False
     return True

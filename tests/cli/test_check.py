@@ -68,7 +68,7 @@ def test_a_kept_design(capsys):
     for row, margin in zip(printed.values(), first.values(), strict=True):
         assert row[2] == margin.feature
         numbers = [margin.value * 1e3, margin.limit * 1e3, margin.margin * 1e3]
-        assert [float(cell.replace("−", "-")) for cell in row[3:6]] == pytest.approx(numbers, abs=0.5e-4)  # four digits
+        assert [float(cell.replace("−", "-")) for cell in row[3:6]] == pytest.approx(numbers, abs=0.5e-3)  # to 1 µm
     # in the order that the title says
     kinds = [2 if one.feature == "board" else one.unit != "m" for one in first.values() if one.kept]
     assert "the worst first, the bare board last" in " ".join(out.split())

@@ -90,7 +90,7 @@ def test_the_whole_of_it(capsys, monkeypatch):
     assert best["board_area_mm2"] < evaluate(load_design("starter"), ["board_area_mm2"])["board_area_mm2"]
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line and not line.startswith("wrote")}
     assert rows["10"][:3] == ["points", "tried,", str(len(trials) - 11)]  # the start is none of them
-    assert rows["array.columns"][:5] == ["2", "to", "4,", "whole", "3"]
+    assert rows["array.columns"][2:6] == ["2", "to", "4,", "whole"], out
     assert rows["board_area_mm2"][:2] == ["mm²", "minimize"]
     assert float(rows["board_area_mm2"][3]) == pytest.approx(best["board_area_mm2"], rel=1e-4)  # of five digits
     assert rows["covered_mm2"][:3] == ["mm²", "≥", "500"]

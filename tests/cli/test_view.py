@@ -48,8 +48,6 @@ def test_a_picture_of_what_is_asked_for(capsys):
     assert (red > blue + 0.3).mean() > 0.01  # L1 is vermillion,
     assert (blue > red + 0.4).mean() < 1e-3  # L3, blue, is not shown
     assert [path.name for path in Path().iterdir()] == ["top.png"]
-    good(capsys, "starter", "--out", "dark.png", "--dark", "--size", "160x90")
-    assert imread("dark.png")[0, 0, :3].max() < 0.2
 
 
 def test_a_page_and_files_for_paraview_need_no_graphics_driver(capsys, monkeypatch):
@@ -101,7 +99,6 @@ test_mistakes_are_one_line = mistakes(
     (("--out", "m.gif", "--show", "target"), "starter has no [target]"),
     (("--out", "m.gif", "--at-mm", "0", "0"), "--at-mm is not for a film"),
     (("--out", "f.nc", "--show", "field"), "--show is not for the numbers of a field"),
-    (("--out", "p.html", "--dark"), "--dark is for a picture"),
     (("--z-mm", "1"), "--z-mm is not for a scene"),
     (("--show", "board", "--distance-mm", "1"), "--distance-mm is for --show target"),
     (("--distance-mm", "1"), "--distance-mm is for a design with a [target]; starter has none"),

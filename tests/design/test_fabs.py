@@ -311,7 +311,7 @@ def test_the_table_shows_millimetres_and_numbers_and_files_keep_si():
     cells = {row[0]: row for row in reversed(table.cells())}
     assert cells["layer count"] == ["layer count", "", "board", "4", "2", "−2", "", "", "", "no"]
     assert cells["aspect ratio"][3:7] == ["3.925", "2", "−1.925", ""]
-    assert cells["annular ring"][3:7] == ["0.1250", "0.1000", "0.0250", "mm"]
+    assert cells["annular ring"][3:7] == ["0.125", "0.100", "0.025", "mm"]
 
 
 def test_a_report_names_the_profile_and_its_sources():

@@ -243,7 +243,7 @@ def test_search_finds_what_many_random_starts_find(paper, paper_model):
 def test_regions_hold_the_truth(paper, paper_model):
     """Coverage of the joint 95 % region of x, y and depth, at the noise of the goal."""
     _, points, delta = paper
-    readings, truth = np.concatenate([noisy(delta, seed=seed) for seed in range(4)]), np.tile(points, (4, 1))
+    readings, truth = np.concatenate([noisy(delta, seed=seed) for seed in range(7)]), np.tile(points, (7, 1))
     each = zip(readings, truth, locate_all(paper_model, readings, noise=NOISE), strict=True)
     held = [
         deviance(paper_model, one, found, point, noise=NOISE).item() <= REGION
