@@ -29,19 +29,10 @@ class Board:
     converter to sleep. After SIGKILL a microcontroller ends its stream by itself, and chips on the
     computer's own buses are put to rest when the board is opened again.
 
-    Attributes
-    ----------
-    reader : Reader
-        Reader that measures.
-    port : str
-        Name of the port.
-    wiring : Wiring
-        Wiring of the switches.
-    emulator : EmulatedBoard or None
-        The emulated board behind the reader. None for real hardware.
-    thermometer : callable or None
-        Returns the temperature in °C, or None if it is not known at present. It is the emulator's
-        thermometer, or a thermometer that the user of the board sets.
+    The `reader` measures at the `port` of this name, with the `wiring` of the switches. The
+    `emulator` is the emulated board behind the reader, None for real hardware. Its ``thermometer``,
+    or another that the user of the board sets, returns the temperature in °C, or None if it is not
+    known at present.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
@@ -84,10 +75,7 @@ class Board:
         return self.reader.check_chain() if isinstance(self.reader, MicrocontrollerReader) else None
 
     def close(self) -> None:
-        """Put the board to rest and close the port.
-
-        The method never raises and may be called again.
-        """
+        """Put the board to rest and close the port, and never raise."""
         with buses.held_signals():
             self.reader.close()
         atexit.unregister(self.close)
@@ -115,34 +103,15 @@ def open_board(
 ) -> Board:
     """Open a board with grounded coils and a sleeping converter.
 
-    Parameters
-    ----------
-    port : str
-        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it. The emulator by
-        default.
-    design : Design, optional
-        Design of the emulated coils. The reference design by default.
-    wiring : Wiring, optional
-        Wiring of the switches, or of coils to channels. By default the result of `wiring_of_board`.
-    times : LinkTimes, optional
-        Time limits for a microcontroller.
-    **emulation
-        Options of `coilarray.hardware.emulator.board.emulated_board`, which a real board ignores.
+    The `port` is named as `coilarray.hardware.wire.ports.parse_port` reads it, the emulator by
+    default. `design` is the design of the emulated coils, the reference design by default, `wiring`
+    that of the switches or of coils to channels, by default of `wiring_of_board`, and `times` are
+    time limits for a microcontroller. `emulation` are options of
+    `coilarray.hardware.emulator.board.emulated_board`, which a real board ignores.
 
-    Returns
-    -------
-    Board
-        The open board, for use in a ``with`` block.
+    Raises HardwareError for a text that names no port, or a port that cannot be opened, with the
+    existing ports, and MissingDependencyError if the library of this kind of port is not installed.
 
-    Raises
-    ------
-    HardwareError
-        Not the name of a port, or a port that cannot be opened. The message has the existing ports.
-    MissingDependencyError
-        The library that this kind of port needs is not installed.
-
-    Examples
-    --------
     >>> with open_board() as board:  # doctest: +SKIP
     ...     board.reader.configure(scan_settings(board.wiring))
     ...     scan = board.reader.scan()

@@ -241,17 +241,10 @@ class CoilCheck:
 class SelfTest:
     """Result of a self-test.
 
-    Parameters
-    ----------
-    coils : tuple of CoilCheck
-        Measurements of the coils, in the order of the wiring.
-    symptoms : tuple of str
-        Measurements that a good board would not give. Empty if the test has passed.
-    findings : tuple of str
-        Faults that each explain all measurements alone. Empty if the test has passed or there are
-        several faults.
-    untested : tuple of str
-        Faults that a board which has passed could still have.
+    It has the measurements of the `coils`, in the order of the wiring, and the `symptoms`,
+    measurements that a good board would not give. Each of the `findings` is a fault that explains
+    all measurements alone. There are none if there are several faults. `untested` are faults that a
+    board which has passed could still have.
     """
 
     coils: tuple[CoilCheck, ...]
@@ -278,36 +271,18 @@ class _Seen:
 def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progress: Progress | None = None) -> SelfTest:
     """Try every switch of a board.
 
-    Parameters
-    ----------
-    reader : Reader
-        Reader of the board. Afterwards it is not configured and its coils are grounded.
-    wiring : Wiring
-        Assumed wiring of the board.
-    settings : ScanSettings
-        Settings of the board's coils, of which clock, dividers and drive currents are used.
-    progress : callable, optional
-        Function called with (done, total) after each group of states.
+    The `reader` is not configured afterwards, and its coils are grounded. `wiring` is the assumed
+    one. Of the `settings` of the board's coils, clock, dividers and drive currents are used.
+    `progress` is called with (done, total) after each group of states.
 
-    Returns
-    -------
-    SelfTest
-        The faults that were found, named as far as they can be distinguished.
-
-    Raises
-    ------
-    BusFault, SwitchFault
-        The converter did not answer three times, or the chain of switches returns other words than
-        it was sent.
-    HardwareError
-        The board refuses the settings or cannot scan.
-
-    Notes
-    -----
-    Six coils take 110 states, about 2 s. A single fault is named. Several faults at once give only
+    Six coils take 110 states, about 2 s. A single fault is named, several at once give only
     symptoms. Neighbouring coils must be coupled strongly enough that a shorted coil raises the
     frequency of the other by `NOTICEABLE`. Without switches the test shows only whether the coil at
     every channel oscillates.
+
+    Raises BusFault if the converter did not answer three times, SwitchFault if the chain of
+    switches returns other words than it was sent, and HardwareError if the board refuses the
+    settings or cannot scan.
     """
     if wiring.channels:
         return _of_channels(reader, settings)

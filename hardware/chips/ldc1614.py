@@ -177,30 +177,10 @@ SWITCH_BITS = 20  # bits on the bus that take as long as the words for a chain o
 def code_to_frequency(code: int, reference: float, *, divider: int = 1) -> float:
     """Return the sensor frequency of a conversion result in Hz.
 
-    The frequency is f = divider · f_ref · code/2²⁸, with the register OFFSET at 0.
+    It is f = divider · f_ref · code/2²⁸, with the register OFFSET at 0, the `reference` f_ref in
+    Hz, and the `divider` FIN_DIVIDER, 1 to 15. The ends of the 28-bit `code`, 0 and 0xFFFFFFF, mark
+    a range error and raise ValueError, as other values outside their range.
 
-    Parameters
-    ----------
-    code : int
-        28-bit result. 0 and 0xFFFFFFF are the chip's marks for under- and over-range and are
-        refused.
-    reference : float
-        Reference frequency f_ref in Hz (clock by its divider).
-    divider : int
-        FIN_DIVIDER of the channel, 1 to 15.
-
-    Returns
-    -------
-    float
-        Frequency in Hz.
-
-    Raises
-    ------
-    ValueError
-        A value outside its range.
-
-    Examples
-    --------
     >>> round(code_to_frequency(0x17982F3, 21.7e6))
     2000000
     """
@@ -215,36 +195,16 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1) -> float
 def inductance_from_frequency(frequency: float, capacitance: float, quality_factor: float = math.inf) -> float:
     """Inductance of an oscillating tank in H.
 
-    Without losses it is L = 1/((2πf)² C).
+    The `frequency` of the oscillation is in Hz. The total `capacitance` across the coil in F
+    includes the converter's input pins. The `quality_factor` R_p √(C/L) of the tank is above 1.
+    Raises ValueError for a value outside its range, or a frequency that no inductance has with
+    these losses and delay.
 
-    Parameters
-    ----------
-    frequency : float
-        Frequency of the oscillation in Hz.
-    capacitance : float
-        Total capacitance across the coil in F, the converter's input pins included.
-    quality_factor : float
-        Quality factor of the tank, R_p √(C/L), above 1. By default no losses.
+    Without losses it is L = 1/((2πf)² C). Equation 1 is f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π
+    √(LC)). With u = √(LC) and Ω = 2πf it becomes the cubic Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0. Its
+    largest root is the inductance of a real sensor. At the other roots the delay would be a large
+    part of the period.
 
-    Returns
-    -------
-    float
-        Inductance in H.
-
-    Raises
-    ------
-    ValueError
-        A value outside its range, or a frequency that no inductance has with these losses and
-        delay.
-
-    Notes
-    -----
-    Equation 1 is f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it
-    becomes the cubic Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0. Its largest root is the inductance of a
-    real sensor. At the other roots the delay would be a large part of the period.
-
-    Examples
-    --------
     >>> round(inductance_from_frequency(2e6, 120e-12) * 1e6, 2)
     52.77
     >>> round(inductance_from_frequency(2e6, 120e-12, 20.0) * 1e6, 2)
@@ -285,21 +245,10 @@ DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
 def settle_count(frequency: float, quality_factor: float, reference: float = converter_limits.REFERENCE) -> int:
     """Return the least SETTLECOUNT of a sensor.
 
-    It is ⌈Q f_ref/(16 f)⌉ and at least 4. `frequency` f of the sensor and `reference` f_ref of the
-    converter are in Hz. `quality_factor` Q belongs to the sensor.
+    It is ⌈Q f_ref/(16 f)⌉ and at least 4, in units of 16 periods of the reference. The `frequency`
+    f of the sensor and the `reference` f_ref of the converter are in Hz. `quality_factor` Q belongs
+    to the sensor.
 
-    Returns
-    -------
-    int
-        Value of the register SETTLECOUNT, in units of 16 periods of the reference.
-
-    Raises
-    ------
-    ValueError
-        A value that is not positive.
-
-    Examples
-    --------
     >>> settle_count(2e6, 20, 21.7e6)
     14
     """

@@ -49,31 +49,16 @@ def stability(
 ) -> xr.Dataset:
     """Compute the stability of δ of a board at rest.
 
-    Parameters
-    ----------
-    time : array_like, shape (n,)
-        Times of the scans in s, rising.
-    delta : array_like, shape (n, states)
-        δ of every scan and state, or any quantity relative to L. NaN if a scan has no value.
-    states : sequence of str
-        Names of the states.
-    expected : array_like, shape (states,), optional
-        Expected standard deviation of one scan, from
-        `coilarray.circuit.noise_budget.NoiseBudget.scan_noise`.
+    The `time` (n,) of the scans is in s, rising. `delta` (n, states) is δ, or any quantity relative
+    to L, NaN if a scan has no value, for the `states` of these names. `expected` (states,) is the
+    standard deviation of one scan, from `coilarray.circuit.noise_budget.NoiseBudget.scan_noise`.
 
-    Returns
-    -------
-    xarray.Dataset
-        Over ``state`` and ``tau``, the averaging time in s: ``deviation``, the overlapping Allan
-        deviation of δ, NaN if a state has too few values. Over ``state``: ``scan_noise``, the
-        deviation of single scans, ``drift`` and ``drift_error``, the change of δ in 1/s by a
-        straight line, and ``expected`` if it is given. Attributes ``period`` in s, from scan to
-        scan, and ``scans``.
-
-    Notes
-    -----
-    The converter measures the coils in turn. White noise is not affected by this. Noise that is
-    faster than a scan is aliased.
+    The result has over ``state`` and ``tau``, the averaging time in s, the overlapping Allan
+    ``deviation`` of δ, NaN if a state has too few values, and over ``state`` ``scan_noise``, the
+    deviation of single scans, ``drift`` and ``drift_error``, the change of δ in 1/s by a straight
+    line, and ``expected`` if it is given. Its attributes are ``period`` in s, from scan to scan,
+    and ``scans``. The converter measures the coils in turn, which does not affect white noise.
+    Noise that is faster than a scan is aliased.
     """
     t, values = np.asarray(time, dtype=np.float64), np.asarray(delta, dtype=np.float64)
     if t.ndim != 1 or values.shape != (len(t), len(states)):

@@ -249,36 +249,16 @@ def read_scan(
 ) -> ScanReading:
     """Convert the words of a scan to frequencies and inductances.
 
-    Parameters
-    ----------
-    scan : RawScan
-        Scan as a board returned it.
-    settings : ScanSettings
-        Settings with which it was measured.
-    capacitances : mapping of str to float, or float
-        Total capacitance across the coil in F, by the name of the state or for all states.
-    qualities : mapping of str to float, or float
-        Quality factor of the tank likewise, at least 2. By default no losses, as in the simulated
-        responses.
-    clock : float, optional
-        Clock of the converter in Hz, if it is known better than when the settings were made.
-    temperature : float, optional
-        Temperature of the board in °C. It is copied to the result and changes nothing else.
+    The `scan` was measured with the `settings`. `capacitances` are the total across the coil in F,
+    by the name of the state or for all, and `qualities` the quality factors of the tanks likewise,
+    at least 2, by default without losses, as in the simulated responses. `clock` is the converter's
+    in Hz, if it is known better than when the settings were made. The board's `temperature` in °C
+    is only copied.
 
-    Returns
-    -------
-    ScanReading
-        Frequency in Hz and inductance in H of every state, and the errors that the converter
-        reported.
+    Returns frequency in Hz and inductance in H of every state, and the errors that the converter
+    reported. Raises HardwareError for a scan of other settings or states, or a value that is
+    missing or outside its range.
 
-    Raises
-    ------
-    HardwareError
-        A scan of other settings or states, a missing value or a value outside its range, or words
-        beyond 16 bits.
-
-    Examples
-    --------
     >>> from coilarray.hardware.scan.settings import scan_settings
     >>> from coilarray.hardware.scan.wiring import load_wiring
     >>> settings = scan_settings(load_wiring())

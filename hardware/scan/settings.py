@@ -93,34 +93,17 @@ class StateSettings:
 
 @dataclass(frozen=True)
 class ScanSettings:
-    """Settings of a whole scan.
+    """Settings of a whole scan, made and checked by `scan_settings`.
 
-    `coilarray.hardware.scan.settings.scan_settings` makes and checks them.
-
-    Parameters
-    ----------
-    states : tuple of StateSettings
-        States in the order in which they are measured.
-    safe_words : bytes
-        Words that ground every end of every coil. Empty for a board without switches.
-    wiring : bytes
-        Encoded wiring of the switches, as `coilarray.hardware.scan.wiring.switch_table` reads
-        it.
-    clock : float
-        Clock of the converter in Hz, nominal or calibrated.
-    external_clock : bool
-        Whether the clock comes from the pin CLKIN.
-    rcount, settle_count, fin_divider, fref_divider, deglitch : int
-        Fields of the registers RCOUNT, SETTLECOUNT and CLOCK_DIVIDERS of the channels in use, and
-        of MUX_CONFIG.
-    slowest_clock : float
-        Slowest frequency in Hz that the converter's internal oscillator may have. Every wait is
-        long enough for it.
-    discard : int
-        Number of conversions of each state that are discarded after waking.
-    automatic_drive : bool
-        Whether the converter finds the drive current of every state itself, which it shows in
-        INIT_IDRIVE.
+    The `states` are in the order in which they are measured. `safe_words` ground every end of every
+    coil, and `wiring` is the encoded wiring of the switches
+    (`coilarray.hardware.scan.wiring.switch_table`). Both are empty for a board without switches.
+    `clock` in Hz, nominal or calibrated, comes from the pin CLKIN if `external_clock`, and every
+    wait is long enough for the `slowest_clock` in Hz that the converter's own oscillator may have.
+    `rcount`, `settle_count`, `fin_divider`, `fref_divider` and `deglitch` are fields of the
+    registers RCOUNT, SETTLECOUNT and CLOCK_DIVIDERS of the channels in use, and of MUX_CONFIG.
+    `discard` conversions of each state are discarded after waking. With `automatic_drive` the
+    converter finds every drive current itself and shows it in INIT_IDRIVE.
     """
 
     states: Annotated[tuple[StateSettings, ...], Field(min_length=1, max_length=MOST_STATES)]
@@ -317,8 +300,6 @@ class ScanSettings:
     def from_json(cls, text: str) -> ScanSettings:
         """Read settings from the JSON `text` of `to_json`.
 
-        Examples
-        --------
         >>> from coilarray.hardware.scan.wiring import load_wiring
         >>> settings = scan_settings(load_wiring())
         >>> ScanSettings.from_json(settings.to_json()) == settings
@@ -346,14 +327,9 @@ class ScanSettings:
 class ConverterClock:
     """Clock of a converter.
 
-    Parameters
-    ----------
-    frequency : float, optional
-        Frequency in Hz, measured (calibrated) or at the pin CLKIN. By default the typical internal
-        43.4 MHz. Any converter may have 35 to 55 MHz, so every wait is then for 35 MHz, a quarter
-        longer.
-    external : bool
-        Whether the clock comes from the pin CLKIN.
+    Its `frequency` in Hz is measured (calibrated) or at the pin CLKIN, if it is `external`. By
+    default it is the typical internal 43.4 MHz. Any converter may have 35 to 55 MHz, so every wait
+    is then for 35 MHz, a quarter longer.
     """
 
     frequency: float | None = None
@@ -374,14 +350,8 @@ class ConverterClock:
 class Sensor:
     """Tank of a state, by default of the reference board.
 
-    Parameters
-    ----------
-    frequency : float
-        Frequency in Hz.
-    quality : float
-        Largest quality factor, for the settling rule.
-    drive : int
-        Code IDRIVE of its drive current, 0 to 31.
+    The `frequency` is in Hz, the `quality` factor the largest, for the settling rule, and `drive`
+    the code IDRIVE of its drive current, 0 to 31.
     """
 
     frequency: float = 2e6
@@ -406,49 +376,23 @@ def scan_settings(
     bus_rate: float = ldc1614.BUS_RATE,
     discard: int = 0,
 ) -> ScanSettings:
-    """Make the settings of a scan.
+    """Make the settings of a scan, with the least times and dividers.
 
-    Settling times, dividers and the input filter have the least values that the data sheet allows.
+    In every state of the `plan` one coil of the `wiring` is measured, by default each in turn with
+    all others grounded. The `sensors` are given by state or for all, by default as of the reference
+    board. `clock` is the converter's own oscillator by default.
 
-    Parameters
-    ----------
-    wiring : Wiring
-        Wiring of the board's switches, or of its coils to the channels of the converter.
-    plan : sequence of ScanState, optional
-        States in which one coil is measured. Each coil in turn with all others grounded by default.
-    sensors : mapping of str to Sensor, or Sensor, optional
-        Frequency, quality factor and drive current by state, or of all states. By default of the
-        reference board.
-    clock : ConverterClock, optional
-        Clock of the converter. Its own oscillator by default.
-    rate : float, optional
-        Scans per second to reach, all transfers on the buses included, with the largest RCOUNT that
-        allows it. The work of the computer or the microcontroller between two transfers is not
-        included.
-    rcount : int, optional
-        Register RCOUNT, 5 to 65535. Full resolution by default. Not together with `rate`.
-    bus_rate : float
-        Clock of the I²C bus in Hz, on which `rate` depends. The fastest clock that the converter
-        allows by default. `coilarray.hardware.wire.ports.bus_rate` returns the clock of a port.
-    discard : int
-        Number of conversions to discard after waking, 0 to 15. Users of the FDC2214, which has the
-        same core, report first conversions that are far off. This is not verified.
+    A `rate` in scans per second takes the largest RCOUNT that allows it with all transfers at the
+    `bus_rate` in Hz, by default the fastest clock of the I²C bus
+    (`coilarray.hardware.wire.ports.bus_rate` returns a port's). The work of the computer or the
+    microcontroller between transfers is not included. Or the register `rcount` is 5 to 65535, by
+    default full resolution. `discard` is the number of conversions to discard after waking, 0 to
+    15: users of the FDC2214, which has the same core, report first conversions that are far off,
+    which is not verified.
 
-    Returns
-    -------
-    ScanSettings
-        Settings that follow the rules of the data sheet.
+    Raises HardwareError for a state that the wiring cannot make, or a value outside its range or
+    against a rule of the data sheet, and NetworkError for a state that no switches could make.
 
-    Raises
-    ------
-    HardwareError
-        A state that the wiring cannot make, or a value that is outside its range or breaks a rule
-        of the data sheet.
-    NetworkError
-        A state that no switches could make.
-
-    Examples
-    --------
     >>> from coilarray.hardware.scan.wiring import load_wiring
     >>> settings = scan_settings(load_wiring())
     >>> [f"{address:02X}={value:04X}" for address, value in settings.registers]
@@ -592,42 +536,15 @@ def design_settings(
     drives: Mapping[str, int] | int | None = None,
     discard: int = 0,
 ) -> ScanSettings:
-    """Make settings for the coils of a design.
+    """Make settings for the coils of a `design`.
 
-    Parameters
-    ----------
-    design : Design
-        Design whose coils are among the coils of the wiring.
-    wiring : Wiring
-        Wiring of the board's switches, or of coils to the channels of the converter. A coil of the
-        design that it does not have counts as open.
-    states : sequence of str, optional
-        Names of states of the design's scan plan. All states by default, or without switches all
-        states of wired coils.
-    rate : float, optional
-        Scans per second. Full resolution by default.
-    bus_rate : float
-        Clock of the I²C bus in Hz.
-    clock : ConverterClock, optional
-        Clock of the converter. Its own oscillator by default.
-    drives : mapping of str to int, or int, optional
-        IDRIVE by coil, or of all coils. By default it follows from the parallel resistance of every
-        state.
-    discard : int
-        Number of conversions to discard after waking, 0 to 15.
+    They are among the coils of the `wiring`. A coil without a channel counts as open. `states` are
+    names of the design's scan plan, by default all, or without switches those of wired coils.
+    `drives` has IDRIVE by coil or for all, by default from the parallel resistance of every state.
+    `rate`, `bus_rate`, `clock` and `discard` are as in `scan_settings`.
 
-    Returns
-    -------
-    ScanSettings
-        Settings that follow the rules of the data sheet.
-
-    Raises
-    ------
-    HardwareError
-        A design whose coils the wiring does not have, a coil that the converter cannot drive, and
-        all values that `scan_settings` refuses.
-    NetworkError
-        A state without a resonance.
+    Raises HardwareError as `scan_settings`, for coils that the wiring does not have, and for a coil
+    that the converter cannot drive, and NetworkError for a state without a resonance.
     """
     from coilarray.circuit.network import loaded_quality, resonate  # slow, and not needed by the emulator
 

@@ -297,34 +297,16 @@ class Device:
 class Wiring:
     """Wiring of a board with or without switches.
 
-    Without switches, its coils are wired to the channels of the converter. Words belong to the
-    whole chain of switches, in the order in which they are sent. They are empty without switches.
+    Data pass the `devices` in order, the first next to the computer, so that the first byte that is
+    sent goes to the last device. Without switches the `coils` are wired to the `channels` of the
+    converter, 0 to 3, and a coil's ends are grounded inside it while another coil is measured.
+    Words belong to the whole chain, in the order in which they are sent. `name` and `title` are for
+    messages. `assumed` has the keys of the wiring that are not verified, with the reasons.
 
-    Parameters
-    ----------
-    name : str
-        Short name, for messages.
-    title : str
-        Description.
-    coils : tuple of str
-        Names of the coils.
-    devices : tuple of Device
-        Devices in the order in which data pass them. The first is next to the computer. The first
-        byte that is sent goes to the last device. Empty if coils are wired to channels.
-    assumed : tuple of (str, str)
-        Keys of the wiring that are not verified, each with the reason.
-    channels : tuple of int
-        Channel of the converter of each coil, 0 to 3, if the coils are wired to channels. Otherwise
-        empty. While another coil is measured, both ends of a coil are grounded inside the
-        converter.
-
-    Raises
-    ------
-    HardwareError
-        A channel that does not exist or has two coils. A wiring of switches that cannot ground
-        every end of every coil or not measure every coil, an end with two switches to the same net,
-        an unknown part or coil, switches that cannot share their common pin, or names that are used
-        twice.
+    Raises HardwareError for a channel that does not exist or has two coils, a wiring of switches
+    that cannot ground every end of every coil or not measure every coil, an end with two switches
+    to the same net, an unknown part or coil, switches that cannot share their common pin, or names
+    that are used twice.
     """
 
     name: str
@@ -460,26 +442,11 @@ class Wiring:
 
 
 def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
-    """Read a wiring file.
+    """Read a wiring file, or raise HardwareError.
 
-    Parameters
-    ----------
-    name_or_path : str or Path, optional
-        Name of a bundled wiring, or a TOML file. The default ``"six_coils"`` has one device per
-        coil.
+    `name_or_path` is the name of a bundled wiring or a TOML file. The default ``"six_coils"`` has
+    one device per coil.
 
-    Returns
-    -------
-    Wiring
-        The wiring, with all checks.
-
-    Raises
-    ------
-    HardwareError
-        An unknown name, an unreadable file, invalid TOML, an unknown key or an impossible wiring.
-
-    Examples
-    --------
     >>> wiring = load_wiring()
     >>> wiring.safe_words.hex()
     '111111111111'
