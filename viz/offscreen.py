@@ -50,18 +50,14 @@ _lock = threading.Lock()
 
 
 def rendering_problem() -> str | None:
-    """Explain in a line why 3-D pictures are impossible.
+    """Explain in a line why 3-D pictures are impossible, or None.
 
-    The first call starts a child process that renders a sphere, which takes about a second. Later
-    calls return the same result at once. It may be called from any thread. If no screen answers and
-    the user has not chosen otherwise, a successful test also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in
-    this process, so that VTK renders through EGL.
-
-    Returns
-    -------
-    str or None
-        One line that names the packages to install. With the environment variable
-        ``COILARRAY_NO_RENDERING=1`` it names this variable, and nothing is tested.
+    The line names the packages to install. The first call starts a child process that renders a
+    sphere, which takes about a second. Later calls, from any thread, return the same result at
+    once. If no screen answers and the user has not chosen otherwise, a successful test also sets
+    ``VTK_DEFAULT_OPENGL_WINDOW`` in this process, so that VTK renders through EGL. With the
+    environment variable ``COILARRAY_NO_RENDERING=1`` the line names this variable, and nothing is
+    tested.
     """
     return switched_off() or _answer().problem
 
@@ -74,13 +70,7 @@ def switched_off() -> str | None:
 
 
 def window_problem() -> str | None:
-    """Explain in one line why no window can be opened.
-
-    Returns
-    -------
-    str or None
-        The missing part, or None.
-    """
+    """Explain in one line why no window can be opened, or None."""
     if missing := _missing("windows"):
         return missing
     if not has_screen():

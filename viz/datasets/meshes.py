@@ -265,7 +265,6 @@ def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
     upper = lower + rays * circles
 
     def strip(a: npt.NDArray[np.intp], b: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Triangles between two rows of points."""
         quads = np.stack((a[:-1], a[1:], b[1:], b[:-1]), axis=-1)
         return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
 

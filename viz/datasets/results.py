@@ -64,21 +64,14 @@ def coupling_arcs(centres: npt.ArrayLike, coupling: npt.ArrayLike, *, least: flo
 
 def arc_tubes(arcs: pyvista.PolyData, widest: float) -> pyvista.PolyData:
     """Give `coupling_arcs` radii in proportion to |k|, `widest` in mm."""
-    from coilarray.viz.extra_3d import pyvista
-
     if not arcs.n_lines:
-        return pyvista.PolyData()
-    k = arcs.cell_data[COUPLING]
-    strongest = max(float(np.abs(k).max()), np.finfo(float).tiny)
-    tubes = []
-    for n, value in enumerate(k.tolist()):
-        line = pyvista.lines_from_points(np.asarray(arcs.get_cell(n).points))
-        tube = line.tube(radius=widest * abs(value) / strongest, n_sides=_SIDES_OF_TUBE, capping=True)
-        tube.clear_data()
-        tube.point_data[COUPLING] = np.full(tube.n_points, value)
-        tubes.append(tube)
-    merged: pyvista.PolyData = pyvista.merge(tubes)
-    return merged
+        return arcs
+    lines = arcs.copy()
+    k = np.repeat(lines.cell_data[COUPLING], _POINTS_OF_ARC)
+    lines.clear_data()
+    lines.point_data[COUPLING] = k
+    lines.point_data["radius"] = widest * np.abs(k) / max(float(np.abs(k).max()), np.finfo(float).tiny)
+    return lines.tube(scalars="radius", absolute=True, n_sides=_SIDES_OF_TUBE, capping=True)
 
 
 def semi_axis_factor(confidence: float) -> float:

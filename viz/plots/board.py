@@ -183,7 +183,6 @@ def _draw_board(
     ax: Axes | None,
     **look: float,
 ) -> Axes:
-    """Draw copper in its colours, holes, the names of coils, and the edge."""
     x_min, y_min, x_max, y_max = array.bounds
     width, height = figure_size(x_max - x_min, y_max - y_min)
     ax = ax or new_axes(width, height)
@@ -260,7 +259,6 @@ def check_figure(array: Array, margins: Sequence[Margin], numbers: Sequence[int]
 
 
 def _marks(array: Array, layer: str, margins: Sequence[tuple[int, Margin]]) -> list[_Mark]:
-    """Group the margins of one layer by place."""
     x_min, y_min, x_max, y_max = array.bounds
     near = _TOGETHER * ((x_max - x_min) ** 2 + (y_max - y_min) ** 2) ** 0.5
     marks: list[_Mark] = []

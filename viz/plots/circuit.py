@@ -289,7 +289,6 @@ def _heat_map(
     colours: tuple[str, Normalize],
     ax: Axes | None,
 ) -> Axes:
-    """Draw a matrix with names and a colour bar."""
     n = len(names)
     ax = ax or style.new_axes(min(2.2 + 0.62 * n, _LARGEST), min(1.4 + 0.55 * n, _LARGEST - 0.8))
     image = ax.imshow(numbers, cmap=colours[0], norm=colours[1])

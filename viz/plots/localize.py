@@ -444,7 +444,6 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
 
 
 def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw δ of one state along x."""
     deepest = of.isel(datum=np.flatnonzero(of.depth == of.depth.max()))
     for k, y in enumerate(np.unique(deepest.y.values)):
         row = deepest.isel(datum=np.flatnonzero(deepest.y == y)).sortby("x")

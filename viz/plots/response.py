@@ -134,22 +134,14 @@ def plot_bell_curve(
 
     Each depth has a curve with its peak and its width at half the peak. Dots are the positions of
     the response, and curves are cubic splines through the positions with a value. A bar marks the
-    width at half the peak. The legend gives both, without a width if δ does not fall to half.
+    width at half the peak. The legend gives both, without a width if δ does not fall to half. A
+    dotted line marks the centre of the coil.
 
-    A dotted line marks the centre of the coil. Raises ValueError if the map has no such state, or
-    fewer than two positions have a value.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Result of `coilarray.response_map` or `coilarray.paper.two_dimensional.line_response`, two
-        positions or more.
-    state : str, optional
-        Name of the state of a map. The default is the state that responds nearest to the middle of
-        the map.
-    along : {"x", "y"}
-        Direction of the line. On a map the other coordinate is the value nearest to the centre of
-        the coil.
+    The `response` of `coilarray.response_map` or `coilarray.paper.two_dimensional.line_response`
+    has two positions or more. The `state` is by default the state that responds nearest to the
+    middle of the map. The line runs `along` x or y, at the other coordinate nearest to the centre
+    of the coil. Raises ValueError if the map has no such state, or fewer than two positions have a
+    value.
     """
     name, across = middle_state(response) if state is None else state, "y" if along == "x" else "x"
     delta = _delta(response, state=name, depth=None)
@@ -315,7 +307,6 @@ def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.Arra
 
 
 def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.DataArray:
-    """δ of one or all states and depths."""
     chosen = response if state is None else of_state(response, state)
     delta: xr.DataArray = (chosen if depth is None else at_depth(chosen, depth)).delta
     return delta

@@ -213,7 +213,6 @@ def link_figure(result: xr.Dataset) -> Figure:
 
 
 def _panels(sweep: xr.Dataset, entries: Sequence[str], *, dotted: bool, lines: bool) -> list[Callable[..., object]]:
-    """Functions that draw the panels of a sweep."""
     names = [str(name) for name in sweep.data_vars if name not in ("reason", *_MARKS)]
     names = names or _names(sweep, _MARKS[0])
     panels: list[Callable[..., object]] = []
@@ -271,7 +270,6 @@ def _names(sweep: xr.Dataset, begin: str | tuple[str, ...]) -> list[str]:
 
 
 def _over_numbers(sweep: xr.Dataset, entries: Sequence[str]) -> bool:
-    """Check if a sweep is over one entry with numbers."""
     return "sample" not in sweep.dims and len(entries) == 1 and not _is_text(sweep[entries[0]])
 
 
@@ -406,22 +404,12 @@ def plot_front(
 ) -> Axes:
     """Draw two scores of all trials.
 
-    The scores are drawn against each other, with the Pareto front and the given design. Raises
-    ValueError if the shapes do not fit.
-
-    Parameters
-    ----------
-    points, feasible : array_like of float, shape (n, 2), and of bool, shape (n,)
-        Scores of the trials, and whether each keeps all bounds. Other trials are left out.
-    front : sequence of int
-        Indices of the points on the front. A single point is called the best.
-    labels, start : tuple of str, and of float, optional
-        Labels of both axes, with units, and the scores of the given design.
-    named : mapping of int to str, optional
-        Names to write beside points, by their indices.
-    stairs : {"pre", "post"}, optional
-        Draw the front as a staircase: ``"post"`` if the first score is minimized, ``"pre"`` if it
-        is maximized. None draws no line, as for two out of more scores.
+    The scores `points` (n, 2) of the trials are drawn against each other, if `feasible` (n,), which
+    keep all bounds, with the Pareto `front` by its indices and the given design. A single point on
+    the front is called the best. `labels` of both axes have units, and `start` has the scores of
+    the given design. `named` has names to write beside points, by their indices. `stairs` draw the
+    front as a staircase, ``"post"`` if the first score is minimized, ``"pre"`` if it is maximized.
+    None draws no line, as for two out of more scores. Raises ValueError if the shapes do not fit.
     """
     values, kept = np.asarray(points, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
     if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-import re
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -60,8 +59,11 @@ _MOST_TICKS, _STEPS = 9, (1, 2, 5, 10)  # largest number and steps of ticks alon
 _SYMBOLS = {"ohm": "Ω", "1": ""}  # of the units in datasets
 
 
-_PARAMETERS = "Parameters\n----------\n"
-_AX = """ax : matplotlib.axes.Axes, optional
+_AX = """
+
+Parameters
+----------
+ax : matplotlib.axes.Axes, optional
     Axes to draw into. The default is a new figure.
 """
 
@@ -70,13 +72,10 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     """Draw in `STYLE`, keep the settings, explain the parameter `ax`."""
     explained = inspect.getdoc(draw)
     if explained and "ax" in inspect.signature(draw).parameters:
-        explained += "\n" if _PARAMETERS in explained else f"\n\n{_PARAMETERS}"
-        sections = re.split(r"(?<=\n)\n(?=\w+\n-+\n)", explained)
-        draw.__doc__ = "\n".join(text + _AX * text.startswith("Parameters\n") for text in sections)
+        draw.__doc__ = explained + _AX
 
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> R:
-        """Draw with the settings of `STYLE`."""
         # Matplotlib's own context would undo the settings that a notebook makes when its first
         # figure loads a backend.
         before = {key: matplotlib.rcParams[key] for key in STYLE}

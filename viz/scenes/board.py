@@ -52,17 +52,10 @@ class CoilColours:
 def board_scene(array: Array, sheets: Sequence[Sheet] = ()) -> Scene:
     """Scene of a board, with sheets lifted off it.
 
-    It has laminate, copper, barrels, coil names, a legend and a scale in mm. Copper is coloured by
-    layer. The laminate is translucent, so that the lower layers show through it. The sheets are
-    lifted off the board and off each other and drawn as thin glass with clear edges. The scene, in
-    mm, is to `draw`, to `show` or to save.
-
-    Parameters
-    ----------
-    array : Array
-        Board that is drawn.
-    sheets : sequence of Sheet
-        Elastomer sheets on it, the lowest first.
+    It has laminate, copper, barrels, coil names, a legend and a scale in mm. Copper of the `array`
+    is coloured by layer. The laminate is translucent, so that the lower layers show through it. The
+    `sheets`, the lowest first, are lifted off the board and off each other and drawn as thin glass
+    with clear edges. The scene, in mm, is to `draw`, to `show` or to save.
     """
     lift = _LIFT * (array.bounds[3] - array.bounds[1]) * math.tan(math.radians(ANGLES["oblique"][0]))
     above = scene_of_sheets(array, sheets, lift, lift / 3)
@@ -375,19 +368,10 @@ def dent_scene(
 ) -> Scene:
     """Scene of a dent, best seen from the side "cut".
 
-    It has the board, the deformed sheets on it and the indenter. A quarter of them is cut out.
+    It has the board `array`, the deformed `sheets` on it, upwards, and the `indenter`. A quarter of
+    them is cut out. `indentation` is the result of `coilarray.indent`, and `depth` the index of a
+    depth in it, by default the deepest. `centre` is x and y of the indenter on the board in m.
     Raises ValueError if the dataset has no such depth, or the centre is not on the board.
-
-    Parameters
-    ----------
-    array : Array
-        Board that is drawn.
-    sheets : sequence of Sheet
-        Indented sheets from the board upwards.
-    indentation, depth : xarray.Dataset and int
-        Result of `coilarray.indent`, and index of the depth in it. The default is the deepest.
-    indenter, centre : Indenter and tuple of float
-        Body that made the dent, and its x and y on the board in m.
     """
     at = at_depth(indentation, depth)
     half = _WIDTH * float(at.height[-1])

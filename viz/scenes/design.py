@@ -67,29 +67,17 @@ _WITHIN: frozenset[Item] = frozenset({*_OF_B, "location", "coupling", *_METAL})
 class View:
     """Selection of a design's shown parts, and their computation.
 
-    Parameters
-    ----------
-    show : tuple of str
-        Items of `ITEMS`. Sheets are lifted off a bare board, and a dent replaces them. Currents
-        colour the copper.
-    layers : tuple of str, optional
-        Copper layers, all by default.
-    coil : str, optional
-        Measured coil, for field, map, lines and currents. The default is the middle coil.
-    others_open : bool
-        Leave the other coils open, instead of terminated as in the design.
-    spacing : float, optional
-        Distance between points of B in m. The default is 0.5 mm on planes and 1 mm in a box.
-    at : tuple of float, optional
-        Place of the indenter or target on the board in m. The default is off the map's centre.
-    distance : float, optional
-        Distance of the target in m. The default is the least distance. If B is not shown, a slider
-        stands at this distance first.
-    depth : float, optional
-        Depth of the indentation in m. The default is the deepest of the design.
-    table : xarray.Dataset, optional
-        Table of `coilarray.localize.forward.table_for`, which a location needs. The readings at
-        `at` are located.
+    `show` has items of `ITEMS`. Sheets are lifted off a bare board, and a dent replaces them.
+    Currents colour the copper, of which the `layers` are shown, by default all. Field, map, lines
+    and currents are of the measured `coil`, by default the middle one, with the others terminated
+    as in the design or, with `others_open`, left open. The `spacing` of points of B in m is by
+    default 0.5 mm on planes and 1 mm in a box.
+
+    The indenter or target is `at` a place on the board in m, by default off the map's centre, the
+    target at a `distance` in m, by default the least, and the indenter at a `depth` in m, by
+    default the deepest of the design. If B is not shown, a slider stands at this distance first. A
+    location, of the readings `at` this place, needs the `table` of
+    `coilarray.localize.forward.table_for`.
     """
 
     show: tuple[Item, ...] = ("board",)
@@ -166,7 +154,6 @@ class _Making:
         self.covered = "dent" in self.shown and not self.shown & _WITHIN
 
     def scene(self) -> Scene:
-        """Make the scene."""
         shown, design, layers = self.shown, self.design, self.view.layers
         for item in shown:
             if item not in ITEMS:

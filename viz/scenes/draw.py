@@ -48,20 +48,11 @@ NIGHT = "#14181d"
 
 
 def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", dark: bool = False) -> None:
-    """Draw a whole scene on white, or on dark paper.
+    """Draw a whole scene on white, or on `dark` paper with light letters.
 
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is drawn, at the first position of its slider.
-    plotter : pyvista.Plotter
-        Plotter that gets the actors. Lengths are in mm. A part or text replaces another with the
-        same name.
-    side : {"oblique", "top", "front", "right", "cut"}
-        Side from which it is seen, "cut" is into the open quarter of a dent. Oblique views are in
-        perspective.
-    dark : bool
-        Draw for a dark page, with light letters.
+    The `scene` is drawn at the first position of its slider. The `plotter` gets the actors, with
+    lengths in mm. A part or text replaces another with the same name. The `side` "cut" is into the
+    open quarter of a dent, and oblique views are in perspective.
     """
     view: Any = plotter  # PyVista's decorators lose the signatures of its methods, differently in each version
     scene = scene.still()

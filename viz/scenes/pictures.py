@@ -48,22 +48,11 @@ def save_picture(
 ) -> None:
     """Render a scene off-screen into an image file.
 
-    Raises MissingDependencyError if this machine cannot render. The text names the system packages.
-    Raises OutputError if the size is not allowed, or the file cannot be written.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is shown.
-    path : Path
-        File to write. The suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it
-        is complete.
-    side : {"oblique", "top", "front", "right"}
-        Side from which it is seen.
-    size : tuple of int
-        Width and height of the picture in pixels.
-    dark : bool
-        Draw for a dark page, with light letters.
+    The suffix of the `path` (.png, .jpg, .bmp, .tif) sets the format, and the file appears only
+    when it is complete. The `scene` is seen from the `side` "oblique", "top", "front" or "right",
+    in a picture with the `size` of width and height in pixels, with light letters if `dark`. Raises
+    MissingDependencyError with the system packages if this machine cannot render, and OutputError
+    if the size is not allowed, or the file cannot be written.
     """
     from PIL import Image as Pillow
 
@@ -123,23 +112,12 @@ def save_movie(
 ) -> None:
     """Render scenes off-screen into a film.
 
-    Raises MissingDependencyError if this machine cannot render, or PyAV is not installed for .mp4.
-    Raises OutputError if the suffix, size or rate is not allowed, there is no picture, or the file
-    cannot be written.
-
-    Parameters
-    ----------
-    still : Scene
-        Scene in every picture.
-    moving : iterable of Scene
-        Additional scene of each picture, read as the film is made. All must have the same groups
-        and scales. The camera is aimed at the first.
-    path : Path
-        File to write, .gif or .mp4. It appears only when it is complete.
-    side, size
-        As in `save_picture`. For .mp4 both sides of a picture must be even.
-    rate : float
-        Pictures per second.
+    The `still` scene is in every picture, with one of the `moving` scenes, which are read as the
+    film is made. All must have the same groups and scales. The camera is aimed at the first. The
+    `path` ends in .gif or .mp4, and the file appears only when it is complete. `side` and `size`
+    are as in `save_picture`, even for .mp4, and `rate` is in pictures per second. Raises
+    MissingDependencyError as there, or without PyAV for .mp4, and OutputError if the suffix, size
+    or rate is not allowed, there is no picture, or the file cannot be written.
     """
     check_movie(path, size, rate)
     with off_screen(size) as plotter:
@@ -266,19 +244,11 @@ _POLICY = (
 
 
 def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
-    """Write a scene as a web page.
+    """Write a scene as a web page with a `title`.
 
-    The text comes from `scene_page`. Raises MissingDependencyError if trame-vtk is not installed.
-    Raises OutputError if the file cannot be written.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene that is shown.
-    path, title : Path and str
-        File to write, which appears only when it is complete, and title of the page.
-    side : {"oblique", "top", "front", "right"}
-        Side from which it is seen first.
+    The `path` appears only when it is complete, and the `scene` is first seen from the `side`, as
+    in `save_picture`. Raises MissingDependencyError if trame-vtk is not installed, and OutputError
+    if the file cannot be written.
     """
     write_text(path, scene_page(scene, title=title, side=side))
 
@@ -384,20 +354,9 @@ _UNSAFE = re.compile(r"[^0-9A-Za-z._-]+")
 def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
     """Write a scene for ParaView, lengths in mm.
 
-    Raises OutputError if the files cannot be written. Earlier files are kept then.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene to write, with its arrays in SI units and without its colours.
-    path : Path
-        Multi-block file, .vtm. The files of its parts (.vtp, .vtu or .vtr) are in the folder of
-        this name beside it.
-
-    Returns
-    -------
-    tuple of Path
-        The folder and the file.
+    The `scene` has its arrays in SI units, and not its colours. The multi-block file `path`, .vtm,
+    is returned behind the folder of this name beside it with the files of its parts (.vtp, .vtu or
+    .vtr). Raises OutputError if the files cannot be written. Earlier files are kept then.
     """
     files = [
         f"{path.stem}/{k:02d}_{_UNSAFE.sub('_', part.name)}{VTK_SUFFIXES[type(part.mesh).__name__]}"

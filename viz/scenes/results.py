@@ -200,7 +200,7 @@ def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Span
     """Level and upright plane for a coil's field."""
     (x_min, y_min, _), (x_max, y_max, high) = _extent(design)
     z = _clear_height(design, design.pose.z + design.field_height, spacing)
-    y = float(_middle_and_radii(design, coil)[0][1])
+    y = float(_middle_and_radius(design, coil)[0][1])
     along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     low, top = (
         design.pose.z + min(spacing, design.field_height),
@@ -223,7 +223,7 @@ def _clear_height(design: Design, height: float, spacing: float) -> float:
 
 def field_box(design: Design, coil: str, spacing: float) -> Spans:
     """Box about a coil."""
-    (x, y, z), _, radius = _middle_and_radii(design, coil)
+    (x, y, z), radius = _middle_and_radius(design, coil)
     wide, tall, fine = _WIDE * radius, _TALL * radius, _FINE * radius
     bottom = z - design.array.stackup.thickness - tall
     along, across = (Span(middle - wide, middle + wide, spacing, fine) for middle in (x, y))
@@ -267,7 +267,7 @@ def line_seeds(design: Design, coil: str, grid: pyvista.RectilinearGrid) -> Floa
     from coilarray.viz.extra_3d import pyvista
 
     board = board_of(design, coil)
-    centre, _, outer = _in_plane(board, coil)
+    centre, outer = _in_plane(board, coil)
     free = min((plate.heights[0] for plate in design.plates if plate.heights[0] > 0), default=math.inf)
     height = design.field_height if design.field_height < free else free / 2
     radii = outer * np.linspace(0.0, 1.0, _STEPS + 1)
@@ -301,19 +301,19 @@ def _extent(design: Design) -> FloatArray:
     return np.array([corners.min(axis=0), corners.max(axis=0)])
 
 
-def _in_plane(board: Board, coil: str) -> tuple[FloatArray, float, float]:
-    """Centre (2,) and radii of a coil's outline in m on its flat board."""
+def _in_plane(board: Board, coil: str) -> tuple[FloatArray, float]:
+    """Centre (2,) and larger half side of a coil's outline in m on its flat board."""
     place = board.array.placements[board.coil_names.index(coil)]
     outline = place.to_board(place.coil.outline)
     low, high = outline.min(axis=0), outline.max(axis=0)
-    return (low + high) / 2, float((high - low).min()) / 2, float((high - low).max()) / 2
+    return (low + high) / 2, float((high - low).max()) / 2
 
 
-def _middle_and_radii(design: Design, coil: str) -> tuple[FloatArray, float, float]:
-    """Centre (3,) in space and radii of a coil's outline in m."""
+def _middle_and_radius(design: Design, coil: str) -> tuple[FloatArray, float]:
+    """Centre (3,) in space and larger half side of a coil's outline in m."""
     board = board_of(design, coil)
-    centre, *radii = _in_plane(board, coil)
-    return board.in_space([*centre, 0.0]), radii[0], radii[1]
+    centre, radius = _in_plane(board, coil)
+    return board.in_space([*centre, 0.0]), radius
 
 
 def scale_of_field(grids: Sequence[pyvista.DataSet], part: float = 1.0) -> Scale:

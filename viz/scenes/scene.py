@@ -49,23 +49,17 @@ class Camera:
 def aim(
     bounds: npt.ArrayLike,
     size: tuple[int, int],
-    view: Side | Camera,
+    side: Side,
     left: float = 0.0,
-    right: float = 0.0,
     bottom: float = 0.0,
     angle: float = 0.0,
 ) -> Camera:
     """Aim a camera of an `angle` so that points in mm fill its picture."""
-    # `bounds` are x_min, x_max, y_min, y_max, z_min, z_max, or points (n, 3). The shares `left`, `right` and
-    # `bottom` of the picture stay free for a legend, colour bars and notes.
-    if isinstance(view, Camera):
-        out = np.array(view.position) - view.focus
-        along = np.cross(view.up, out)
-        out, along = out / np.linalg.norm(out), along / np.linalg.norm(along)
-    else:
-        elevation, azimuth = np.radians(ANGLES[view])
-        along = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])  # from left to right
-        out = np.cross(along, [0.0, 0.0, 1.0]) * np.cos(elevation) + [0.0, 0.0, np.sin(elevation)]
+    # `bounds` are x_min, x_max, y_min, y_max, z_min, z_max, or points (n, 3). The shares `left` and `bottom` of the
+    # picture stay free for a legend, colour bars and notes.
+    elevation, azimuth = np.radians(ANGLES[side])
+    along = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])  # from left to right
+    out = np.cross(along, [0.0, 0.0, 1.0]) * np.cos(elevation) + [0.0, 0.0, np.sin(elevation)]
     up = np.cross(out, along)
     points = np.asarray(bounds, dtype=np.float64)
     if points.ndim == 1:
@@ -74,7 +68,7 @@ def aim(
     low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
     # middle and half the width of the free part of the picture, over half its height
     aspect = size[0] / size[1]
-    middle, half = np.array([(left - right) * aspect, bottom]), np.array([(1.0 - left - right) * aspect, 1.0 - bottom])
+    middle, half = np.array([left * aspect, bottom]), np.array([(1.0 - left) * aspect, 1.0 - bottom])
     half *= FILLED
     if not angle:
         scale = float((np.ptp(points @ axes[:, :2], axis=0) / 2 / half).max())
@@ -245,16 +239,8 @@ class Slider:
 class Scene:
     """Parts and texts that are shown together.
 
-    Parameters
-    ----------
-    parts : tuple of Part
-        Parts in the order of the legend.
-    texts : tuple of Text
-        Texts in the scene.
-    notes : tuple of str
-        Lines of text beside it, such as assumptions and meanings of numbers.
-    slider : Slider or None
-        Slider of a page, or None if nothing moves.
+    The `parts` are in the order of the legend. `notes` are lines of text beside the scene and its
+    `texts`, such as assumptions and meanings of numbers. `slider` is None if nothing moves.
     """
 
     parts: tuple[Part, ...] = ()

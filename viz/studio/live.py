@@ -375,7 +375,6 @@ def curves(
         return round(bottom - (bottom - _TOP) * (delta - low) / (high - low), 1)
 
     def path(k: int) -> str:
-        """Path of a curve through the least and largest values."""
         parts, step = [], "M"
         for time, a, b in zip(times.tolist(), least[k].tolist(), largest[k].tolist(), strict=True):
             if math.isnan(a):
@@ -511,7 +510,6 @@ class LivePanel(Panel):
         self._trail.clear()
 
     def _take(self, frames: Sequence[BoardFrame]) -> None:
-        """Keep every scan."""
         for taken in frames:
             frame, before = taken, self._frame
             if before is not None and frame.location is None and not (frame.waiting or frame.problem):

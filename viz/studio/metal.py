@@ -202,7 +202,6 @@ class MetalPanel(Panel):
             self._state.target_table = with_changes(target_table(found, self._step), before)
 
     def _move(self, step: int) -> None:
-        """Show the target at a position of the slider."""
         if self._moved is not None and 0 <= step < len(self._moved.distances):
             self._state.distance_at = self._step = step
             self.compare()

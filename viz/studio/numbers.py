@@ -305,8 +305,6 @@ class NumbersPanel(Panel):
         self._solve(design)
 
     def _solve(self, design: Design) -> None:
-        """Solve the circuit, and summarize the design."""
-
         def show(circuit: Circuit) -> None:
             self._circuit = design, circuit
             with self._state as state:

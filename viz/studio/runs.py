@@ -347,7 +347,6 @@ class RunsPanel(Panel):
         return next(((run, point) for run in runs for point in run.points if point.name == name), None)
 
     async def _preview(self, name: str) -> None:
-        """Show a run's point beside the design, before it is taken over."""
         if (found := self._point(name)) is not None:
             run, point = found
             before = {} if run.start is None else run.points[run.start].quantities

@@ -258,7 +258,6 @@ class StudiesPanel(Panel):
             self._session.change(lambda work: work.document_with(entries), "study_problem")
 
     async def _preview(self, point: int) -> None:
-        """Show a point of the sweep beside the design, before it is taken over."""
         found = self._found
         if isinstance(found, SweepResult) and 0 <= point < len(found.points):
             names = [str(name) for name in found.values.data_vars if name != "reason"]
@@ -287,7 +286,6 @@ class StudiesPanel(Panel):
         self._state.study_files = self._session.setup.shelf.files(".nc")
 
     async def _open(self, name: str) -> None:
-        """Show a kept study."""
         session, state = self._session, self._state
         values = await asyncio.to_thread(read_study, session.setup.shelf.file(name, (".nc",)))
         kind = "tolerance" if "output" in values.dims else "sweep"

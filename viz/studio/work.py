@@ -257,7 +257,6 @@ def feasible_range(work: Work, entry: Entry) -> tuple[float, float]:
         return entry.low, entry.high
 
     def last(end: float) -> float:
-        """Last value towards an end of the slider."""
         good, bad = entry.value, end
         if _is_possible(work, entry.key, end):
             return end
