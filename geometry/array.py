@@ -303,8 +303,6 @@ class Array(SeveralCoils):
         `board_margin` and `through_holes` are as in `Array`. Raises GeometryError as
         `lattice_array`, or if the board has too few layers for coils that overlap.
 
-        Examples
-        --------
         >>> from coilarray.geometry import Spiral
         >>> row = Array.row(Spiral(6, 16e-3, 12, 0.15e-3, 0.15e-3), 3, pitch=11e-3)
         >>> [place.layers for place in row.placements]

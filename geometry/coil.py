@@ -284,7 +284,6 @@ def _arrays(values: Sequence[npt.ArrayLike], message: str) -> tuple[FloatArray, 
 
 
 def _refuse_self_crossing(line: FloatArray, index: int) -> None:
-    """Raise GeometryError with the place if a line touches itself."""
     closed = bool(np.array_equal(line[0], line[-1]))
     if shapely.LineString(line).is_simple and not closed:
         return

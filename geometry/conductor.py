@@ -351,7 +351,6 @@ class SeveralCoils(CurrentPaths):
         return array_html(self.as_array())
 
     def _labelled(self, values: FloatArray, name: str, unit: str) -> xr.DataArray:
-        """Label values by the names of the coils."""
         import xarray as xr
 
         coords = {dim: list(self.names) for dim in ("coil", "other")[: values.ndim]}

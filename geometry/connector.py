@@ -67,7 +67,6 @@ _Place = tuple[str, Coil, tuple[str, ...], float, float, float]
 def _routed(
     stackup: Stackup, through_holes: bool, places: tuple[_Place, ...], connector: Connector
 ) -> tuple[Placement, ...]:
-    """Route the leads of placements to a connector."""
     array = Array(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
     for place in array.placements:
         if place.coil.terminal is None:

@@ -81,7 +81,6 @@ def copper_features(array: Array) -> tuple[CopperFeature, ...]:
 
 
 def _features_of(array: Array, placement: Placement) -> Iterator[CopperFeature]:
-    """Yield the copper of one coil, traces first."""
     for line, widths, layer in placement.traces():
         yield CopperFeature(layer, placement.name, "trace", trace_outline(line, widths))
     for hole in drills_of(array, placement):
@@ -277,7 +276,6 @@ def sheet_solids(array: Array, sheets: Sequence[Sheet]) -> dict[str, trimesh.Tri
 
 
 def _as_bent(array: Array, prisms: Mapping[str, Prism]) -> dict[str, trimesh.Trimesh]:
-    """Make the solids of prisms, bent as the board."""
     form = array.form
     if form is None:
         return {key: _extruded(prism) for key, prism in prisms.items()}
@@ -412,7 +410,6 @@ def _barrels(array: Array) -> Iterator[tuple[str, int, Prism]]:
 
 
 def _laminate(array: Array) -> Prism | None:
-    """Return the laminate, or None for a single copper layer."""
     stackup = array.stackup
     if len(stackup.names) == 1:
         return None
@@ -435,6 +432,5 @@ def _holes(array: Array) -> list[Drill]:
 
 
 def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
-    """Cut holes out of a prism."""
     bored = shapely.union_all([disc(hole.x, hole.y, hole.diameter) for hole in holes])
     return replace(prism, shape=shapely.difference(prism.shape, bored))

@@ -230,7 +230,6 @@ class _Edged(_Tip):
         return EDGE * self.radius if self.edge_radius is None else self.edge_radius
 
     def _check_edge(self) -> None:
-        """Raise GeometryError if the edge radius is not allowed."""
         edge = self.edge_radius
         if edge is not None and not (0 < edge <= self.radius and math.isfinite(self.radius)):
             raise GeometryError(

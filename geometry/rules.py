@@ -510,13 +510,10 @@ def _nearest_beyond(
     """Nearest places on pairs of segments, `way` apart along both.
 
     Lengths (n,) and vectors (n, 2) are in m. `apart` runs from the end of segment i to the
-    beginning of segment j, and `along_…` are unit vectors. Place a on i is measured back from its
-    end, b on j onwards from its beginning, with a + b ≥ way. The distance is inf if the segments
-    are too short.
-
-    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon
-    0 ≤ a ≤ l_i, 0 ≤ b ≤ l_j, a + b ≥ way. The minimum is zero inside, where the segments cross, or
-    lies on an edge. Each edge is the distance of a point to a segment.
+    beginning of segment j, and `along_…` are unit vectors. The difference apart + a·t_i + b·t_j of
+    the places a back from the end of i and b onwards on j is linear, so its length is convex on the
+    polygon 0 ≤ a ≤ l_i, 0 ≤ b ≤ l_j, a + b ≥ way, inf if that is empty. The minimum is zero inside,
+    where the segments cross, or lies on an edge, as the distance of a point to a segment.
     """
     zero, least = np.zeros_like(way), np.maximum(way, 0.0)
     one = np.ones_like(way)

@@ -169,8 +169,6 @@ def helmholtz_pair(
     `radius` R in m, the diameter of the `wire` in m, the number N of `turns`, `segments`, `name`,
     result and errors are as in `loop_pair`.
 
-    Examples
-    --------
     >>> from coilarray import magnetic_field
     >>> pair = helmholtz_pair(radius=50e-3, wire=1e-3)
     >>> round(float(magnetic_field(pair, [[0, 0, 0]], [1.0, 1.0])[0, 2]) * 1e6, 2)
@@ -299,6 +297,5 @@ def _require(name: str, **values: float) -> None:
 
 
 def _require_whole(name: str, turns: float) -> None:
-    """Raise GeometryError unless a number of turns is whole."""
     if turns != int(turns):
         raise GeometryError(f"turns of {name} must be a whole number; got {turns:g}.")

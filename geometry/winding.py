@@ -136,7 +136,6 @@ class Turns:
         return [self._cut(pole, first + sense * 2 * math.pi * ray / rays) for ray in range(rays)]
 
     def _cut(self, pole: Pole, angle: float) -> Cut:
-        """Cut the turns by one ray from a pole."""
         path = self.path
         direction = np.array([[math.cos(angle), math.sin(angle)]])
         crossed, u, part, cosine = _crossings(path, np.array([[pole.x, pole.y]]), direction)

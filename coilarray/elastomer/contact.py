@@ -136,7 +136,6 @@ class _Case:
     radius: float | None
 
     def grid(self, zone: ContactZone, mesh: ContactMesh) -> ContactGrid:
-        """Mesh of the stack made for a zone of contact."""
         return contact_grid(self.stack, self.indenter.symmetry, zone, self.base, self.radius, mesh)
 
     def cut(self, height: float) -> float:
@@ -164,7 +163,6 @@ def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactM
 
 
 def _expected_zone(case: _Case, least: float, greatest: float) -> ContactZone:
-    """Contact radii at the extreme depths, by coarse meshes."""
     zone = ContactZone(case.cut(least) / 2, case.cut(greatest), case.cut(_SEARCH * greatest))
     for _ in range(_GUESSES):
         system = compliance(case.stack, case.indenter, case.grid(zone, _COARSE))
@@ -177,7 +175,6 @@ def _expected_zone(case: _Case, least: float, greatest: float) -> ContactZone:
 
 
 def _small_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: ContactMesh) -> _Solution:
-    """Contacts under small strain."""
     system = compliance(case.stack, case.indenter, case.grid(zone, mesh))
     force, end = np.zeros((len(depths), len(system.profile))), np.zeros(len(depths))
     for k in np.flatnonzero(depths > 0):
@@ -214,7 +211,6 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
 
 
 def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, strain: str) -> None:
-    """Refuse clashing names, unknown words and a sample without extent."""
     names = ["board", *(sheet.name for sheet in sheets)]
     if len(set(names)) < len(names):
         raise ElastomerError(f"names of the sheets must differ from each other and from 'board'; got {names[1:]}.")

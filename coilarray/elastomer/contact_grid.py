@@ -47,7 +47,6 @@ class ContactMesh:
     extent: float = 25.0
 
     def __post_init__(self) -> None:
-        """Check the values."""
         if self.elements < 4:
             raise ElastomerError(f"elements across a contact must be at least 4; got {self.elements}.")
         if not 1 < self.growth <= 2:

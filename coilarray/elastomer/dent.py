@@ -38,22 +38,13 @@ STILL = Motion()
 class Dent:
     """Deformed surfaces of sheets that move vertically around an indenter.
 
-    Shapes that do not fit, values that are not finite, or faces that cross raise an ElastomerError.
-
-    Parameters
-    ----------
-    thicknesses, permeabilities : tuple of float
-        Thicknesses in m and relative permeabilities of the flat sheets, upwards from z = 0.
-    radius : ndarray, shape (n,)
-        Distances from the indenter's axis in m, rising from 0.
-    displacement : ndarray, shape (n, sheets + 1)
-        Upward displacement of every face at these distances in m, from the board to the top. It is
-        negative in the indentation.
-    symmetry : {"axial", "plane"}
-        Shape of the dent: a body of revolution, or the same everywhere along y.
-    motion : Motion
-        Motion of the sheets together with the dent. Changes by the dent are relative to flat sheets
-        with the same motion. The other values do not include it.
+    The flat sheets have `thicknesses` in m and relative `permeabilities`, upwards from z = 0. At
+    every `radius` (n,), rising from 0 at the indenter's axis, `displacement` (n, sheets + 1) is
+    that of every face from the board to the top, both in m, and negative in the indentation. The
+    `symmetry` is "axial" for a body of revolution or "plane" for the same everywhere along y. The
+    sheets may be in `motion` together, which the other values do not include: changes by the dent
+    are relative to flat sheets with the same motion. Shapes that do not fit, values that are not
+    finite, or faces that cross raise an ElastomerError.
     """
 
     thicknesses: tuple[float, ...]
@@ -64,7 +55,6 @@ class Dent:
     motion: Motion = STILL
 
     def __post_init__(self) -> None:
-        """Check the shapes and values."""
         if self.displacement.shape != (len(self.radius), len(self.thicknesses) + 1):
             raise ElastomerError(
                 f"a dent in {len(self.thicknesses)} sheets known at {len(self.radius)} radii needs displacements of "

@@ -237,49 +237,22 @@ def dent_inductance(
 ) -> NumberArray:
     """Change of the inductance matrix in H by dented sheets.
 
-    Parameters
-    ----------
-    source : Array, Conductor, polyline or sequence of them
-        Coils at z ≤ 0. A path whose ends lie apart is closed by a straight line between them.
-    dents : sequence of Dent
-        Deformed surfaces of the same sheets, for example one for each depth.
-    positions : array_like, shape (positions, 2)
-        Positions of the indenter's axis in m.
-    accuracy : LayerMesh, optional
-        Accuracy of the field.
-    backing : Backing, optional
-        Conducting or magnetic layers below the coils and the currents in other metal there, at one
-        frequency.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
+    The coils of the `source` are at z ≤ 0, and paths whose ends lie apart are closed by a straight
+    line. The `dents` are of the same sheets, for example one for each depth, with their axis at
+    `positions` (positions, 2) in m. `accuracy` is that of the field. A `backing` are conducting or
+    magnetic layers below the coils and the currents in other metal there, at one frequency.
+    `progress` is called with (done, total) as the work goes on. The result (dents, positions,
+    coils, coils) is dented minus flat, symmetric, over a backing ΔL − jΔR/ω. Raises ElastomerError
+    for positions that are not finite, coils that are not below the sheets, dents of different
+    sheets or in plane strain, or a magnetic face that comes too close to the coils.
 
-    Returns
-    -------
-    ndarray, shape (dents, positions, coils, coils)
-        Inductance in H, dented minus flat, symmetric. Over a `backing` it is ΔL − jΔR/ω, complex.
+    The coils' field in harmonics about the indenter (`coilarray.electromagnetics.flat_stack`) is
+    scattered by the dent (`coilarray.elastomer.scattering`): ΔL_ij = 2π μ0 Σ_m b_i,m* Γ_m b_j,m
+    with b = c_m(k) k dk/2π. Nothing is linearised in the depth. The sheets are taken as laterally
+    infinite, and their permeability as unchanged by strain. A backing also reflects the dent's own
+    field, but the currents in it are those without the dent. Under tilted sheets, `Dent.motion`,
+    each wave is tilted like the wave of a mirrored coil.
 
-    Raises
-    ------
-    ElastomerError
-        Positions that are not finite, coils that are not below the sheets, dents of different
-        sheets or in plane strain, or a magnetic face that comes too close to the coils.
-
-    Notes
-    -----
-    The coils' field in harmonics about the indenter (`coilarray.electromagnetics.flat_stack`) is scattered by the dent
-    (`scattering`): ΔL_ij = 2π μ0 Σ_m b_i,m* Γ_m b_j,m with b = c_m(k) k dk/2π. Nothing is
-    linearised in the depth. The sheets are taken as laterally infinite, and their permeability as
-    unchanged by strain.
-
-    Over a backing the result includes the reflection by the layers of the coils' field and of the
-    dent's own field, see `coilarray.elastomer.scattering`. The reflection of the dent's own field
-    is 0.3 % of the change in the sheets of gast2020 on a board of 1.6 mm, and 2 % if it comes
-    within 1.4 mm of a plate. Currents in the backing are the currents without the dent, so their
-    response to the dent's own field is left out. Under tilted sheets, `Dent.motion`, each wave is
-    tilted like the wave of a mirrored coil.
-
-    Examples
-    --------
     >>> import numpy as np
     >>> r = np.linspace(0, 20e-3, 41)
     >>> shape = -0.5e-3 * np.exp(-((r / 4e-3) ** 2))
@@ -289,13 +262,6 @@ def dent_inductance(
     >>> change = dent_inductance([loop], [dent], [[0, 0], [12e-3, 0]])
     >>> np.round(change[0, :, 0, 0] * 1e12, 2)
     array([25.93,  0.23])
-
-    Aluminium 2 mm below the loop removes two thirds of the change by the dent.
-
-    >>> from coilarray.electromagnetics.flat_stack import Layer
-    >>> plate = Backing(-2e-3, (Layer(1e-3, 1.0, 3.5e7),), 1e6)
-    >>> np.round(dent_inductance([loop], [dent], [[0, 0]], backing=plate)[0, 0, 0, 0] * 1e12, 2)
-    np.complex128(8.09-0.22j)
     """
     paths = as_conductors(source)
     highest = max(float(path.vertices[:, 2].max()) for path in paths)

@@ -193,7 +193,6 @@ def sample_correction(
 
 
 def _require_small(mean: FloatArray, slope: float) -> None:
-    """Raise ElastomerError if a correction exceeds the contact."""
     if not (mean * slope < 1).all():  # also NaN
         raise ElastomerError(
             f"the seat and sides must change a contact by less than its own depth; one is lifted {mean.max():.3g} "
@@ -335,7 +334,6 @@ class _Problem:
 
 
 def _part(spline: PPoly, which: tuple[int | slice, ...]) -> PPoly:
-    """Return a part of the values of a spline."""
     return PPoly(np.ascontiguousarray(spline.c[:, :, *which]), spline.x)
 
 

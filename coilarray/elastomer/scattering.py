@@ -73,8 +73,7 @@ class TensorGrid:
     """Grid nodes that couple only over the next two columns.
 
     The columns are eliminated from the outermost to the middle, all rows at once: a block Cholesky
-    decomposition A = L Lᵀ. For a force f only the half L⁻¹f is needed, as fᵀA⁻¹f = |L⁻¹f|². With
-    some hundred rows this takes half the time of a sparse decomposition and its solutions. The
+    decomposition A = L Lᵀ. For a force f only the half L⁻¹f is needed, as fᵀA⁻¹f = |L⁻¹f|². The
     points (2, nodes) are without the first and the last row and the outermost column.
     """
 
@@ -133,26 +132,13 @@ def energies(blocks: FloatArray, forces: FloatArray) -> FloatArray:
 class LayerMesh:
     """Accuracy of the magnetic problem.
 
-    The defaults follow from a convergence study. Their error is 2e-4 of the largest entry for
-    smooth dents of the size of the sheets, 1e-3 for the dent of gast2020, and up to 1e-2 for the
-    dent of a small ball in a sheet that lies on the board, under few turns.
-
-    Parameters
-    ----------
-    harmonics : int
-        Highest harmonic about the indenter.
-    decays : float
-        Wavenumbers up to decays/clearance are used. The rest is below e^(−2·decays) of the incident
-        energy.
-    width : float
-        Width of the elements in the middle, relative to the radius of the dent's half depth or the
-        clearance, whichever is smaller.
-    rows : int
-        Elements over the height of each sheet and of the moved air.
-    growth : float
-        Ratio of neighbouring elements outside.
-    rank : float
-        Incident patterns below this part of the strongest are left out.
+    `harmonics` is the highest harmonic about the indenter. Wavenumbers up to `decays` over the
+    clearance are used, the rest is below e^(−2·decays) of the incident energy. `width` is that of
+    the elements in the middle, relative to the radius of the dent's half depth or the clearance,
+    whichever is smaller, and `growth` the ratio of neighbours outside. There are `rows` of elements
+    over the height of each sheet and of the moved air. Incident patterns below the part `rank` of
+    the strongest are left out. The defaults err by up to 1e-3 of the largest entry, and by up to
+    1e-2 for the dent of a small ball in a sheet that lies on the board, under few turns.
     """
 
     harmonics: int = 10
@@ -195,7 +181,6 @@ class Scattering:
         arriving: ComplexArray = np.concatenate(ways)
 
         def energies(patterns: NumberArray, own: NumberArray) -> ComplexArray:
-            """Energies with the reflections at the layers."""
             return np.asarray(np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own + 0j))
 
         return Scattering(
@@ -257,7 +242,6 @@ def scatter(
     kinds: Sequence[int] = range(mesh.harmonics + 1) if dent.symmetry == "axial" else (0, 1)
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
-        """Patterns and energies of one harmonic."""
         waves = space.waves(m, wavenumbers)
         incident = waves.dented * scale
         strengths, mixed = np.linalg.eigh(incident.T @ incident)  # squares of the singular values
@@ -379,8 +363,7 @@ class _Faces:
 
     `z` is their height, `up` their displacement and `slope` its slope. `weights` are of an integral
     with the contrast. `trace` (points, nodes) gives the values of elements there. Between knots a
-    dent is a cubic. With the elements' own points the sheets' volume, which hardly changes, would
-    be so inaccurate that the energy would be 10 % off.
+    dent is a cubic, which the elements' own points would not integrate.
     """
 
     def __init__(self, basis: Basis, dent: Dent) -> None:

@@ -238,7 +238,6 @@ def _board_medium(stackup: Stackup, above: Above) -> LayeredMedium:
 
 
 def _windings(array: Array, above: Above) -> list[WindingCapacitance]:
-    """Compute every winding, equal placements only once."""
     windings = []
     for placement in array.placements:
         coil = placement.coil
@@ -249,7 +248,6 @@ def _windings(array: Array, above: Above) -> list[WindingCapacitance]:
 
 
 def _winding(stackup: Stackup, placement: Placement, above: Above) -> WindingCapacitance:
-    """Compute the capacitance of one winding with its leads."""
     medium, first = _board_medium(stackup, above), len(above[0])
     coil = placement.coil
     copper = np.array([stackup.index(layer) for layer in placement.layers])
@@ -406,7 +404,6 @@ def _closed_band(coil: Coil, line: FloatArray, widths: FloatArray) -> shapely.Ge
 
 
 def _refuse_touching_coils(array: Array) -> None:
-    """Raise GeometryError if copper of different coils overlaps."""
     for layer in array.stackup.names:
         here = [
             (placement.name, shapely.LineString(placement.to_board(piece)), width)

@@ -110,11 +110,8 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], *, accuracy: Accur
     The series of the module, for circles that of Hurley & Duffy, IEEE Trans. Magn. 33, 2282 (1997),
     holds for a uniform current density in every bar. The result is exact to 1e-10 of the largest
     entry, near images to 1e-6 of L. Closed paths with any currents I have IᵀΔM I > 0. Paths with
-    open ends are taken as they are, so that the pieces of a path add up to the whole.
-
-    A sheet much thinner than its distance from the copper costs nothing extra. A sheet that lies on
-    the copper costs one `inductance_matrix` for each image within some 1/16 of the board's extent
-    (1/50 for ``screen``), or fewer if that makes many.
+    open ends are taken as they are, so that the pieces of a path add up to the whole. A sheet that
+    lies on the copper costs one `inductance_matrix` for each of a few near images.
 
     A sheet 6 mm above a square loop.
 

@@ -143,7 +143,6 @@ def turned_spectra(spectra: CoilSpectra, slope: tuple[float, float]) -> CoilSpec
     fall = complex(*slope) / 2  # f = fall e^{−iα} + its conjugate, f' = −i fall e^{−iα} + its conjugate
 
     def turned(series: Sequence[ComplexArray]) -> tuple[ComplexArray, ...]:
-        """Turn the Fourier series of one shape."""
         size = len(series[-1])  # the highest wavenumber has the most orders
         flat = np.array([_padded(one, size) for one in series])
         by_k = derivative @ (k[:, None] * flat)
@@ -185,7 +184,6 @@ def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> C
     found = np.empty((len(spectra.wavenumbers), len(points), len(shapes), highest + 1), dtype=np.complex128)
 
     def about(block: tuple[int, int]) -> None:
-        """Fill in the harmonics about a block of points."""
         rows = slice(*block)
         for shape in range(len(spectra.series)):
             of_shape = np.flatnonzero(shapes == shape)
@@ -210,7 +208,6 @@ def gradients_on_grid(
     distance = np.hypot(*(corners[:, None] - spectra.centres).T).max()
 
     def at(index: int) -> FloatArray:
-        """Gradients by the waves of one wavenumber."""
         k = float(spectra.wavenumbers[index])
         n = _angles(k * (distance + spectra.radius))
         half = slice(0, n // 2)  # the waves of opposite directions are conjugates

@@ -88,7 +88,6 @@ class _Filaments:
 
     @classmethod
     def of(cls, path: Conductor) -> _Filaments:
-        """Prepare a path."""
         bars = segment_table(path)
         series = find_series(bars)
         bars[:, :3] += path.vertices[0]
@@ -102,7 +101,6 @@ class _Filaments:
         return cls(bars, np.ascontiguousarray(rows), series)
 
     def posed(self, pose: Pose) -> _Filaments:
-        """Return the path where a pose takes it."""
         bars, rows = self.bars.copy(), self.rows.copy()
         for table in (bars, rows):
             table[:, :3] = pose.apply(table[:, :3])

@@ -200,7 +200,6 @@ class _Shape:
         return np.concatenate((lines - aside, lines + aside))
 
     def currents(self, count: int, count_z: int) -> tuple[FloatArray, FloatArray]:
-        """Return the `equivalent_currents`."""
         key, lines = (count, count_z), self.seen_from_afar
         if key not in self.known:
             self.known[key] = equivalent_currents(lines, count, count_z, len(self.table) / len(lines))

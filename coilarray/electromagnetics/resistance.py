@@ -146,8 +146,6 @@ def _basis(width: float, thickness: float, octaves: int) -> sections.Basis:
 
 @lru_cache(maxsize=16)
 def _section(traces: tuple[sections.Trace, ...], octaves: int) -> sections.Section:
-    """Decompose the eddy modes of a bundle of traces."""
-
     def at(first: tuple[float, float], second: tuple[float, float], node: int, z: float) -> FloatArray:
         x = _GRID[1] * math.sinh(_GRID[0] * node)
         return _INTERACTIONS.get(
@@ -302,7 +300,6 @@ class _Traces:
 
 
 def _traces(conductor: Conductor, shape: bytes, f: FloatArray, resistivity: float, wide: BoolArray) -> _Traces:
-    """Prepare the losses in the horizontal segments of a coil."""
     vertices = conductor.vertices - conductor.vertices[0]
     lateral, flat = sections.lateral_axes(vertices)
     segments = np.flatnonzero(flat)

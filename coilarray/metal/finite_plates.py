@@ -124,11 +124,11 @@ def moving_plate(
 
     The currents on the faces and the rim follow from a stream function, with an impedance for any
     ratio of thickness to skin depth (`coilarray.metal.half_body`), if either is small compared with
-    the plate's width and the distances to coils and other metal. Sheets and infinite plates reflect
-    the fields of coils and currents (`coilarray.metal.coupled_plates`). One matrix serves every
-    position in air, over layers every height. Beside fixed finite plates it is assembled at every
-    position, and all plates are solved together. A magnetic plate has its own equations
-    (`coilarray.metal.magnetic_plates`), which hold from three skin depths of thickness.
+    the plate's width and the distances to coils and other metal. A magnetic plate has its own
+    equations (`coilarray.metal.magnetic_plates`), which hold from three skin depths of thickness.
+    Sheets and infinite plates reflect the fields of coils and currents
+    (`coilarray.metal.coupled_plates`), and fixed finite plates are solved together with the plate,
+    at every position.
 
     Every result is extrapolated from two meshes, with element lengths in the ratio 2, by the second
     order of linear elements. The error of the mesh is this correction of the finer mesh, which
@@ -216,7 +216,6 @@ def _changes(
         tasks = [(m, k, parity) for m in range(len(meshes)) for k in range(count) for parity in (0, 1)]
 
         def solve(task: tuple[int, int, int]) -> ComplexArray:
-            """Change by one mesh, at one frequency, of one parity."""
             m, k, parity = task
             return _coupled(meshes[m].body.parities[parity].matrix(meshes[m].impedances[k]), both[m][parity][0])
 
@@ -237,7 +236,6 @@ def _changes(
                     rest[k] = b[k] - np.tensordot(answer.T, solved.b[k], axes=1)
 
             def at(k: int, matrices: ComplexArray = matrices, b: ComplexArray = rest) -> ComplexArray:
-                """Coupled change at a position."""
                 return _coupled(matrices[k], b[k])
 
             found[m][group] = np.moveaxis(np.array(run_blocks(at, range(count))), 0, 1)
@@ -453,7 +451,6 @@ def _all_posed(
 
 
 def _require_free(plate: FinitePlate, where: FloatArray, beside: AnyPlates) -> None:
-    """Refuse positions (n, 3) in m where plates intersect."""
     bottom, top = np.array(plate.heights) - plate.centre[2]
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
     for other in beside:

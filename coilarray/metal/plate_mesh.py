@@ -239,7 +239,6 @@ class _Layout:
         return bool((areas > 0).all()) and abs(areas.sum() - expected) < 1e-6 * expected
 
     def body(self) -> HalfBody:
-        """Return the upper half of the body."""
         (plane, on_face), order = self.face, self.order
         width = sum(map(len, order))
         nodes = [np.column_stack((plane, np.full(len(plane), self.thickness / 2)))]

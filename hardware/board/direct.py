@@ -167,7 +167,6 @@ class ChipDriver:
                     port.close()
 
     def _write(self, settings: ScanSettings) -> None:
-        """Write the settings once and read them back."""
         found = self.identity()
         if found != (MANUFACTURER, DEVICE):
             raise buses.BusFault(
@@ -330,7 +329,6 @@ class DirectReader:
         return RawScan(sequence, start, time.time(), settings.hash, self._identity.boot, tuple(samples))
 
     def _sample(self, settings: ScanSettings, state: StateSettings) -> RawSample:
-        """Measure a state."""
         # The converter sleeps and the coils are grounded before and, even if the converter fails, after.
         chips, same, words = self._chips, True, state.words
         try:

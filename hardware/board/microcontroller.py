@@ -216,7 +216,6 @@ class MicrocontrollerReader:
         return RawScan(message.sequence, board_time, time.time(), message.configuration, message.boot, message.samples)
 
     def _run(self, settings: ScanSettings, interval: int) -> Generator[RawScan]:
-        """Start a stream, yield its scans, and stop it."""
         if self._configured() is not settings:
             raise HardwareError("the board was configured again after the scans were requested; request them again.")
         longest = _longest_scan(settings)
@@ -267,7 +266,6 @@ class MicrocontrollerReader:
                 raise self._end_unheard() or fault
 
     def _heed(self, message: protocol.Message) -> None:
-        """Raise the fault that a message in a stream reports."""
         if isinstance(message, protocol.StreamEnd):
             raise self._ended(message.reason, message.text)
         mode = protocol.Mode.STREAMING

@@ -220,7 +220,6 @@ class Run:
         self._counting = True  # last: Ctrl-C at any line puts the chip to sleep
 
     def _count(self, until: float) -> None:
-        """Count to the end of the conversion."""
         stop = min(self._end, until)
         sensor = self._surroundings.sensor(self._channel, (self._time + stop) / 2)
         frequency, amplitude = self._oscillation(sensor)

@@ -147,7 +147,6 @@ class SensorWorld:
         return self._found[key]
 
     def _changed(self, untouched: StateResult, quality: float, place: Place, warmer: float) -> Resonator:
-        """Solve a state with indenter and temperature."""
         if place.depth <= 0 and warmer == 0:
             return Resonator(untouched.frequency, untouched.parallel_resistance, quality)
         network, more = self._network, 1 + self._copper * warmer

@@ -145,7 +145,6 @@ class StageLimits:
     clearance: float = 2e-3  # height in m above contact, for travels and baselines
 
     def __post_init__(self) -> None:
-        """Raise HardwareError for an empty or too large range."""
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not -_FARTHEST <= low <= high <= _FARTHEST:
                 raise HardwareError(f"{name} of a stage must rise and be at most {_FARTHEST} m; got {low} to {high} m.")
@@ -273,7 +272,6 @@ class GcodeStage(Stage):
         self._port.close()
 
     def _go(self, line: str, seconds: float) -> None:
-        """Move and wait until the movement is over."""
         self._send(line, seconds)
         self._send(_WAIT[self._dialect], seconds)
 
@@ -367,7 +365,6 @@ class Campaign:
     speed: float = SPEED  # of indenting and relaxing in m/s
 
     def __post_init__(self) -> None:
-        """Raise HardwareError for an invalid value."""
         _require_rising("x", self.x, -_FARTHEST, _FARTHEST)
         _require_rising("y", self.y, -_FARTHEST, _FARTHEST)
         _require_rising("depths", self.depths, 0.0, _DEEPEST)
@@ -492,7 +489,6 @@ class _Run:
     reconnect: Callable[[], Reader] | None
 
     def measure(self, place: GridPlace) -> None:
-        """Measure a position."""
         for attempt in range(1, TRIES + 1):
             position = self.recorder.begin(place)
             try:

@@ -80,7 +80,6 @@ def thermometer(path: Path) -> Iterator[Callable[[], float | None]]:
     ended = threading.Event()
 
     def follow() -> None:
-        """Read the file until the block is left."""
         nonlocal latest
         while not ended.wait(PERIOD):
             try:

@@ -122,7 +122,6 @@ class ScanSettings:
     __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
-        """Raise HardwareError for inconsistent settings."""
         devices = len(self.safe_words)
         lengths = {len(state.words) for state in self.states} - {devices}
         if lengths:

@@ -317,7 +317,6 @@ class Wiring:
     channels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise HardwareError for an impossible wiring."""
         for kind, names in (("coil", self.coils), ("device", tuple(device.name for device in self.devices))):
             if (twice := first_repeated(names)) is not None:
                 raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
@@ -537,7 +536,6 @@ class _WiringTable(Table):
     device: Annotated[list[_DeviceTable], Field(max_length=_MOST_DEVICES)] = Field(default_factory=list)
 
     def build(self, name: str) -> Wiring:
-        """Return the wiring."""
         if self.channels and self.coils:
             raise HardwareError(f"wiring {name} must have coils with devices, or channels of coils; got both.")
         parts = {name: switch_part(name, "a table of wiring.part") for name in self.part}
@@ -566,8 +564,6 @@ class _WiringTable(Table):
 
 
 class _File(Table):
-    """The whole file."""
-
     schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
     """Version of the file format."""
     wiring: _WiringTable

@@ -394,7 +394,6 @@ class Ft232h:
             self._controller.close(freeze=True)  # a SYNC that floats could latch anything
 
     def _commands(self, bits: Iterable[bool]) -> Iterator[int]:
-        """Yield the commands of a transfer."""
         # A level is read just before the edge at which the switches read the bit.
         idle_high, second_edge = bool(self._mode & 2), bool(self._mode & 1)  # CPOL and CPHA
         idle = _CLOCK if idle_high else 0

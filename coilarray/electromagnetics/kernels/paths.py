@@ -146,7 +146,6 @@ _TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 @kernel
 def _along(a: FloatArray) -> Vector:
-    """Direction of a bar."""
     return a[3], a[4], a[5]
 
 

@@ -63,13 +63,11 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
 
 @kernel
 def _corner(t: FloatArray, k: int) -> Vector:
-    """Corner k of a triangle."""
     return t[k, 0], t[k, 1], t[k, 2]
 
 
 @kernel
 def _place(t: FloatArray, q: int) -> Vector:
-    """Node q of the rule on a triangle."""
     a, b, c = _RULE[q, 0], _RULE[q, 1], _RULE[q, 2]
     return moved(moved(moved((0.0, 0.0, 0.0), a, _corner(t, 0)), b, _corner(t, 1)), c, _corner(t, 2))
 
