@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -82,36 +82,13 @@ class PacedClock(Clock):
             time.sleep(ahead)
 
 
-@dataclass(frozen=True)
-class Oscillator:
-    """Internal oscillator of one converter."""
-
-    frequency: float = INTERNAL_CLOCK  # at room temperature in Hz, 35 to 55 MHz
-    temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN  # relative change of the frequency in 1/K
-
-    def at(self, temperature: float) -> float:
-        """Return the frequency in Hz at a temperature in °C."""
-        return self.frequency * (1 + self.temperature_coefficient * (temperature - ROOM_TEMPERATURE))
-
-
-@dataclass(frozen=True)
-class Drift:
-    """Temperature of the board over time."""
-
-    rate: float = 0.0  # rate of warming in K/s
-    start: float = ROOM_TEMPERATURE  # temperature in °C at the time 0
-
-    def at(self, time: float) -> float:
-        """Return the temperature in °C at a time in s."""
-        return self.start + self.rate * time
-
-
 @dataclass
 class Conditions:
     """Surroundings of the converter, which may change at any time."""
 
-    oscillator: Oscillator = field(default_factory=Oscillator)  # of the converter
-    drift: Drift = field(default_factory=Drift)  # temperature of the board
+    oscillator: float = INTERNAL_CLOCK  # frequency of the converter's own at room temperature in Hz, 35 to 55 MHz
+    drift: float = 0.0  # rate at which the board warms in K/s
+    start: float = ROOM_TEMPERATURE  # temperature of the board in °C at the time 0
     noise: float | None = None  # relative standard deviation of a frequency at full resolution
     clkin: float | None = None  # frequency at the pin CLKIN in Hz. None if the pin is grounded
 
@@ -301,8 +278,10 @@ class EmulatedBoard:
 
     def clock_of(self, time: float, *, external: bool) -> float:
         """Return the converter's clock in Hz, 0 if the pin CLKIN is grounded."""
-        here = self.conditions
-        return (here.clkin or 0.0) if external else here.oscillator.at(self.temperature(time))
+        if external:
+            return self.conditions.clkin or 0.0
+        warmer = self.temperature(time) - ROOM_TEMPERATURE
+        return self.conditions.oscillator * (1 + INTERNAL_CLOCK_PER_KELVIN * warmer)
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
         """Return the tank at a channel of the converter."""
@@ -317,7 +296,7 @@ class EmulatedBoard:
 
     def temperature(self, time: float | None = None) -> float:
         """Return the temperature of the board in °C, at present by default."""
-        return self.conditions.drift.at(self.clock.now() if time is None else time)
+        return self.conditions.start + self.conditions.drift * (self.clock.now() if time is None else time)
 
     def place(self) -> Place:
         """Return the present place of the indenter."""

@@ -9,7 +9,6 @@ from support.command_line import runner, successes, toml_file
 from support.quick_coils import series_tank
 from support.recorded_boards import WIRING_TEXT, QuickWorld, campaign_file, stream_file, two_coils_document
 
-from coilarray.hardware.emulator.board import Drift, Oscillator
 from coilarray.hardware.record.calibration import calibrate_board, load_calibration
 from coilarray.hardware.record.recording import open_recording
 
@@ -26,7 +25,7 @@ TRUE = 52e-6  # H, of the quick board's coils
 def recordings(tmp_path_factory):
     """Folder with a stream at rest and a campaign of a board whose clock is off and which warms up."""
     folder = tmp_path_factory.mktemp("recordings")
-    board = {"noise": 2e-7, "drift": Drift(rate=0.01), "oscillator": Oscillator(42e6)}
+    board = {"noise": 2e-7, "drift": 0.01, "oscillator": 42e6}
     stream_file(folder / "rest.sqlite", 60, **board)
     campaign_file(folder / "campaign.sqlite", **board)
     return folder

@@ -17,7 +17,6 @@ from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.board.self_test import find_drives, self_test
-from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.scan.readings import Reason, SampleFault, read_scan
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring, parse_wiring, wired_to_channels
@@ -152,7 +151,7 @@ def test_a_scan_that_is_asked_for_is_of_now_although_the_converter_has_gone_on()
 @pytest.mark.parametrize("wiring", [ONE, FOUR])
 def test_a_stream_goes_as_fast_as_the_converter(wiring, clock):
     settings = settings_of(wiring, rcount=2000, drives=7)
-    board, reader, _ = configured(wiring, settings=settings, oscillator=Oscillator(frequency=clock))
+    board, reader, _ = configured(wiring, settings=settings, oscillator=clock)
     scans = list(itertools.islice(reader.scans(), 40))
     assert all(sample.fault is SampleFault.NONE for scan in scans for sample in scan.samples)
     clocks = 16 * 2000 + 4 + 5 + (16 * settings.settle_count if len(settings.channels) > 1 else 0)

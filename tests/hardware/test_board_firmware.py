@@ -19,7 +19,6 @@ from support.patience import PATIENCE
 from support.refusals import raising
 
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.wire.protocol import LinkTimes
@@ -93,7 +92,7 @@ def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
 
 @pytest.mark.parametrize("clock", [35e6, 55e6])
 def test_the_firmware_waits_for_the_interrupt_of_every_converter(clock):
-    with behind_firmware(plain(oscillator=Oscillator(clock))) as (_, opened):  # strict: a look before it raises
+    with behind_firmware(plain(oscillator=clock)) as (_, opened):  # strict: a look before it raises
         opened.reader.configure(quick_settings(rcount=0x4000, discard=1))
         assert {sample.status for sample in opened.reader.scan().samples} == {0x0048}
 

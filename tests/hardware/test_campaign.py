@@ -21,7 +21,7 @@ from coilarray.circuit.converter_limits import drive_for
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
-from coilarray.hardware.emulator.board import Conditions, Drift
+from coilarray.hardware.emulator.board import Conditions
 from coilarray.hardware.record.campaign import TRIES, Campaign, EmulatedStage, design_campaign, run_campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recorder import open_recorder
@@ -171,7 +171,7 @@ def test_deviation_from_baselines(path, tmp_path):
     noise = 1e-6
     campaign = Campaign(x=tuple(1e-3 * np.arange(20)), y=(0.0, 1e-3, 2e-3), depths=(1e-3,))
     # -13e-6/K of the clock over 0.02 K/s and 2.5 s a position: 6.5e-7 from one to the next, 4e-5 in all
-    board = quick_board(noise=noise, seed=2, drift=Drift(rate=0.02))
+    board = quick_board(noise=noise, seed=2, drift=0.02)
     response = response_of(run(path, campaign, board))
     assert response.delta_std.attrs["found_from"] == "baselines"
     # 59 steps give it to 13 %; the drift adds 10 %

@@ -11,8 +11,6 @@ from support.recorded_boards import DESIGN, QuickWorld, board_calibration, campa
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.board import Drift as Warming
-from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.record.calibration import (
     calibrate_board,
     calibrated_response,
@@ -43,13 +41,13 @@ def both_responses(path, calibration):
 @pytest.fixture(scope="module")
 def rest(tmp_path_factory):
     """A stream at rest of a board whose clock is not the typical one."""
-    return stream_file(tmp_path_factory.mktemp("rest") / "run.sqlite", 50, noise=NOISE, oscillator=Oscillator(41.0e6))
+    return stream_file(tmp_path_factory.mktemp("rest") / "run.sqlite", 50, noise=NOISE, oscillator=41.0e6)
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     """A campaign on a board that warms up."""
-    return campaign_file(tmp_path_factory.mktemp("campaign") / "run.sqlite", noise=NOISE, drift=Warming(rate=0.005))
+    return campaign_file(tmp_path_factory.mktemp("campaign") / "run.sqlite", noise=NOISE, drift=0.005)
 
 
 def test_known_inductances_give_inductances_back(rest):

@@ -11,7 +11,6 @@ from support.emulated_reader import WIRING, at_rest, brown_out, plain, quick_set
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.board import Oscillator
 from coilarray.hardware.scan.readings import SampleFault, judge
 from coilarray.hardware.wire.buses import BoardRestarted, BusFault, DeviceLost, SwitchFault
 
@@ -129,7 +128,7 @@ def test_status_is_read_after_the_interrupt_of_every_converter(clock):
     unknown, measured = settings_of(WIRING, drives=7), settings_of(WIRING, drives=7, clock=clock)
     nominal = dataclasses.replace(unknown, slowest_clock=43.4e6)
     for settings in (unknown, measured, nominal):
-        board = plain(strict=False, oscillator=Oscillator(clock))
+        board = plain(strict=False, oscillator=clock)
         reader, log = watched(board)
         reader.configure(settings)
         reader.scan()

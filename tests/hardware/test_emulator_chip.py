@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from coilarray.hardware.chips.ldc1614 import registers
 from coilarray.hardware.emulator import board
-from coilarray.hardware.emulator.board import Drift, Oscillator, VirtualClock
+from coilarray.hardware.emulator.board import VirtualClock
 from coilarray.hardware.emulator.ldc1614_chip import WATCHDOG, EmulatedBus, Ldc1614, Misuse, Resonator, UndocumentedUse
 from coilarray.hardware.wire.buses import BusFault, BusTimeout
 
@@ -41,8 +41,6 @@ class Bench:
     """What is connected to the chip: anything, by channel and time."""
 
     sensors: dict = field(default_factory=lambda: {0: GOOD})
-    oscillator: Oscillator = field(default_factory=Oscillator)
-    drift: Drift = field(default_factory=Drift)
     noise: float = 0.0
     clkin: float | None = None
 
@@ -51,7 +49,7 @@ class Bench:
         return found(time) if callable(found) else found
 
     def clock_of(self, time, *, external):
-        return (self.clkin or 0.0) if external else self.oscillator.at(self.drift.at(time))
+        return (self.clkin or 0.0) if external else CLOCK
 
 
 class Chip:

@@ -24,9 +24,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.board import (
     LIFTED,
     Conditions,
-    Drift,
     EmulatedBoard,
-    Oscillator,
     Place,
     VirtualClock,
     emulated_board,
@@ -67,8 +65,8 @@ def table(folder):
 def make(network, table):
     """A board of the paper's design, with a small table."""
 
-    def board(*, oscillator=None, drift=None, noise=0.0, seed=0, **world):
-        options = {"conditions": Conditions(oscillator or Oscillator(), drift or Drift(), noise), "seed": seed}
+    def board(*, start=25.0, noise=0.0, seed=0, **world):
+        options = {"conditions": Conditions(start=start, noise=noise), "seed": seed}
         world = SensorWorld(network, lambda: table, PAPER.indentation.origin_point, **world)
         return EmulatedBoard(WIRING, world, clock=VirtualClock(), strict=True, **options)
 
@@ -175,7 +173,7 @@ def test_places_that_the_table_does_not_reach(make, place, said):
 
 
 def test_the_clock_s_temperature_appears_in_the_inductance(make):
-    cold, warm = (frequencies(make(drift=Drift(start=T), copper=0.0)) for T in (25.0, 45.0))
+    cold, warm = (frequencies(make(start=T, copper=0.0)) for T in (25.0, 45.0))
     slope = ((cold / warm) ** 2 - 1) / 20  # of the inductance
     assert slope == pytest.approx(-26e-6, rel=2e-3)  # two codes of 4e-8 in 20 K are 1e-8, less than a thousandth
 

@@ -13,7 +13,6 @@ from support.refusals import refused
 from coilarray.circuit.noise_budget import Cause, NoiseBudget
 from coilarray.design.readout import Readout
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.board import Drift
 from coilarray.hardware.record.live_tracking import LiveTracker
 from coilarray.hardware.record.recorded_response import less_reference, response_less_reference
 from coilarray.hardware.scan.readings import Reason, ScanReading, StateReading, read_scan
@@ -217,7 +216,7 @@ def test_the_model_of_what_is_left_finds_the_place_even_where_the_reference_is_p
     assert np.hypot(drifted.x - point[0], drifted.y - point[1]) + abs(drifted.depth - point[2]) > 1e-5
 
 
-def live(count, *, reference=(), drift=None, noise=0.0, press_at=None, dead_from=None):
+def live(count, *, reference=(), drift=0.0, noise=0.0, press_at=None, dead_from=None):
     """Evaluate scans of the quick board; its second coil is out of reach of the finger."""
     readings, world = [], QuickWorld()
     with quick_board(noise=noise, drift=drift, world=world) as opened:
@@ -232,7 +231,7 @@ def live(count, *, reference=(), drift=None, noise=0.0, press_at=None, dead_from
                 return readings
 
 
-WARMING = Drift(rate=0.01)
+WARMING = 0.01  # K/s
 PER_KELVIN = -26e-6  # of L: the internal oscillator falls by 13 ppm/K, which reads as a higher frequency
 
 

@@ -26,7 +26,6 @@ from support.refusals import refused
 from coilarray.cli.position import read_readings
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.errors import HardwareError, LocalizeError, OutputError
-from coilarray.hardware.emulator.board import Drift
 from coilarray.hardware.record import recorder as recorder_module
 from coilarray.hardware.record.recorded_response import recorded_series, series_csv
 from coilarray.hardware.record.recorder import file_temperature, open_recorder, record_stream, thermometer
@@ -407,7 +406,7 @@ def test_it_is_read_again_and_outdated_when_it_is_gone(tmp_path, monkeypatch):
 
 def warming(path, scans=20, thermometer=None, resume=False):
     """Record a board that warms by 0.1 K/s, with the emulator's temperature or another one."""
-    with open_recorder(path, resume=resume) as recorder, quick_board(drift=Drift(rate=0.1)) as board:
+    with open_recorder(path, resume=resume) as recorder, quick_board(drift=0.1) as board:
         recorder.start(session_of(board, configured(board), DESIGN), thermometer=thermometer or board.thermometer)
         record_stream(board.reader, recorder, scans=scans)
     return path

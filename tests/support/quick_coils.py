@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from coilarray.design.readout import Readout
-from coilarray.hardware.emulator.board import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock
+from coilarray.design.readout import INTERNAL_CLOCK, Readout
+from coilarray.hardware.emulator.board import Conditions, EmulatedBoard, VirtualClock
 from coilarray.hardware.emulator.ldc1614_chip import Resonator
 
 NOISE = Readout().frequency_noise
@@ -51,8 +51,8 @@ def plain_board(
     capacitance=120e-12,
     resistance=20.0,
     noise=NOISE,
-    drift=None,
-    oscillator=None,
+    drift=0.0,
+    oscillator=INTERNAL_CLOCK,
     clock=None,
     clkin=None,
     conditions=None,
@@ -64,7 +64,7 @@ def plain_board(
         wiring,
         FixedCoils(L, capacitance, resistance),
         clock=clock or VirtualClock(),
-        conditions=conditions or Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin),
+        conditions=conditions or Conditions(oscillator, drift, noise=noise, clkin=clkin),
         **options,
     )
 
@@ -118,7 +118,7 @@ def coupled_board(wiring, *, noise=1.4e-7, seed=0, world=None):
         wiring,
         world or CoupledCoils(wiring.coils),
         clock=VirtualClock(),
-        conditions=Conditions(Oscillator(), noise=noise),
+        conditions=Conditions(noise=noise),
         strict=True,
         seed=seed,
     )

@@ -121,10 +121,10 @@ class QuickWorld(FixedCoils):
         return series_tank(L, self.capacitance, self.resistance)
 
 
-def quick_board(*, noise=0.0, seed=0, drift=None, world=None, clock=None):
+def quick_board(*, noise=0.0, seed=0, drift=0.0, world=None, clock=None):
     """An emulated board of two coils with quick physics, as `open_board` returns one."""
     wiring = two_coil_wiring()
-    conditions = Conditions(noise=noise) if drift is None else Conditions(noise=noise, drift=drift)
+    conditions = Conditions(noise=noise, drift=drift)
     world, clock = world or QuickWorld(), clock or VirtualClock()
     emulator = EmulatedBoard(wiring, world, clock=clock, conditions=conditions, seed=seed)
     return Board(reader_of(emulator, wiring=wiring), "emulator", wiring, emulator)

@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -134,7 +134,7 @@ def opened_board(
 ) -> Iterator[tuple[Board, ScanSettings]]:
     """Open and configure a board, emulated in `real_time` or virtual time."""
     from coilarray.hardware.board.connect import open_board, wiring_of_board
-    from coilarray.hardware.emulator.board import Conditions, Drift, Oscillator, PacedClock, VirtualClock
+    from coilarray.hardware.emulator.board import Conditions, PacedClock, VirtualClock
     from coilarray.hardware.record.recorder import thermometer
     from coilarray.hardware.wire.ports import parse_port
 
@@ -145,11 +145,11 @@ def opened_board(
     emulation: dict[str, Any] = {}
     if emulated:
         given, clock = options.emulation, PacedClock() if real_time else VirtualClock()
+        conditions = Conditions(drift=given.get("drift", 0.0), noise=given.get("noise"))
         # the board has room temperature now, not when the computer was started
-        drift = Drift(given.get("drift", 0.0))
-        drift = replace(drift, start=drift.start - drift.rate * clock.now())
-        oscillator = Oscillator(given["clock_MHz"] * 1e6) if "clock_MHz" in given else Oscillator()
-        conditions = Conditions(oscillator, drift, given.get("noise"))
+        conditions.start -= conditions.drift * clock.now()
+        if "clock_MHz" in given:
+            conditions.oscillator = given["clock_MHz"] * 1e6
         emulation = {"seed": given.get("seed", 0), "clock": clock, "conditions": conditions}
         emulation |= {} if progress is None else {"progress": progress}
     with ExitStack() as opened:
