@@ -77,8 +77,7 @@ class DesignPanel(Panel):
 
         def show(ends: tuple[float, float]) -> None:
             if session.is_current(work.design):
-                with self._state as state:
-                    state.feasible = {**state.feasible, key: ends}
+                self._state.feasible = {**self._state.feasible, key: ends}
 
         if entry is not None:
             step = Step("feasible", lambda: feasible_range(work, entry), show, lambda _: None)
@@ -276,11 +275,10 @@ class BuildPanel(Panel):
 
     def _move(self, name: str, x_mm: float, y_mm: float, drag: str) -> None:
         """Put a coil at a place, where all places of a drag are one step of undo."""
-
-        def made(work: Work) -> Document:
-            return structure.move_coil(work.opened.document, work.design, name, x_mm, y_mm)
-
-        self._session.change(made, "build_problem", joined=drag)
+        place = name, x_mm, y_mm
+        self._session.change(
+            lambda work: structure.move_coil(work.opened.document, work.design, *place), "build_problem", joined=drag
+        )
 
 
 def _rounded(value: float) -> str:

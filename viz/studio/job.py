@@ -202,10 +202,10 @@ class Step:
 
 
 class Calculator:
-    """Computes the steps of a page one after the other."""
+    """Computes the steps of a page one after the other, with a `flush` of its state after each."""
 
-    def __init__(self, threads: Executor) -> None:
-        self._threads = threads
+    def __init__(self, threads: Executor, flush: Callable[[], object] = lambda: None) -> None:
+        self._threads, self._flush = threads, flush
         self._todo: dict[str, Step] = {}
         self._asked = 0.0
         self._wake = asyncio.Event()
@@ -252,3 +252,4 @@ class Calculator:
             except Exception as error:
                 traceback.print_exc()
                 step.fail(f"{type(error).__name__}: {error}")
+            self._flush()

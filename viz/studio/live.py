@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from typing import Any, NamedTuple, TypeGuard
 
@@ -211,16 +212,13 @@ class TouchPanel(Panel):
 
         def show(table: xr.Dataset) -> None:
             if session.work.design.digest == design.digest and design.digest not in self._tables:
-                with self._state:
-                    self._take_table(table, coarse=True)
+                self._take_table(table, coarse=True)
                 session.redraw()
                 self._compute()
 
-        def fail(problem: str) -> None:
-            session.say(problem, "touch_note")
-
         self._coarse.add(design.digest)
         self._state.touch_note = "A coarse map is computed first."
+        fail = partial(session.say, place="touch_note")
         session.slow.ask([Step("touch", lambda: coarse_table(design, network), show, fail)])
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:

@@ -156,9 +156,8 @@ class MetalPanel(Panel):
         """Make the step that moves the target over its place."""
 
         def fail(problem: str) -> None:
-            with self._state as state:
-                state.target_problem, state.target_table = problem, NO_ROWS
-                self._session.failed("target", design, problem)
+            self._state.target_problem, self._state.target_table = problem, NO_ROWS
+            self._session.failed("target", design, problem)
 
         step = Step("target", partial(moved, design, self._place), self._show, fail, rest=_REST)
         return [] if design.target is None else [step]
@@ -177,15 +176,14 @@ class MetalPanel(Panel):
     def _show(self, found: Moved) -> None:
         if not self._session.is_current(found.design):
             return
-        self._moved = found
-        with self._state as state:
-            state.distances = [f"{distance * 1e3:.3g}" for distance in found.distances]
-            self._step = min(self._step, len(found.distances) - 1)
-            state.distance_at, state.target_problem = self._step, ""
-            state.target_place = [place_text(value) for value in found.place]
-            self._numbers.keep("target", found.design, found)
-            self.compare()
-            self._session.arrived("target", found.design)
+        self._moved, state = found, self._state
+        state.distances = [f"{distance * 1e3:.3g}" for distance in found.distances]
+        self._step = min(self._step, len(found.distances) - 1)
+        state.distance_at, state.target_problem = self._step, ""
+        state.target_place = [place_text(value) for value in found.place]
+        self._numbers.keep("target", found.design, found)
+        self.compare()
+        self._session.arrived("target", found.design)
         self._session.redraw()
 
     def at_place(self, design: Design) -> Moved | None:

@@ -75,8 +75,7 @@ class MotionPanel(Panel):
 
         def show(found: dict[str, Any]) -> None:
             if session.is_current(design):
-                with state:
-                    state.motion, state.motion_problem = found, ""
+                state.motion, state.motion_problem = found, ""
 
         low, high = (number_of("an end of the way", text) for text in state.motion_ends)
         compute = partial(motion_of, design, state.motion_board, state.motion_axis, low, high)

@@ -225,20 +225,13 @@ class NumbersPanel(Panel):
             return Step(name, lambda: numbers_of(design, accuracy), show, fail, rest)
 
         def show_margins(margins: Sequence[Margin]) -> None:
-            with self._state as state:
-                self._session.arrived("rules", design)
-                marks = marks_of(design, margins)
-                worst: dict[str, Margin] = {}
-                for margin in margins:
-                    if not margin.kept and (margin.rule not in worst or margin.margin < worst[margin.rule].margin):
-                        worst[margin.rule] = margin
-                places = [mark["text"] for mark in marks]
-                lines = [broken_rules([margin])[0] for margin in worst.values()]
-                state.broken = [
-                    {"text": line, "mark": places.index(line) if line in places else None} for line in lines
-                ]
-                state.marks = marks
-                self._note("margins", design, margin_table(worst_margins(margins)))
+            self._session.arrived("rules", design)
+            self._state.marks = marks = marks_of(design, margins)
+            places = [mark["text"] for mark in marks]
+            self._state.broken = [
+                {"text": line, "mark": places.index(line) if line in places else None} for line in broken_rules(margins)
+            ]
+            self._note("margins", design, margin_table(worst_margins(margins)))
 
         fail_rules = partial(self._session.failed, "rules", design)
         rules = Step("rules", lambda: check_boards(design), show_margins, fail_rules, rest=_REST)
@@ -277,10 +270,9 @@ class NumbersPanel(Panel):
         """Show changes against a saved design that was not on show."""
         if self._session.work.kept is found["kept"]:
             self.saved = {**found, **self.saved}
-            with self._state:
-                for name in found:
-                    self._tell(name)
-                self._compared()
+            for name in found:
+                self._tell(name)
+            self._compared()
 
     def _show(self, design: Design, numbers: Numbers) -> None:
         """Show numbers, and after the full numbers solve the circuit."""
@@ -288,15 +280,13 @@ class NumbersPanel(Panel):
         if numbers.accuracy == "screen" and known is design and shown is not None and shown.accuracy == "full":
             return
         self._numbers = design, numbers
-        with self._state as state:
-            if numbers.accuracy == "full":
-                self._note("numbers", design, numbers)
-            else:
-                self.draw()
-            state.accuracy = numbers.accuracy if self._session.is_current(design) else "screen"
-            self._session.arrived("numbers", design)
+        self._state.accuracy = numbers.accuracy if self._session.is_current(design) else "screen"
+        self._session.arrived("numbers", design)
         if numbers.accuracy == "full":
+            self._note("numbers", design, numbers)
             self._solve(design)
+        else:
+            self.draw()
 
     def _fail(self, design: Design, problem: str) -> None:
         if self._session.is_current(design):
@@ -307,10 +297,9 @@ class NumbersPanel(Panel):
     def _solve(self, design: Design) -> None:
         def show(circuit: Circuit) -> None:
             self._circuit = design, circuit
-            with self._state as state:
-                state.coil_facts = coil_facts(circuit.coupling)
-                self._note("circuit", design, circuit)
-                self._session.arrived("circuit", design)
+            self._state.coil_facts = coil_facts(circuit.coupling)
+            self._note("circuit", design, circuit)
+            self._session.arrived("circuit", design)
             self._solved("")
             self._summarize(design, circuit)
 
@@ -331,12 +320,12 @@ class NumbersPanel(Panel):
         response = known if digest == design.digest else None
 
         def show(summary: Summary) -> None:
-            with self._state as state:
-                if self._session.is_current(design):
-                    state.verdicts, state.converter = list(summary.verdicts), summary.converter
-                    self._note("summary", design, summary.table)
-                    state.summary_lacks = response is None and design.indentation is not None
-                self._session.arrived("summary", design)
+            if self._session.is_current(design):
+                state = self._state
+                state.verdicts, state.converter = list(summary.verdicts), summary.converter
+                self._note("summary", design, summary.table)
+                state.summary_lacks = response is None and design.indentation is not None
+            self._session.arrived("summary", design)
 
         fail = partial(self._session.failed, "summary", design)
         self._session.slow.ask([Step("summary", lambda: summarize(design, circuit.coupling, response), show, fail)])

@@ -216,18 +216,17 @@ class RunsPanel(Panel):
 
     def offer(self) -> None:
         """List fitting runs and goals, if their tab is open."""
-        session, work = self._session, self._session.work
-        if session.state.tab != "runs":
+        session, state, work = self._session, self._state, self._session.work
+        if state.tab != "runs":
             return
-        session.state.run_folders = run_folders(session.setup.shelf.folder)
+        state.run_folders = run_folders(session.setup.shelf.folder)
 
         def show(unfit: Mapping[str, str]) -> None:
             if session.is_current(work.design):
                 self._offered = work.design.digest
-                with session.state as state:
-                    state.run_goals = _offered(unfit)
-                    if state.run_goal in unfit:
-                        state.run_goal = next((name for name in NAMES if name not in unfit), state.run_goal)
+                state.run_goals = _offered(unfit)
+                if state.run_goal in unfit:
+                    state.run_goal = next((name for name in NAMES if name not in unfit), state.run_goal)
 
         if work.design.digest != self._offered:
             session.scenes.ask([Step("goals", lambda: unfit_goals(work.opened), show, session.say, rest=_REST)])
@@ -241,8 +240,7 @@ class RunsPanel(Panel):
 
         def show(limits: list[dict[str, str]]) -> None:
             if session.is_current(work.design) and session.state.run_goal == goal:
-                with session.state as state:
-                    state.run_limits = limits
+                session.state.run_limits = limits
 
         session.state.run_limits = []
         step = Step("limits", lambda: limits_of(work.opened, goal), show, lambda _: None, rest=_REST)

@@ -79,9 +79,8 @@ class Session(ABC):
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        # Numbers and scenes wait neither for each other nor for slow steps (circuit, summary,
-        # target).
-        self.calculator, self.scenes, self.slow = (Calculator(setup.threads) for _ in range(3))
+        # Numbers and scenes wait neither for each other nor for slow steps.
+        self.calculator, self.scenes, self.slow = (Calculator(setup.threads, self.state.flush) for _ in range(3))
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self._written: set[Path] = set()

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.colors import to_rgb
 
 from coilarray.design.model import Board, Design
 from coilarray.geometry.pose import Pose
@@ -86,7 +87,7 @@ def packed(scene: Scene) -> Packed:
     parts = []
     for part in scene.parts:
         look = {
-            "group": part.group, "colour": _rgb(part.colour), "opacity": part.opacity, "lit": part.lit,
+            "group": part.group, "colour": list(to_rgb(part.colour)), "opacity": part.opacity, "lit": part.lit,
             "ambient": part.ambient, "diffuse": part.diffuse, "behind": _BEHIND if part.sunk else 0.0,
             "closed": part.closed, "gloss": part.shine, "width": part.line_width, "ink": part.colour == INK,
             "channels": 4 if part.fade else 3,
@@ -154,12 +155,6 @@ def _numbers(array: Any) -> npt.NDArray[np.int64]:
 
     convert: Any = numpy_support.vtk_to_numpy
     return np.asarray(convert(array), dtype=np.int64)
-
-
-def _rgb(colour: str) -> list[float]:
-    from matplotlib.colors import to_rgb
-
-    return list(to_rgb(colour))
 
 
 def plan_of(design: Design) -> dict[str, Any]:
@@ -264,9 +259,8 @@ class ScenePanel(Panel):
             {"name": place.name, "x": place.x * 1e3, "y": place.y * 1e3, "turn": place.rotation}
             for place in design.array.placements
         ]
-        with self._state as state:
-            key = self._session.key
-            state.scene = {**one.words, "number": number, "page": key, "digest": design.digest, "poses": poses}
+        of = {"number": number, "page": self._session.key, "digest": design.digest, "poses": poses}
+        self._state.scene = {**one.words, **of}
 
     def _shown(self, number: int) -> None:
         if number not in self._sent:
