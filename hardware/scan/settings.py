@@ -568,7 +568,13 @@ def design_settings(
         raise HardwareError(f"states must be named once each; got {', '.join(states)}.")
     plan = tuple(state for state in design.plan if not states or state.name in states)
     if unknown:
-        plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
+        plan = tuple(
+            replace(state, exceptions={**state.exceptions, **dict.fromkeys(unknown, "open")})
+            for state in plan
+            if states or {coil for coil, _ in state.measured} <= set(wiring.coils)
+        )
+        if not plan:
+            raise HardwareError(f"no state of the scan measures {' or '.join(wiring.coils)} alone.")
     network = board_network(design, wired=bool(wiring.channels))
     if isinstance(drives, Mapping) and (strange := [coil for coil in drives if coil not in wiring.coils]):
         raise HardwareError(f"a drive names the coil {strange[0]!r}; there are {', '.join(wiring.coils)}.")
@@ -590,16 +596,3 @@ def design_settings(
     return scan_settings(
         wiring, states_of_wiring, sensors=sensors, clock=clock, rate=rate, bus_rate=bus_rate, discard=discard
     )
-
-
-def _of_wired(
-    plan: Sequence[ScanState], wiring: Wiring, others: Sequence[str], *, chosen: bool
-) -> tuple[ScanState, ...]:
-    """Return the states of wired coils, with all others open."""
-    kept = [state for state in plan if chosen or {coil for coil, _ in state.measured} <= set(wiring.coils)]
-    for state in kept:
-        for coil, _ in state.measured:
-            wiring.channel(coil)  # refuses a coil that is not wired
-    if not kept:
-        raise HardwareError(f"no state of the scan measures {' or '.join(wiring.coils)} alone.")
-    return tuple(replace(state, exceptions={**state.exceptions, **dict.fromkeys(others, "open")}) for state in kept)

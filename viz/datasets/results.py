@@ -71,7 +71,8 @@ def arc_tubes(arcs: pyvista.PolyData, widest: float) -> pyvista.PolyData:
     lines.clear_data()
     lines.point_data[COUPLING] = k
     lines.point_data["radius"] = widest * np.abs(k) / max(float(np.abs(k).max()), np.finfo(float).tiny)
-    return lines.tube(scalars="radius", absolute=True, n_sides=_SIDES_OF_TUBE, capping=True)
+    tubes: pyvista.PolyData = lines.tube(scalars="radius", absolute=True, n_sides=_SIDES_OF_TUBE, capping=True)
+    return tubes
 
 
 def semi_axis_factor(confidence: float) -> float:
@@ -158,8 +159,7 @@ def arrows_at(
     largest: float | None = None,
 ) -> pyvista.PolyData:
     """Arrows along vectors (n, 3) about points in mm."""
-    # `names` are the arrays of vectors and magnitude. One of `largest`, by default the strongest, is `spacing` (m)
-    # long.
+    # `names` are the arrays of vectors and magnitude. The `largest`, by default the strongest, is `spacing` in m long.
     from coilarray.viz.extra_3d import pyvista
 
     amount = np.linalg.norm(vectors, axis=1)

@@ -139,10 +139,7 @@ def figure_size(width: float, height: float) -> tuple[float, float]:
 
 def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
     """Draw a colour bar exactly as high as the axes."""
-    figure = ax.get_figure(root=True)
-    if figure is None:
-        raise ValueError("ax must belong to a figure.")
-    return figure.colorbar(image, cax=ax.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label, spacing="proportional")
+    return Colorbar(ax.inset_axes((1.03, 0.0, 0.03, 1.0)), image, label=label, spacing="proportional")
 
 
 def faint_grid(ax: Axes, axis: Literal["x", "y", "both"] = "both") -> None:

@@ -11,6 +11,7 @@ import textwrap
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,7 +60,9 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", dark
     view.set_background(NIGHT if dark else "white")
     size = (view.window_size[0], view.window_size[1])
     pixel = pixel_of(size)
-    scene = replace(scene, notes=_wrapped(scene, size))
+    free = size[0] / pixel - _NOTE_RIM - (_BAR + _RIM) * len(scene.scales)  # the notes end before the bars
+    wrapped = (textwrap.wrap(note, max(round(free / (_NOTE * 0.55)), 30)) for note in scene.notes)
+    scene = replace(scene, notes=tuple(chain(*wrapped)))
     camera = camera_of(scene, size, side)
     texts = [text for text in scene.texts if side not in text.hidden_from]
     draw_parts(replace(scene, texts=legible(texts, camera, size)), plotter, pixel)
@@ -164,10 +167,11 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
     from coilarray.viz.extra_3d import pyvista
 
     mapper = vtkPolyDataMapper()  # PyVista's own makes a slow table of colours each time
-    mapper.SetInputDataObject(_surface(part))
-    mapper.SetScalarVisibility(part.scale is not None)
-    if part.scale is not None:
-        on_cells = part.scale.array in part.mesh.cell_data
+    surface, colours, on_cells = coloured_surface(part)
+    mapper.SetInputDataObject(surface)
+    mapper.SetScalarVisibility(colours is not None)
+    if colours is not None:
+        (surface.cell_data if on_cells else surface.point_data)[_COLOURS] = colours
         mapper.SetScalarModeToUseCellFieldData() if on_cells else mapper.SetScalarModeToUsePointFieldData()
         mapper.SelectColorArray(_COLOURS)
         mapper.SetColorModeToDirectScalars()
@@ -182,13 +186,6 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
     actor = pyvista.Actor(mapper=mapper, prop=properties, name=part.name)
     actor.SetPickable(False)
     return actor
-
-
-def _surface(part: Part) -> pyvista.PolyData:
-    surface, colours, on_cells = coloured_surface(part)
-    if colours is not None:
-        (surface.cell_data if on_cells else surface.point_data)[_COLOURS] = colours
-    return surface
 
 
 def coloured_surface(part: Part) -> tuple[pyvista.PolyData, npt.NDArray[np.uint8] | None, bool]:
@@ -230,7 +227,8 @@ def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique") -> Ca
     points = np.concatenate([np.asarray(mesh.points, dtype=np.float64) for mesh in meshes])
     if scene.texts:
         points = np.vstack((points, [text.position for text in scene.texts]))
-    bottom = _bottom(scene, size)
+    notes = _NOTE_RIM + _NOTE_LINE * len(scene.notes) if scene.notes else 0.0
+    bottom = max(notes, _BAR_HEIGHT if scene.scales else 0.0) * pixel_of(size) / size[1]
     if side == "oblique" and any(part.upright for part in scene.parts):
         side = "low"
     camera = aim(points, size, side, bottom=bottom, angle=angle)
@@ -240,18 +238,6 @@ def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique") -> Ca
     seen = np.unique(np.round(seen_from(camera, points, size), 2), axis=0)
     covered = shapely.MultiPoint(seen).convex_hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0))
     return aim(points, size, side, left=width, bottom=bottom, angle=angle) if covered else camera
-
-
-def _bottom(scene: Scene, size: tuple[int, int]) -> float:
-    """Share of the picture's height that notes and bars take."""
-    notes = _NOTE_RIM + _NOTE_LINE * len(scene.notes) if scene.notes else 0.0
-    return max(notes, _BAR_HEIGHT if scene.scales else 0.0) * pixel_of(size) / size[1]
-
-
-def _wrapped(scene: Scene, size: tuple[int, int]) -> tuple[str, ...]:
-    """Lines of the notes that end before the bars."""
-    free = size[0] / pixel_of(size) - _NOTE_RIM - (_BAR + _RIM) * len(scene.scales)
-    return tuple(line for note in scene.notes for line in textwrap.wrap(note, max(round(free / (_NOTE * 0.55)), 30)))
 
 
 def legend_size(scene: Scene, size: tuple[int, int]) -> tuple[float, float]:

@@ -82,8 +82,7 @@ def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
 
 def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[float, float] | None = None) -> Scene:
     """Scene of a `location`'s possible positions, in m on the board."""
-    # `bounds` are x_min, y_min, x_max, y_max, `top` is the height of the pins, and `truth`, the real place, gets a
-    # cross.
+    # `bounds` are x_min, y_min, x_max, y_max, `top` is the height of the pins. A cross marks the `truth`.
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
     notes = [_summary(location)]
