@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -520,29 +520,33 @@ def linked_fluxes(
     count = sum(parity.unknowns.shape[1] for body in bodies for parity in body.parities)
     values = 2.0 * count * len(where) * len(paths) * len(weights)
     require_memory(8.0 * values, f"a plate at {len(where)} places", "compute fewer")
-    parts: list[list[list[FloatArray]]] = [[] for _ in bodies]
-    for fields in fields_on(meshes[-1], paths, images, weights):
-        for body, of_body in zip(bodies, parts, strict=True):
-            linked = (b.reshape(len(b), len(weights), -1, len(paths)) for b in body.linked(fields))
-            of_body.append([np.moveaxis(b, 1, 0) for b in linked])
-    joined = [[np.concatenate(each, axis=2) for each in zip(*of_body, strict=True)] for of_body in parts]
-    return [(even, odd) for even, odd in joined]
+    return loads_of([body.linked for body in bodies], meshes[-1], paths, images, weights)
 
 
-def fields_on(
-    posed: PosedPlate, paths: Sequence[Conductor], images: Sequence[Image], weights: FloatArray
-) -> Iterator[FloatArray]:
-    """Yield B in T along the plate's axes, (sums · places · paths, points, 3).
+def loads_of(
+    functions: Sequence[Callable[[FloatArray], tuple[FloatArray, FloatArray]]],
+    posed: PosedPlate,
+    paths: Sequence[Conductor],
+    images: Sequence[Image],
+    weights: FloatArray,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Apply functions to B in T along the plate's axes, two arrays (sums, u, places, paths) each.
 
-    B is at the body's points, by images of 1 A in the paths, for as many places at once as memory
-    allows.
+    B (fields, points, 3) is at the body's points, by images of 1 A in the paths, for as many places
+    at once as memory allows.
     """
     plate, where = posed.plate, posed.where
     offsets = posed.body.points @ plate.axes
     field = _field_of_images(paths, where, offsets, images, weights)
+    parts: list[list[list[FloatArray]]] = [[] for _ in functions]
     for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // (len(offsets) * len(weights)), 1)):
         points = (where[start:stop, None] + offsets).reshape(-1, 3)
         B = field(points).reshape(stop - start, len(offsets), len(weights), len(paths), 3)
         # the component of a point at all places is contiguous, because the sums run over the points
         along = np.ascontiguousarray(B.transpose(4, 1, 2, 0, 3)).reshape(3, len(offsets), -1)
-        yield (along if plate.tilt == 0 else np.tensordot(plate.axes, along, axes=1)).T
+        fields = (along if plate.tilt == 0 else np.tensordot(plate.axes, along, axes=1)).T
+        for function, of in zip(functions, parts, strict=True):
+            loads = (b.reshape(len(b), len(weights), -1, len(paths)) for b in function(fields))
+            of.append([np.moveaxis(b, 1, 0) for b in loads])
+    joined = ([np.concatenate(each, axis=2) for each in zip(*of, strict=True)] for of in parts)
+    return [(one, other) for one, other in joined]

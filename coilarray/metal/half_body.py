@@ -1,31 +1,17 @@
 """Eddy currents by stream function on a symmetric body, and their surface impedance.
 
-The currents K = ∇ψ × n of linear elements ψ are free of sources and constant on each triangle:
-e_i/2A for node i, e_i the side opposite to it. With E = −jω(A + A_K) = Z K tested by such currents
-(Galerkin), and λ = Z/jω,
+The equations (λ G + M) ψ = −b and λ of the faces are in docs/theory/metal.md, "Plates with an
+outline". The currents K = ∇ψ × n of linear elements ψ are constant on each triangle: e_i/2A for
+node i, e_i the side opposite to it. ψ is 0 on the outer rim at mid-height and a constant on each
+hole's rim, with the flux through the hole in b. Currents that are even about the mid-plane (K_z
+odd) do not couple to odd currents, so the upper half carries two problems of half the size, with
+the currents' mirror images in M and b. Then ΔL = bᵀψ is symmetric and −Im ΔL positive semidefinite.
 
-    (λ G + M) ψ = −b,   M_ij = µ0/4π ∫∫ K_i·K_j/r,   G_ij = ∫ K_i·K_j,   b_i = ∫ ψ_i B·n,
-
-ψ = 0 on the outer rim at mid-height and a constant on each hole's rim, with the flux through the
-hole in b. Currents that are even about the mid-plane (K_z odd) do not couple to odd currents, so
-the upper half carries two problems of half the size, with the currents' mirror images in M and b.
-Then ΔL = bᵀψ is symmetric and −Im ΔL positive semidefinite.
-
-Currents on both faces of a plate in air represent the currents in it. With k² = jωµ0σ and κ the
-wavenumber along the plate, a vector potential that is even about the mid-plane is A
-cosh(γz)/cosh(γt/2) in the metal, γ² = κ² + k². In air it would be A cosh(κz)/cosh(κt/2). So the
-current of each face, the jump of H from the air solution inside to the air outside, is A (γ
-tanh(γt/2) − κ tanh(κt/2))/µ0. An odd potential has coth in place of tanh. The ratio of A to the
-current is
-
-    λ_even = µ0/(γ tanh(γt/2) − κ tanh(κt/2)),   λ_odd = µ0/(γ coth(γt/2) − κ coth(κt/2)),
-
-and Z = jωλ. For patterns that are wide compared with t or the skin depth (κ → 0) it no longer
-depends on κ. For t ≪ δ it is the sheet's 2/σt on each face and 6/σt, for t ≫ δ both are (1 + j)/σδ.
-A single κ is used for all patterns, the wavenumber of the coils' field, which is 2 over the sum of
-their radius and distance. If the skin depth is large, the field in the metal is the coils' field,
-for any pattern of the currents. If it is small, κ hardly counts. At the rim, in the corner of a
-strip of metal, p_n = (2n + 1)π/t,
+With k² = jωµ0σ and κ the wavenumber along the plate, a vector potential that is even about the
+mid-plane is A cosh(γz)/cosh(γt/2) in the metal, γ² = κ² + k². In air it would be A
+cosh(κz)/cosh(κt/2). So the current of each face, the jump of H from the air solution inside to the
+air outside, is A (γ tanh(γt/2) − κ tanh(κt/2))/µ0, and λ is the ratio of A to it. An odd potential
+has coth in place of tanh. At the rim, in the corner of a strip of metal, p_n = (2n + 1)π/t,
 
     F = Σ 8 k²/((2n + 1)²π² (p_n² + k²)^{3/2}),
     λ_along = µ0/(k² F),   λ_across = µ0 F/(1 − tanh(kt/2)/(kt/2)),
@@ -301,7 +287,7 @@ class EddyBody:
         half = np.concatenate((mesh.nodes, mesh.nodes[edges].mean(axis=1)))
         return np.concatenate((half, half * MIRROR, *caps))
 
-    def linked(self, B: FloatArray) -> list[FloatArray]:
+    def linked(self, B: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Fluxes b of even and of odd currents, (u, fields), for B (fields, points, 3) in T."""
         body, down = self.finest, self.onto_finest.T.tocsr()
         # B is an axial vector, so that its flux is even where a potential is odd
@@ -312,7 +298,7 @@ class EddyBody:
         for hole, (_, weights) in enumerate(body.mesh.caps):
             even[first + hole] += 2 * B[:, start : start + len(weights), 2] @ weights
             start += len(weights)
-        return [even, odd]
+        return even, odd
 
 
 def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirrored: bool = False) -> FloatArray:

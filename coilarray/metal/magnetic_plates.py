@@ -1,44 +1,31 @@
 """Finite magnetic plates with a small skin depth.
 
-Currents in the metal's skin leave no field deep inside, but iron also guides flux along its
-surface. With k = (1 + j)/δ the field in the skin falls as e^{−kζ}, and div B = 0 gives at the
-surface, with n outwards,
+The condition H_n = −∇·(ℓ H_t), the equation (Λ + ℓ S) φ = ℓ t − b/µ0 and the edges are in
+docs/theory/metal.md, "Magnetic plates with an outline". In Costabel's symmetric coupling
 
-    H_n = −∇·(ℓ H_t),   ℓ = µr/k = µr δ (1 − j)/2
-
-(Leontovich's condition): ℓ = 0 is a perfect conductor, ℓ → ∞ perfect iron. Outside H = H_c − ∇φ
-with the coils' H_c. With the exterior's Λ = −∂/∂n on the closed surface, and linear functions v on
-its triangles,
-
-    (Λ + ℓ S) φ = ℓ t − b/µ0,   S = ∫ ∇v·∇v',  t = ∫ ∇v·H_c,  b = ∫ v B_c·n,
     Λ = W + (½ − K)ᵀ V⁻¹ (½ − K),
 
 with V and K the single layer and the double layer of 1/4πr, and W = M/µ0 the energy of the currents
-∇v × n (`coilarray.metal.half_body`). This is M. Costabel's symmetric coupling, see O. Steinbach,
-Numerical Approximation Methods for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's
-place H_c = −∇u, with S u = −t, and by reciprocity
+∇v × n (`coilarray.metal.half_body`). In the metal's place H_c = −∇u, with S u = −t, and by
+reciprocity
 
     ΔL_ij − jΔR_ij/ω = −µ0 (c_iᵀ (Λ + ℓ S)⁻¹ c_j − u_iᵀ b_j/µ0 + ℓ u_iᵀ t_j),   c = ℓ t − b/µ0.
 
-Between sheets and infinite plates, G = 1/4πr also has the images of `coilarray.metal.coupled_plates`:
-shares of charges and double layers, of the other sign in mirror images. H_c is then the coils'
-field between the layers.
+Between sheets and infinite plates, G = 1/4πr also has the images of
+`coilarray.metal.coupled_plates`: shares of charges and double layers, of the other sign in mirror
+images. H_c is then the coils' field between the layers. Holes would need cuts.
 
-The skin depth is at most a third of the thickness, small against the width. Holes would need cuts.
-
-Near an edge the field enters from both sides, which the condition does not include. With the same H
-along the edge on both faces the strip of `coilarray.metal.half_body` has, for t ≫ δ, F = (1
-− 8/πkt)/k: at each of its two edges the surface is short of 8/(2√2 π) = 0.9 skin depths, about a
-half on either side. A change of ℓ on a part of the surface changes ΔL − jΔR/ω by −µ0 δℓ ∫ H_t·H_t
-there. The error of the edges is estimated as this change for |δℓ| = |ℓ| within half a skin depth of
-them. H_t is about constant up to the distance |ℓ| from the edge. Farther away it falls as along a
-perfect conductor, with the third root of the distance.
+With the same H along an edge on both faces the strip of `coilarray.metal.half_body` has, for t ≫ δ,
+F = (1 − 8/πkt)/k: at each of its two edges the surface is short of 8/(2√2 π) = 0.9 skin depths,
+about a half on either side. H_t is about constant up to the distance |ℓ| from the edge. Farther
+away it falls as along a perfect conductor, with the third root of the distance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -54,7 +41,7 @@ from coilarray.electromagnetics.kernels.triangles import double_layers
 from coilarray.errors import MetalError
 from coilarray.geometry import Conductor
 from coilarray.geometry.bodies import FinitePlate
-from coilarray.metal.coupled_plates import ITSELF, ONE_IMAGE, Image, PlatesInAir, PosedPlate, distinct_sums, fields_on
+from coilarray.metal.coupled_plates import ITSELF, ONE_IMAGE, Image, PlatesInAir, PosedPlate, distinct_sums, loads_of
 from coilarray.metal.half_body import MIRROR, ROWS, EddyBody, inductance, pair_integrals
 
 _DEPTHS = 3.0  # least thickness in skin depths
@@ -348,12 +335,4 @@ def _loads(
     body, n = plate.body, len(plate.body.mesh.nodes)
     count = len(weights) * len(plate.where) * len(paths)
     require_memory(8.0 * 8 * n * count, f"a plate at {len(plate.where)} places", "compute fewer")
-    parts: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
-    for fields in fields_on(plate, paths, images, weights):
-        for sign, of in zip((1, -1), parts, strict=True):
-            through, along = (
-                np.moveaxis(one.reshape(n, len(weights), -1, len(paths)), 1, 0) for one in body.linked_to(fields, sign)
-            )
-            of.append((through, along))
-    joined = ([np.concatenate(each, axis=2) for each in zip(*of, strict=True)] for of in parts)
-    return [(b, t) for b, t in joined]
+    return loads_of([partial(body.linked_to, sign=sign) for sign in (1, -1)], plate, paths, images, weights)
