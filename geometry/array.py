@@ -35,19 +35,11 @@ _SAME_PLACE = 1e-9  # m: distances that differ by less are equal
 class Placement:
     """One coil on the board.
 
-    Raises GeometryError if a position is not finite, the number of layers differs from the number
-    of lines, a via joins a layer to itself, or two lines meet on one layer.
-
-    Parameters
-    ----------
-    name : str
-        Name, unique in the array. It is also the name of the net.
-    coil : Coil
-        Shape of the coil.
-    layers : tuple of str
-        Copper layer of each of the coil's lines, in order. A layer may carry several lines.
-    x, y, rotation : float
-        Position of the coil's centre in m, and counter-clockwise turn in rad about it.
+    The `name`, unique in the array, is also that of the net. `coil` is the shape of the coil, and
+    `layers` the copper layer of each of its lines, in order. A layer may carry several lines. `x`
+    and `y` in m are the position of the coil's centre, and `rotation` is its counter-clockwise turn
+    in rad about it. Raises GeometryError if a position is not finite, the number of layers differs
+    from the number of lines, a via joins a layer to itself, or two lines meet on one layer.
     """
 
     name: str

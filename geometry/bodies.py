@@ -205,17 +205,10 @@ Outline: TypeAlias = Disc | Rectangle | Ring | Polygon
 class FinitePlate:
     """Flat plate with an outline, possibly tilted.
 
-    Parameters
-    ----------
-    name, thickness, material
-        As in `Plate`.
-    outline : Outline
-        Outline about the plate's centre.
-    centre : tuple of float
-        x, y and z in m of the outline's origin, in the middle of the thickness.
-    tilt, tilt_direction : float
-        Angle in rad, less than a right angle, by which the plate rises towards a direction, and the
-        angle of this direction from the x axis.
+    `name`, `thickness` and `material` are as in `Plate`. The `outline` is about the plate's
+    `centre`, whose x, y and z in m are in the middle of the thickness. The plate rises by the angle
+    `tilt` in rad, less than a right angle, towards the direction `tilt_direction` in rad from the x
+    axis.
     """
 
     name: str
@@ -280,28 +273,14 @@ Body: TypeAlias = Plate | FinitePlate | Ball
 class Target:
     """Rigid body moved to places at distances above the board.
 
-    Parameters
-    ----------
-    body : Plate, FinitePlate or Ball
-        Its own position has no effect.
-    distances : tuple of float
-        Gaps in m between its nearest point and the highest face of board and sheets, in rising
-        order.
-    x, y : tuple of float
-        Places of its centre in m, relative to `origin_point`. If both are empty, `coilarray.Design`
-        sets an even grid over all coils. An infinite plate has one place.
-    origin : str or None
-        Name of the coil whose centre is the origin. None if `origin_point` is given.
-    origin_point : tuple of float
-        x and y in m of the origin on the board, set by `coilarray.Design` for a coil as `origin`.
-    step : float or None
-        Distance in m of the places that `coilarray.Design` sets. By default it follows from the
-        coils.
-    over_array : tuple of tuple of float
-        The x and y set by `coilarray.Design`. They are replaced for another array.
+    The position of the `body` has no effect. The `distances` in m, in rising order, are gaps
+    between its nearest point and the highest face of board and sheets. `x` and `y` are places of
+    its centre in m, relative to `origin_point`, the x and y in m of the origin on the board, which
+    `coilarray.Design` sets for a coil of the name `origin`. If both are empty, `coilarray.Design`
+    sets an even grid over all coils, with the distance `step` in m, which by default follows from
+    the coils. These x and y are `over_array`, and are replaced for another array. An infinite plate
+    has one place.
 
-    Examples
-    --------
     >>> from coilarray.geometry import MATERIALS, Plate
     >>> target = Target(Plate("target", 0.0, 1e-3, MATERIALS["aluminium"]), (1e-3, 2e-3))
     >>> target.height(0.5e-3, 2e-3)

@@ -235,14 +235,8 @@ def path_coil(
         x and y in m, each on one copper layer. Each line begins at the end of the line before.
     trace_width : float or sequence of array_like, each of shape (n − 1,)
         Width in m: a single number, or the width of every segment of each line.
-    gap : float
-        Distance of neighbouring turns, edge to edge, in m.
-    via : PlatedHole
-        Hole that joins consecutive lines.
-    terminal : PlatedHole, optional
-        Hole at both ends of the path.
-    name : str
-        Name of the shape in a design file.
+    gap, via, terminal, name
+        As in `Coil`.
 
     Returns
     -------

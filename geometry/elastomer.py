@@ -23,17 +23,10 @@ KPA_PER_MM = 1e6  # stiffness of a seat of 1 kPa/mm in Pa/m
 class Sheet:
     """Flat sheet of uniform thickness that covers the board.
 
-    Parameters
-    ----------
-    name : str
-        Name of the sheet, for example ``"base"`` or ``"magnetic"``.
-    thickness : float
-        Thickness in m.
-    relative_permeability : float
-        1 for a plain elastomer, above 1 for a filled elastomer.
-    youngs_modulus, poissons_ratio : float
-        Young's modulus in Pa, None if it is unknown and the sheet cannot be indented, and Poisson's
-        ratio from 0 to 0.5, which is incompressible.
+    The `name` is for example ``"base"`` or ``"magnetic"``, the `thickness` is in m, and the
+    `relative_permeability` is 1 for a plain elastomer, above 1 for a filled one. `youngs_modulus`
+    in Pa is None if it is unknown and the sheet cannot be indented. `poissons_ratio` is from 0 to
+    0.5, which is incompressible.
     """
 
     name: str

@@ -19,18 +19,10 @@ class Pose:
     """Turn about the axes and shift of a board.
 
     The board is turned about the fixed axes x, y and z, in this order, each through its own origin,
-    and then shifted. Raises GeometryError for values that are not three finite angles and finite
-    shifts up to 1e30 m.
+    by the angles `turn` in rad, counter-clockwise seen from the tip of the axis. Then it is shifted
+    by `x`, `y` and `z` in m. Raises GeometryError for values that are not three finite angles and
+    finite shifts up to 1e30 m.
 
-    Parameters
-    ----------
-    x, y, z : float
-        Shift in m.
-    turn : tuple of float
-        Angles about x, y and z in rad, counter-clockwise seen from the tip of the axis.
-
-    Examples
-    --------
     >>> import math
     >>> facing = Pose(z=8e-3, turn=(math.pi, 0.0, 0.0))
     >>> facing.apply([[1e-3, 2e-3, 0.0]]).round(6).tolist()

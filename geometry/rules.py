@@ -35,11 +35,9 @@ from coilarray.geometry.stackup import Stackup
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
 
-# Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not
-# quite parallel, as every corner lies a fraction of a pitch further in than the corner before.
-# Turns of nominal gap s come as close as s − (w + s)·tan(π/N)·δ, with δ the difference of their
-# tilts. This is 0.8 µm less than 0.1 mm for 30 hexagonal turns of 23 mm. Fabricators state their
-# limits to 10 µm. Floating-point noise is far below.
+# Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral may not be
+# quite parallel: turns of nominal gap s come as close as s − (w + s)·tan(π/N)·δ, with δ the
+# difference of their tilts. Fabricators state their limits to 10 µm.
 KEPT_WITHIN = 1e-6
 _DECIMALS = 6  # of a length in m, as it is judged to 1 µm
 

@@ -1,20 +1,16 @@
 """Spirals: layers with straight or round corners, wound in series with vias and leads.
 
-With the rule "parallel", all N sides of the outermost turn lie at the stated size, and the sides of
-each following turn lie one pitch w + s further in. The last side of a turn ends on the line of the
-next turn's first side, and the next turn begins there. With many sides the step inwards can be
-longer than the last side. The next turn then begins on an earlier side, and the remaining sides are
-left out.
-
-With "corner", vertex k of a spiral with sharp corners lies at the angle 2πk/N from the first
-corner, on the polygon with the apothem (outer edge apothem − w/2) − (w + s)·k/N. With round
-corners, side k of a layer, counted from 0, lies w/2 + (w + s)·k/N further in.
+The rules "parallel" and "corner" are in docs/theory/conductors.md, "Shape of a winding". With many
+sides the step inwards of one pitch w + s can be longer than the last side. The next turn then
+begins on an earlier side, and the remaining sides are left out. With "corner", vertex k of a spiral
+with sharp corners lies at the angle 2πk/N from the first corner, on the polygon with the apothem
+(outer edge apothem − w/2) − (w + s)·k/N. With round corners, side k of a layer, counted from 0,
+lies w/2 + (w + s)·k/N further in.
 
 The corner after side k is an arc with the same centre in every turn, so the gap s is kept in the
-corners too. Where the radius would fall below one trace width, it is one trace width. A winding
-with round corners starts and ends in the middle of a side, others at the beginning of a side. A
-circle is a square with the largest possible corner radius: quarter circles joined by straight
-pieces of a quarter pitch.
+corners too. Where the radius would fall below one trace width, it is one trace width. A circle is a
+square with the largest possible corner radius: quarter circles joined by straight pieces of a
+quarter pitch.
 """
 
 from __future__ import annotations
@@ -389,10 +385,8 @@ class RoundedSpiral(Winding):
     extent, breadth : float
         Sizes in m between the outer copper edges, along the direction in which the winding starts
         and across it. For a number of sides other than four, both are equal to twice the apothem.
-    turns : float
-        Turns per layer, a positive multiple of 1/sides.
-    width, gap : float
-        Width of the trace and of the gap between turns in m.
+    turns, width, gap, layers, via, leads, return_lead, stackup, name, winding
+        As in `Spiral`.
     corner_radius : float
         Radius in m of the outer copper edge at the corners, up to half of the smaller size. 0 for
         sharp corners.
@@ -402,8 +396,6 @@ class RoundedSpiral(Winding):
         Angle in rad of the middle of the outermost turn's first side, seen from the centre. The
         turn starts there. With parallel sides and sharp corners it starts at the beginning of the
         side.
-    layers, via, leads, return_lead, stackup, name, winding
-        As in `Spiral`.
     winding_rule : {"parallel", "corner"}
         As in `Spiral`. A circle always follows "corner": its outer edge starts on the circle of the
         stated size and approaches the centre steadily.

@@ -19,22 +19,12 @@ BOARD_THICKNESS = 1.6e-3  # usual thickness in m of a board
 class Stackup:
     """Copper layers and the dielectrics between them.
 
-    Heights are measured from the top face of the top copper layer, where the elastomer lies. There
-    z = 0, and every layer has z < 0. Raises GeometryError if a tuple has a wrong length, a name is
-    repeated, or a thickness or permittivity is not allowed.
+    The copper layers have different `names`, top to bottom, and each a `copper_thickness` in m.
+    Below each but the last is a dielectric with a `dielectric_thickness` in m and a relative
+    permittivity `epsilon_r`. Heights are measured from the top face of the top copper layer, where
+    the elastomer lies. There z = 0, and every layer has z < 0. Raises GeometryError if a tuple has
+    a wrong length, a name is repeated, or a thickness or permittivity is not allowed.
 
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the copper layers, top to bottom, all different.
-    copper_thickness : tuple of float
-        Thickness of each copper layer in m.
-    dielectric_thickness, epsilon_r : tuple of float
-        Thickness in m and relative permittivity of the dielectric below each copper layer but the
-        last.
-
-    Examples
-    --------
     >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
     >>> round(board.centre("L2") * 1e3, 4)
     -0.2525

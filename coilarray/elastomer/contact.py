@@ -1,7 +1,7 @@
 """Contact of a rigid indenter with elastomer sheets: depth, force, radius.
 
-With f_j the force on hat j of the pressure and C the compliance of the top
-(`coilarray.elastomer.contact`), the mean gap between the indenter and hat i is
+With f_j the force on hat j of the pressure and C the compliance of the top, the mean gap between
+the indenter and hat i is
 
     G_i = profile_i − depth + Σ_j C_ij f_j,      f_j ≥ 0,  G_j ≥ 0,  f_j G_j = 0.
 
@@ -79,6 +79,7 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
 
     It is in the stack's units over 2π (axial) or 2 (plane strain).
     """
+    failed = f"the contact at a depth of {depth:.3g} thicknesses does not converge:"
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
     try:
@@ -88,21 +89,13 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
         lower = cholesky(scale[:, None] * matrix * scale, lower=True)
         force = scale * nnls(lower.T, -solve_triangular(lower, scale * start, lower=True))[0]
     except LinAlgError as error:  # the motion of the sheets as a whole hides their deformation
-        raise ElastomerError(
-            f"the contact at a depth of {depth:.3g} thicknesses does not converge: the seat or the lowest sheets are "
-            "too soft to hold the others."
-        ) from error
+        raise ElastomerError(f"{failed} the seat or the lowest sheets are too soft to hold the others.") from error
     except RuntimeError as error:
-        raise ElastomerError(
-            f"the contact at a depth of {depth:.3g} thicknesses does not converge: {error}."
-        ) from error
+        raise ElastomerError(f"{failed} {error}.") from error
     gap = start + matrix @ force
     residual = float(np.abs(np.minimum(gap, matrix.diagonal() * force)).max()) / depth
     if not residual <= _RESIDUAL:
-        raise ElastomerError(
-            f"the contact at a depth of {depth:.3g} thicknesses does not converge: its residual must be at most "
-            f"{_RESIDUAL:.0e} of the depth; got {residual:.1e}."
-        )
+        raise ElastomerError(f"{failed} its residual must be at most {_RESIDUAL:.0e} of the depth; got {residual:.1e}.")
     return np.asarray(force)
 
 
@@ -249,9 +242,7 @@ def indent(
         Radius in m of a sample with a free edge and the indenter at its centre. In plane strain it
         is half the width. Without a radius the sample is laterally infinite.
     strain : {"finite", "linear"}
-        Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At
-        a depth of an eighth of the stack's thickness the linear force is 5 % too large and the
-        interface of the paper's sheets 4 % too low.
+        Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity.
     accuracy : ContactMesh
         Fineness and extent of the mesh.
 
@@ -277,9 +268,8 @@ def indent(
     beyond it: u_r = B/r (in plane strain a constant), the field of a layer that slides as a whole.
     The field of a bonded layer has decayed there.
 
-    Under large deformations the edge of a punch is rounded with its `edge_radius`, or with 10 % of
-    its radius, which reduces the force by some 5 %. A sharp edge would cut the sheet. With a
-    smaller edge radius the computation stops at a smaller depth.
+    Under large deformations the edge of a punch is rounded with its `edge_radius`, as a sharp edge
+    would cut the sheet. With a smaller edge radius the computation stops at a smaller depth.
 
     Examples
     --------

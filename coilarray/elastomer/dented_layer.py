@@ -92,8 +92,7 @@ def dent_amplitudes(
         energy = kept.T @ (scattering.energies[m] + scattering.energies[m].T) @ kept / 2
         strength, turned = np.linalg.eigh(energy)
         axes.append((kept @ turned).T @ weighted[m])
-        # the integral over the angle, of the harmonics −m and m, once for the real and once for the
-        # imaginary part
+        # the integral over the angle, of the harmonics −m and m, for the real and for the imaginary part
         strengths.append(np.tile((2 if m else 1) * 2 * np.pi * MU_0 * strength, 2))
     amplitudes = [np.concatenate([part for m in range(orders) for part in axes[m] @ waves[m]]) for waves in incident]
     return DentAmplitudes(np.concatenate(strengths), tuple(np.ascontiguousarray(values.T) for values in amplitudes))

@@ -62,10 +62,7 @@ from coilarray.geometry.elastomer import Base
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
 _POINTS = 0.1, 0.2  # spacing of points on a side: thicknesses, or part of the distance to a contact if larger
 _PLACES = 400  # at a time, which bounds the memory
-# Patterns of the loads of all places below this part of the strongest are left out. On two samples
-# of gast2020, 1e-3, 1e-4 and 1e-5 change δ by 8e-4, 5e-5 and 4e-6 of the change by the sides. So
-# the error is below the part.
-_RANK = 1e-5
+_RANK = 1e-5  # of the strongest pattern of the loads of all places: weaker ones are left out, and err by less
 _NEWTON_STEPS = 60
 _EVENLY = 0.01  # of the distance between two places, by which a third place may be off their line
 

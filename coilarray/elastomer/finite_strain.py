@@ -15,8 +15,7 @@ its derivative by u shows. So the contact has no friction, and a surface that wa
 gains nothing by it. With the gap over the undeformed area the pressure would keep its direction
 there. Under a tip, where it exceeds 2μ, such waves would grow. A contact that reaches the free edge
 of a sample uses the undeformed area. Otherwise the edge would gain by moving outwards if the last
-hat's gap is zero only on average. For small u this is `coilarray.elastomer.contact` under
-`coilarray.elastomer.contact`.
+hat's gap is zero only on average. For small u this is `coilarray.elastomer.contact`.
 
 Newton's method goes from depth to depth. Each of its steps solves the contact under a tangent: gaps
 are closed while forces push on them and where they would be below zero (a semi-smooth Newton

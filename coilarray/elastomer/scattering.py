@@ -1,20 +1,16 @@
 """Change of a field's energy by a dent in sheets.
 
-Let U_f be the total potential with flat sheets, a_f and a_d the energies ∫ μ ∇U·∇V of the flat and
-of the dented sheets, and Δa = a_d − a_f. The sources of the field are the same, so the dented
-potential is U_d = U_f + ψ with
-
-    a_d(ψ, V) = −Δa(U_f, V)  for all V,
-
-and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). The dented space is mapped to the
-flat space by moving heights only, z = Z + w(r, Z). There Δa is an integral of known coefficients
-that vanish where nothing moves, and U_f is known in closed form.
+The equations of the dent's potential ψ, with the energies a_f and a_d of the flat and of the dented
+sheets and Δa = a_d − a_f, are in docs/theory/elastomer.md, "Dented magnetic sheet". The dented
+space is mapped to the flat space by moving heights only, z = Z + w(r, Z). There Δa is an integral
+of known coefficients that vanish where nothing moves, and the total potential U_f with flat sheets
+is known in closed form.
 
 Only the faces that move may contribute, otherwise the error of the elements is as large for sheets
 that hardly differ from air. So let U be the field in an infinite medium of the lowest sheet, a_0
 its energy and c = a − a_0. It satisfies Laplace's equation wherever something moves, so that U at
 the moved places, Ũ = U(r, z), has a_0,d(Ũ, V) = a_0,f(U, V). With the flat faces' own part χ = U_f
-− U the dented potential is U_d = Ũ + χ + η, where
+− U the dented potential is U_d = U_f + ψ = Ũ + χ + η, where
 
     a_d(η, V) = −F(V),   F(V) = Δa(χ, V) + h(V),
     h(V) = c_d(Ũ, V) − c_f(U, V) = Σ (μ_b − μ_a) ∫ V (∂_n Ũ − ∂_n U) dS

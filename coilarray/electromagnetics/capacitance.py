@@ -4,8 +4,7 @@ Leads, and a few ribbons per layer of the winding from ray to ray, are straight 
 dielectric, solved by the method of moments. A flat strip of width w acts as a round wire of radius
 w/4. Green's function of the layers is taken as a sum of images, Σ a/(2π √(ρ² + b²)), fitted in the
 spectral domain (Σ a exp(−kb)/k; Chow et al., IEEE Trans. MTT 39, 588 (1991), with fixed real depths
-b). The potential of a uniformly charged straight wire is then a logarithm. The result is good to
-15 % (tests).
+b). The potential of a uniformly charged straight wire is then a logarithm.
 """
 
 from __future__ import annotations
@@ -41,15 +40,13 @@ Above = tuple[tuple[float, ...], tuple[float, ...]]  # thicknesses in m and rela
 _AIR: Above = ((), (1.0,))
 # Rays at equal angles. The layers of a spiral shift past each other by whole pitches per turn, so
 # these rays take the mean over the shift. The values are the least and most rays about a pole, and
-# the number of turns they cut in all. It is no multiple of whole turns that rounding could decide
-# on. Twice as many change C by 1 % at most, and by 1e-3 for ten turns and more (tests).
+# the number of turns they cut in all, no multiple of whole turns that rounding could decide on.
 _RAYS = 5, 32, 59.3
 _MOST_PERMITTIVITY = 1e6
 _HIGHEST_FACE = 1.0  # m; above it no permittivity changes
 _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)
 _PER_AREA: Recent[FloatArray] = Recent(256)
-# The leads' part is a difference, which depends little on the fineness of the winding. Twice as
-# many rays and ribbons change it by 4 % at most (tests).
+# The leads' part is a difference, which depends little on the fineness of the winding.
 _LEAD_RAYS = 16  # from each pole
 _RIBBONS = 4, 16  # at most, per layer and on all layers
 _GROWTH = 1.15  # of the pieces of a lead, beginning with a pitch at the winding
@@ -104,12 +101,8 @@ def coil_capacitance(array: Array, sheets: Sequence[Sheet] = (), *, relative_per
     traces on a ray, unfolded to perpendicular cuts, are a row of strips on each layer, mirrored at
     the pole. Their Maxwell matrix per length c comes from `strip_capacitance`, with two faces per
     trace. A piece ds of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i − V_j)²/4, and C
-    = 2 ∫ e ds/V². So turns that are not neighbours, the winding's edges and the layers' shift
-    against each other all count. Leads have the potential of their end of the winding
-    (`lead_capacitance`). Vias and pads are left out. If the fringing at the edges is small, two
-    layers joined inside give C_facing/3 with C_facing the capacitance between the layers. Then n
-    layers give Σ 4 C_i/(3n²) over adjacent layers (Zolfaghari, Chan, Razavi, IEEE JSSC 36, 620
-    (2001)).
+    = 2 ∫ e ds/V². Leads have the potential of their end of the winding (`lead_capacitance`). Vias
+    and pads are left out.
 
     Between coils, the area counts in which the windings (traces and gaps) lie above each other, for
     every set of coils that overlaps anywhere, times the capacitance per area of crossed grids with

@@ -7,15 +7,10 @@ mirror image of path j, lifted by h,
     ΔM = Σ_n β^(2n+1) [F(2nt) − F(2(n+1)t)] = β F(0) − (1 − β²) Σ_{n>0} β^(2n−1) F(2nt).
 
 The image is the path mirrored at the lower face with its current: horizontal parts keep their
-direction, vertical parts turn round. At that face the image's own B has the same part across it as
-the path's B, and the opposite part along it. So below, path and β times the image give (1 + β) B_z
-and (1 − β) H_t of the path alone. Above, 1 + β times the path's own B matches both since (1 + β)/μr
-= 1 − β. The upper face mirrors this back, and so on.
-
-Near images have the cross-section of their bars. The rest is summed at once in the spectrum of
-plane waves, Σ_n β^(2n) e^{−2nkt} = 1/(1 − β² e^{−2kt}), as is the reflection by any flat body above
-or below the paths. With J(k) = ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path, z counted from a face
-above all paths, and J' its conjugate with J_z reversed,
+direction, vertical parts turn round. Near images have the cross-section of their bars. The rest is
+summed at once in the spectrum of plane waves, Σ_n β^(2n) e^{−2nkt} = 1/(1 − β² e^{−2kt}), as is the
+reflection by any flat body above or below the paths: with J(k) of docs/theory/metal.md, "Infinite
+plates", and z counted from a face above all paths,
 
     F(h) = µ0/4π ∫₀^∞ dk e^{−kh} ⟨J_i·J'_j⟩,   ⟨ ⟩ the mean over the directions of k.
 

@@ -15,16 +15,10 @@ By Green's theorem 2 S is also the Fourier transform of a function that is 1 ins
 outside (path at z = 0, anticlockwise). So weighted paths make any piecewise constant potential.
 
 The vertical flux density is B_z = Σ b(z) e^{ik·x}, and in flat layers each wave keeps its pattern
-in the plane. In a layer of relative permeability μ and conductivity σ, b'' = γ² b with γ² = k² +
-jωμ0μσ. Both b and b'/μ are continuous. A wave from medium a to medium b is reflected with
-
-    ρ = (γ_a/μ_a − γ_b/μ_b)/(γ_a/μ_a + γ_b/μ_b),
-
-and by a layer of thickness d with reflection r beyond it with (ρ + r e^{−2γd})/(1 + ρ r e^{−2γd}),
-from the outermost layer inwards (Dodd & Deeds, J. Appl. Phys. 39, 2829 (1968), for a circular coil
-over two media; Cheng, Dodd & Deeds, Int. J. NDT 3, 109 (1971), for any number). Without conduction
-H = −∇Ψ and b = −μ ∂Ψ/∂z, and the potential is reflected with −ρ. The electric potential above a
-board is the same with permittivities, but the copper below holds the potential.
+in the plane, b'' = γ² b. Both b and b'/μ are continuous, so that faces and layers reflect waves
+with ρ and r of docs/theory/metal.md, "Infinite plates". Without conduction H = −∇Ψ and b = −μ
+∂Ψ/∂z, and the potential is reflected with −ρ. The electric potential above a board is the same with
+permittivities, but the copper below holds the potential.
 """
 
 from __future__ import annotations

@@ -121,12 +121,8 @@ def self_inductance(source: Source) -> FloatArray:
     Returns
     -------
     ndarray, shape (paths,)
-        Self-inductances in H.
-
-    Raises
-    ------
-    GeometryError
-        A thin filament, whose self-inductance is infinite.
+        Self-inductances in H. A thin filament, whose self-inductance is infinite, raises a
+        GeometryError.
     """
     conductors = as_conductors(source)
     each = np.arange(len(conductors))
@@ -175,8 +171,6 @@ def inductance_matrix(
 
     Neumann's integral is averaged over the cross-sections. Pairs of equal shape at equal offset,
     layers that mirror each other included, are computed once (`coilarray.electromagnetics.neumann`).
-    Pairs that lie apart are computed to 3e-8 of L, with the cross-section in windings smaller than
-    200 widths. In larger ones it changes L by less than 3e-7.
 
     The 1e-6 holds for traces wider than thick, with gaps of a quarter of their width or more and
     sides of a few widths, as a convergence study shows. Shorter sides or narrower gaps cost up to

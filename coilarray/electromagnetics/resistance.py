@@ -61,12 +61,8 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> Fl
     -------
     ndarray, shape (paths,)
         Resistances in Ω: ρ Σ length/area over the segments from vertex to vertex. Corners count by
-        the centre line.
-
-    Raises
-    ------
-    GeometryError
-        A segment without a cross-section, or a resistivity that is not positive and finite.
+        the centre line. A segment without a cross-section, or a resistivity that is not positive
+        and finite, raises a GeometryError.
 
     Examples
     --------
@@ -172,10 +168,10 @@ def resistance_matrix(
     """Compute the resistance matrix R(f) of coils in Ω.
 
     It contains the losses of the coils and, unless each counts `alone`, their eddy losses in each
-    other's copper. ``resistance``
-    (frequency, coil, other) is symmetric and positive definite: ½ Re(iᴴ R i) is the loss in W in
-    all copper for peak currents i, open and grounded coils included. ``model`` (frequency, coil) is
-    an element of `MODELS`:
+    other's copper. ``resistance`` (frequency, coil, other) is symmetric and positive definite: ½
+    Re(iᴴ R i) is the loss in W in all copper for peak currents i, open and grounded coils included.
+    ``model`` (frequency, coil) is an element of `MODELS`, which docs/theory/conductors.md
+    describes:
 
     *Transverse field* (coils whose widest trace is at most `WIDE` skin depths): a segment of length
     l in the fields h_i of unit currents adds l (ρ/A · R_ac/R_dc) to its own coil and l (g_n h_i·n
@@ -184,15 +180,13 @@ def resistance_matrix(
     copper.
 
     *Section filaments* (wider traces): the same sum, with each part of a turn multiplied by three
-    factors from radial cuts through the coil (`coilarray.geometry.winding.Turns.cuts`), with all
-    turns on all layers as infinite traces. Each factor is the heat by filaments over the heat by
-    transverse field: for the coil's own current (with the mean local field where the cut alone has
-    another), and for a uniform field along thickness and width, as other coils make it. Factors are
-    linear along the path from cut to cut, and 1 on leads. The part of two coils takes √ of both
-    factors, which keeps R positive definite. So turns of one coil shield each other, but coils do
-    not. Corners, leads and turns shorter than a few bundle widths are the weak points. Vias count
-    with their DC resistance, eddy currents in pads and planes are left out. A bent board counts as
-    flat.
+    factors, its heat by filaments in radial cuts through the coil
+    (`coilarray.geometry.winding.Turns.cuts`) over its heat by transverse field: for the coil's own
+    current (with the mean local field where the cut alone has another), and for a uniform field
+    along thickness and width, as other coils make it. Factors are linear along the path from cut to
+    cut, and 1 on leads. The part of two coils takes √ of both factors, which keeps R positive
+    definite. So turns of one coil shield each other, but coils do not. Vias count with their DC
+    resistance, eddy currents in pads and planes are left out. A bent board counts as flat.
     """
     # A bar's own field is left out on the whole of a straight run, however many vertices it has.
     conductors = [conductor.straightened() for conductor in as_conductors(source, flat=True)]

@@ -1,14 +1,8 @@
 """Response of a ball over flat or dented sheets, and of any target.
 
-About the centre of a ball of radius a the potential of the coils, H = −∇Ψ, is a sum of R^l
-P_l^m(cos θ) e^{imφ}. Each term induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m
-e^{imφ}, with the polarisability
-
-    α_l = l/(l + 1) · (r_l − l − (l + 1) μ)/(r_l − l + l μ),
-    r_l = x i_(l−1)(x)/i_l(x),   x = a √(jω μ0 μ σ)
-
-(J. R. Wait, Geophysics 16, 666 (1951), for l = 1), which is l/(l + 1) for a perfect conductor and
-−l (μ − 1)/(l μ + l + 1) without conductivity. A wave of the plane-wave spectrum has the multipoles
+The multipoles R^l P_l^m(cos θ) e^{imφ} of the potential about the ball's centre, and its
+polarisabilities α_l, are in docs/theory/metal.md, "Spheres". A wave of the plane-wave spectrum has
+the multipoles
 
     e^{−kζ} J_m(kρ) = Σ_l (−1)^(l+m) (kR)^l/(l + m)! P_l^m(cos θ),
 
@@ -17,9 +11,9 @@ below reflect to the ball. With the multipoles scaled to the weights w_l(k) = (�
 + m)! (l − m)!), both are integrals of w. The field at the ball is the sum of the coils' field and
 all reflections. By reciprocity the same weights lead back to the coils.
 
-In a dent the ball responds to the harmonics P_l of the potential on its sphere. With P̂_l normalised
-over sin θ dθ, the harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d = U_f + ψ are
-the harmonics of the flat sheets' U_f, at the places that the mapping of
+In a dent the ball responds to the harmonics P_l of the potential on its sphere. With P̂_l
+normalised over sin θ dθ, the harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d =
+U_f + ψ are the harmonics of the flat sheets' U_f, at the places that the mapping of
 `coilarray.elastomer.scattering` gives, less pᵀ a_d⁻¹ Δa(U_f, ·), with the load p of P̂_l on the
 sphere. A layer of the strength P̂_l' on it makes the harmonics pᵀ a_d⁻¹ p', whose values in air are
 known. The reflection by the sheets is the difference to air on the same elements, so that the layer

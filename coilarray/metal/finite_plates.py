@@ -40,10 +40,8 @@ AnyPlates: TypeAlias = Sequence[Plate | FinitePlate]
 LARGEST_ERROR = 0.1  # relative error of ΔL by the model beyond which a plate is refused
 _OF_SPREAD = 0.5  # share of the impedance's error at twice the chosen wavenumber that all waves together make
 _BY_LOSSES = 0.65  # over the distance of a turn: mean wavenumber of its field, weighted by losses in thick metal
-# of discs of copper within a loop, by finite elements: the error of ΔL is 0.2 to 0.35 of the skin
-# depth over the radius, the error of ΔR −11 % at 21 skin depths of thickness, −8 % at 11, −1 % at 4
-# and 13 % at 2. It is less in thinner discs, whose currents flow through the whole thickness and
-# are taken at faces and rim. For ΔL it is of half the thickness, or of the skin depth if that is less
+# Of discs of copper within a loop, by finite elements. For ΔL the error is of half the thickness, or of the skin depth
+# if that is less, over the radius.
 _RIM_INDUCTANCE, _RIM_RESISTANCE = 0.5, 0.13
 _THIN = 2.0  # skin depths
 _OF_SECOND_ORDER = 3.0  # of the change between meshes of the lengths 2h and h: the error at h by the second order
@@ -128,13 +126,9 @@ def moving_plate(
     equations (`coilarray.metal.magnetic_plates`), which hold from three skin depths of thickness.
     Sheets and infinite plates reflect the fields of coils and currents
     (`coilarray.metal.coupled_plates`), and fixed finite plates are solved together with the plate,
-    at every position.
-
-    Every result is extrapolated from two meshes, with element lengths in the ratio 2, by the second
-    order of linear elements. The error of the mesh is this correction of the finer mesh, which
-    covers orders of convergence from 1.3 upwards, for ΔL and ΔR separately. The error of the model
-    has two parts: the impedance is taken at one wavenumber for all patterns of the current, and the
-    rim, where a plate within the coils has most of its losses, is approximate.
+    at every position. Every result is extrapolated from two meshes. Its error is this correction
+    and the error of the model: the impedance is taken at one wavenumber for all patterns of the
+    current, and the rim is approximate.
 
     >>> from coilarray.geometry.bodies import MATERIALS, Disc
     >>> angle = np.linspace(0, 2 * np.pi, 49)

@@ -1,12 +1,8 @@
 """Infinite plates by plane waves: inductance, eddy currents and field.
 
-The reflection of each plane wave of the coils' field follows
-`coilarray.electromagnetics.flat_stack`. Between reflectors with r_u above and r_l below, at the
-distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
-
-Near the copper there are too many short waves for the integral. For them alone the reflection is
-approximated as Σ c e^{−2kd} with a few real distances d, the mutual inductance to images at these
-distances with the cross-section of their bars. The remainder is integrated.
+The reflections, and the images of the short waves of a plate near the copper, are in
+docs/theory/metal.md, "Infinite plates". The images have the cross-section of the bars, and the
+remainder is integrated.
 
 Field and currents on grids follow from the vertical flux density b of every plane wave
 (`coilarray.electromagnetics.flat_stack`). B along the layers is ∇(b'/k²). The induced field is E =
