@@ -94,7 +94,10 @@ def matched_port(circuit: PortCircuit, impedance: npt.ArrayLike, coil: str) -> P
     name of the coil. A coil without source or load, or a resistance that `l_match` does not reach,
     raises a NetworkError.
     """
-    port = _port(circuit, coil)
+    port = next((port for port in circuit.active if port.coil == coil), None)
+    if port is None:
+        there = ", ".join(port.coil for port in circuit.active) or "none"
+        raise NetworkError(f"a match needs a port with source_ohm or load_ohm, which {there} have; got {coil!r}.")
     wanted = float(port.resistance or 0.0)
     guess = l_match(_at_coil(circuit, impedance, port), circuit.frequency, wanted, port.parallel_at)
 
@@ -182,14 +185,6 @@ def _with_values(circuit: PortCircuit, values: Iterable[float]) -> PortCircuit:
     left = iter(values)
     ports = [port.with_capacitors(*(C and next(left) for C in port.capacitances)) for port in circuit.ports]
     return replace(circuit, ports=tuple(ports))
-
-
-def _port(circuit: PortCircuit, coil: str) -> Port:
-    found = [port for port in circuit.active if port.coil == coil]
-    if not found:
-        there = ", ".join(port.coil for port in circuit.active) or "none"
-        raise NetworkError(f"a match needs a port with source_ohm or load_ohm, which {there} have; got {coil!r}.")
-    return found[0]
 
 
 def _with_port(circuit: PortCircuit, port: Port) -> PortCircuit:

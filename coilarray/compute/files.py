@@ -134,7 +134,8 @@ def text_of_file(path: Path, most: int = MOST_BYTES) -> str:
 
 def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
     """Read a file or pipe of at most `most` bytes."""
-    with open(path, "rb", opener=_open_at_once) as file:
+    at_once = getattr(os, "O_NONBLOCK", 0)  # without waiting at a pipe
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | at_once)) as file:
         found = os.fstat(file.fileno())
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode)):
             raise OSError(errno.EINVAL, "it is neither a file nor a pipe", str(path))
@@ -144,11 +145,6 @@ def bytes_of_file(path: Path, most: int = MOST_BYTES) -> bytes:
     if max(found.st_size, len(data)) > most:
         raise OSError(errno.EFBIG, f"it must be at most {most} bytes long", str(path))
     return data
-
-
-def _open_at_once(name: str, flags: int) -> int:
-    """Open a file without waiting at a pipe."""
-    return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def default_folder() -> Path:

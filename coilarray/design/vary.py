@@ -110,7 +110,8 @@ def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     """Copy a table or list with one entry set."""
     if isinstance(table, list):
-        names = [_name_of(item) for item in table]
+        named_by = [item if isinstance(item, Mapping) else {} for item in table]
+        names = [str(item.get("name", item.get("coil", ""))) for item in named_by]  # a port has the name of its coil
         named = [k for k, name in enumerate(names) if name == parts[0]]
         parts = [str(named[0]), *parts[1:]] if len(named) == 1 else parts
         if not parts[0].isdecimal() or int(parts[0]) >= len(table):
@@ -124,11 +125,6 @@ def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     taken = _longest_key(table, parts) or 1
     name = ".".join(parts[:taken])
     return {**table, name: _set(table.get(name), parts[taken:], value, key)}
-
-
-def _name_of(item: Any) -> str:
-    """Return the name of a table in a list, of a port the name of its coil."""
-    return str(item.get("name", item.get("coil", ""))) if isinstance(item, Mapping) else ""
 
 
 def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:

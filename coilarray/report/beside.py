@@ -44,7 +44,15 @@ def write_beside(files: Sequence[DesignFile], where: Path, progress: Progress | 
     top = Group("two", tuple(
         Group("half", (title, *report.first_page)) for title, report in zip(titles, reports, strict=True)
     ))  # fmt: skip
-    pictures = [{one.name: one for one in _pictures(report)} for report in reports]
+    pictures = [
+        {
+            one.name: one
+            for block in leaves(block for section in report.sections for block in section.blocks)
+            for one in (block.result() if isinstance(block, Future) else [block])
+            if isinstance(one, Picture)
+        }
+        for report in reports
+    ]
     pairs = [
         Group("two", tuple(of_one[name] for of_one in pictures))
         for name in _PICTURES
@@ -64,16 +72,6 @@ def write_beside(files: Sequence[DesignFile], where: Path, progress: Progress | 
     )
     write_text(target, html)
     return reports
-
-
-def _pictures(report: Report) -> list[Picture]:
-    found: list[Picture] = []
-    for block in leaves(block for section in report.sections for block in section.blocks):
-        if isinstance(block, Picture):
-            found.append(block)
-        elif isinstance(block, Future):
-            found += block.result()
-    return found
 
 
 def _numbers(names: Sequence[str], summaries: Sequence[Table | None]) -> Table:

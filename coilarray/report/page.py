@@ -266,11 +266,8 @@ def _render(name: str, caption: str, scene: viz.Scene, side: Side = "oblique") -
             _, top, _, bottom = ImageChops.invert(whole).getbbox() or (0, 0, *whole.size)  # of all that is not white
             rows = max(top - _RIM, 0), min(bottom + _RIM, whole.height)
             whole.crop((0, rows[0], whole.width, rows[1])).save(buffer, "JPEG", quality=_QUALITY)
-        return Picture(name, caption, _image(buffer.getvalue(), "jpeg", caption))
-
-
-def _image(image: bytes, kind: str, alt: str) -> str:
-    return f'<img src="{data_url(image, kind)}" alt="{escape(alt)}">'
+        url = data_url(buffer.getvalue(), "jpeg")
+        return Picture(name, caption, f'<img src="{url}" alt="{escape(caption)}">')
 
 
 def draw(name: str, caption: str, drawn: Axes | Figure, width: float = FULL) -> Picture:

@@ -182,9 +182,7 @@ def is_of_target(response: xr.Dataset) -> bool:
 
 def as_depths(response: xr.Dataset) -> xr.Dataset:
     """Return a target's map with distances as depths, nearest last."""
-    if not is_of_target(response):
-        return response
-    return over_depth(response.isel(distance=slice(None, None, -1)))
+    return over_depth(response.isel(distance=slice(None, None, -1)) if is_of_target(response) else response)
 
 
 def over_depth(response: xr.Dataset) -> xr.Dataset:

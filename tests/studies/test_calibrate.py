@@ -21,7 +21,7 @@ from coilarray.response.map import Imperfections, response_map
 from coilarray.studies.calibrate import calibration
 from coilarray.studies.calibrate.calibration import calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.fit import Problem, bounded_normal, fit, information, together
-from coilarray.studies.calibrate.plan import DataTable, check_plan, load_plan, measurement
+from coilarray.studies.calibrate.plan import PLANS, DataTable, Plan, load_plan, measurement
 
 PAPER = load_design("gast2020")
 MU, STIFF, DEPTH = "elastomer.1.relative_permeability", "elastomer.1.youngs_modulus_kPa", "imperfections.depth_error_mm"
@@ -132,7 +132,7 @@ def test_evidence_of_linear_models_is_the_closed_form(line):
     """A line with and without a slope: ∫ of the likelihood over a flat and a normal prior, by the normal's own form."""
     data, slope = straight(2.6, 0.15), {"entry": DEPTH, "low": -50.0, "high": 50.0, "prior_mean": 0.1, "prior_std": 0.3}
     choices = [{"name": "level"}, {"name": "sloping", "unknown": [slope]}]
-    plan = check_plan({
+    plan = PLANS.check(Plan, {
         "data": {"delta_std": 0.1}, "unknown": [{"entry": MU, "low": 1.0, "high": 9.0}],
         "alternative": [{"name": "form", "choice": choices}],
     })  # fmt: skip
@@ -233,7 +233,7 @@ def test_tested_states_are_only_predicted():
 
 
 def test_draws_are_designs_of_the_posterior(line):
-    plan = check_plan({"unknown": [
+    plan = PLANS.check(Plan, {"unknown": [
         {"entry": [MU, STIFF], "low": 2.0, "high": 4.0}, {"entry": DEPTH, "low": -50.0, "high": 50.0},
     ]})  # fmt: skip
     found = calibrate(PAPER, straight(2.6, 0.15), plan)
@@ -276,14 +276,14 @@ def test_choices_set_and_take_away(line):
     across = "coils.hexagon.outer_across_"
     corners = {"name": "corners", "set": {f"{across}corners_mm": 23.0}, "without": [f"{across}flats_mm"]}
     wrong = {"name": "wrong", "without": ["coils.hexagon.no_such_key"]}
-    plan = check_plan({
+    plan = PLANS.check(Plan, {
         "unknown": [{"entry": MU, "low": 2.0, "high": 4.0}],
         "alternative": [{"name": "size", "choice": [{"name": "flats"}, corners, wrong]}],
     })  # fmt: skip
     found = calibrate(PAPER, straight(2.6, 0.0), plan).dataset
     # an entry that the design lacks, and that only one choice has
     radius = {"name": "finite", "unknown": [{"entry": "indentation.sample_radius_mm", "low": 20.0, "high": 60.0}]}
-    sample = check_plan({
+    sample = PLANS.check(Plan, {
         "unknown": [{"entry": MU, "low": 2.0, "high": 4.0}],
         "alternative": [{"name": "sample", "choice": [{"name": "wide"}, radius]}],
     })  # fmt: skip
@@ -355,7 +355,7 @@ TWICE = {"name": "b", "set": {MU: 2}}
 ])  # fmt: skip
 def test_mistakes_of_a_plan(document, text):
     with pytest.raises(GoalError, match=text):
-        check_plan(document)
+        PLANS.check(Plan, document)
 
 
 @pytest.mark.parametrize(("data", "unknowns", "text"), [

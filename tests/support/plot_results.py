@@ -14,7 +14,7 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.paper.ellipse import fit_ellipses
 from coilarray.paper.ellipse_model import ellipse_model, published_model
-from coilarray.studies.calibrate.plan import check_plan
+from coilarray.studies.calibrate.plan import PLANS, Plan
 from support.localize_boards import ROW
 from support.localize_boards import board as row_of_bells
 
@@ -299,4 +299,4 @@ def calibration(kind="ellipses"):
         document["data"] = {"delta_std": 1e-5}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration_module, "evaluate_model", evaluate)
-        return calibrate(load_design("gast2020"), data, check_plan(document)).dataset
+        return calibrate(load_design("gast2020"), data, PLANS.check(Plan, document)).dataset

@@ -247,12 +247,7 @@ def load_plan(name_or_path: str | Path) -> Plan:
     >>> [unknown.name for unknown in load_plan("table_a1").unknowns][:2]
     ['stackup.dielectric_thickness_mm.1', 'elastomer.1.relative_permeability']
     """
-    return check_plan(PLANS.parse(PLANS.text(name_or_path), str(name_or_path)), str(name_or_path))
-
-
-def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
-    """Read a calibration plan from TOML tables."""
-    return PLANS.check(Plan, document, origin)
+    return PLANS.check(Plan, PLANS.parse(PLANS.text(name_or_path), str(name_or_path)), str(name_or_path))
 
 
 def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
@@ -263,7 +258,7 @@ def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
         if len(numbers) not in (2, 3):
             raise GoalError(f"the unknown {entry} must have low and high, or low, high and start; got {values}.")
         tables.append({"entry": entry, **dict(zip(("low", "high", "start"), numbers, strict=False))})
-    return check_plan({"unknown": tables}, "unknowns")
+    return PLANS.check(Plan, {"unknown": tables}, "unknowns")
 
 
 @dataclass(frozen=True, eq=False)

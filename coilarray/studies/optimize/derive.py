@@ -22,7 +22,7 @@ import tomlkit
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
 from coilarray.errors import GoalError, NetworkError
-from coilarray.studies.optimize.goal import GOALS, RULES, Goal, Variable, check_goal, parse_goal
+from coilarray.studies.optimize.goal import GOALS, RULES, Goal, Variable, parse_goal
 from coilarray.studies.quantities import Evaluation, canonical, evaluate, request
 from coilarray.studies.sweep import UNREAD, Axis
 
@@ -340,7 +340,7 @@ def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
         return goal
     document = goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
     document["constraint"] = [*document.get("constraint", []), *more]
-    return check_goal(document)
+    return GOALS.check(Goal, document, "goal")
 
 
 def is_named(name_or_path: str | Path) -> bool:
@@ -376,7 +376,7 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
         "search": search,
     }
     comments = {(kind, name): row.says for kind, named in rows.items() for name, row in named.items() if row.says}
-    return DerivedGoal(check_goal(document, ", ".join(wishes)), comments)
+    return DerivedGoal(GOALS.check(Goal, document, ", ".join(wishes)), comments)
 
 
 def _by_name(rows: Sequence[Row]) -> dict[str, Row]:
@@ -401,7 +401,7 @@ def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[
         for (kind, name), says in derived.comments.items()
         if not ((kind == "variable" and vary) or (kind == "constraint" and name in given))
     }
-    return DerivedGoal(check_goal(document, "--vary and --keep"), comments)
+    return DerivedGoal(GOALS.check(Goal, document, "--vary and --keep"), comments)
 
 
 def unfit_goals(design: Design | DesignFile) -> dict[str, str]:

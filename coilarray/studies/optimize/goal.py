@@ -255,12 +255,7 @@ class Goal(Table):
 
 def parse_goal(text: str, origin: str = "goal") -> Goal:
     """Read a goal from TOML text, which messages call `origin`."""
-    return check_goal(GOALS.parse(text, origin), origin)
-
-
-def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
-    """Read a goal from the tables of a TOML file."""
-    return GOALS.check(Goal, document, origin)
+    return GOALS.check(Goal, GOALS.parse(text, origin), origin)
 
 
 @dataclass(frozen=True)

@@ -64,10 +64,6 @@ def _covered(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return float(shapely.area(shapely.union_all(shapes))) * 1e6
 
 
-def _span(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return float(np.ptp(one_board(evaluation.design, "span_mm").array.outline_bounds[::2])) * 1e3
-
-
 def _fab_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     wanted = options.get("rule")
     margins = [m.margin * 1e3 for m in evaluation.margins if m.unit == "m" and wanted in (None, m.rule)]
@@ -137,7 +133,7 @@ def _unread(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 COILS = (  # quantities by rising cost
     Quantity("board_area_mm2", "mm²", "geometry", "area of the rectangular board", _board_area),
     Quantity("span_mm", "mm", "geometry", "extent of the windings' outlines along x",
-             _span),
+             lambda one, _: float(np.ptp(one_board(one.design, "span_mm").array.outline_bounds[::2])) * 1e3),
     Quantity("covered_mm2", "mm²", "geometry", "area within the outline of at least one winding", _covered),
     Quantity(
         "fab_margin_mm", "mm", "geometry",

@@ -52,7 +52,7 @@ from coilarray.design.keys import Bounds, Millimetres, Position, Table, require_
 from coilarray.design.model import Design
 from coilarray.design.toml_file import TomlFiles
 from coilarray.errors import DesignError, GeometryError, GoalError
-from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, Sheet, Target
+from coilarray.geometry import Array, Coil, FinitePlate, Material, Placement, Plate, Target
 
 Distribution = Literal["normal", "uniform"]
 UNITS: Mapping[str, str] = {  # SI units of the errors by table
@@ -456,7 +456,15 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
         setup = replace(setup, origin=None, origin_point=(x + shift[0], y + shift[1]))
     try:
         array = _array(design.array, nonzero)
-        sheets = tuple(_sheet(sheet, nonzero) for sheet in design.sheets)
+        sheets = tuple(
+            replace(
+                sheet,
+                thickness=sheet.thickness + nonzero.get(f"elastomer.{sheet.name}", 0.0),
+                relative_permeability=_scaled(sheet.relative_permeability, nonzero, "permeability")
+                if sheet.magnetic else 1.0,
+            )
+            for sheet in design.sheets
+        )  # fmt: skip
         boards = []
         for name, board in zip(design.board_names, design.boards, strict=True):
             own = {key.removeprefix(f"{name}/"): value for key, value in nonzero.items() if key.startswith(f"{name}/")}
@@ -482,15 +490,6 @@ def _scaled(value: float, errors: Mapping[str, float], name: str) -> float:
     if scaled <= 0:
         raise GoalError(f"the error {name} must be above −1; got {errors[name]:g}.")
     return scaled
-
-
-def _sheet(sheet: Sheet, errors: Mapping[str, float]) -> Sheet:
-    magnetic = sheet.magnetic
-    return replace(
-        sheet,
-        thickness=sheet.thickness + errors.get(f"elastomer.{sheet.name}", 0.0),
-        relative_permeability=_scaled(sheet.relative_permeability, errors, "permeability") if magnetic else 1.0,
-    )
 
 
 def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
