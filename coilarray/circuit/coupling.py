@@ -192,7 +192,6 @@ def couple(
 
 
 def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequence[str], R: FloatArray) -> xr.Dataset:
-    """Solve the states that measure each coil, as in `couple`."""
     names, L = network.names, network.inductance
     solved = resonances(network, states)
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])

@@ -181,7 +181,6 @@ def capacitors(circuit: PortCircuit) -> list[tuple[str, str, float]]:
 
 
 def _with_values(circuit: PortCircuit, values: Iterable[float]) -> PortCircuit:
-    """Return a circuit with other values in F of its `capacitors`."""
     left = iter(values)
     ports = [port.with_capacitors(*(C and next(left) for C in port.capacitances)) for port in circuit.ports]
     return replace(circuit, ports=tuple(ports))

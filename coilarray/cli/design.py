@@ -61,7 +61,6 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
     chosen: dict[str, Any] = {}
 
     def ask(question: str, default: str, key: str, **words: dict[str, str]) -> None:
-        """Ask until the answer is a word or possible choice."""
         while True:
             answer = typer.prompt(question, default=default).strip()
             if (found := words.get(answer.replace(" ", "_"))) is not None:

@@ -361,7 +361,6 @@ codecs.register_error("coilarray", _in_ascii)
 
 
 def _flush() -> None:
-    """Write what standard output still holds, where there is one."""
     if sys.stdout is not None:
         sys.stdout.flush()
 

@@ -239,7 +239,6 @@ def _stream(answer: Callable[[Reading | LocalizeError], Record]) -> None:
 def _model(
     source: str | None, allow_violations: bool
 ) -> tuple[tuple[str, ...], int, Callable[[], xr.Dataset | EllipseModel]]:
-    """Return a model's states, number of unknowns, and loader."""
     is_file = source is not None and source.lower().endswith(".json")
     if is_file or source == _PUBLISHED:
         from coilarray.paper.ellipse_model import published_model

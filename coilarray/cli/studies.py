@@ -429,7 +429,6 @@ def tolerance(
 
 
 def _numbers(result: xr.Dataset) -> dict[str, Any]:
-    """Everything except the drawn boards, for JSON."""
     from coilarray.report.studies import error_table, share_table, spread_table, yield_table
 
     tables = (error_table(result), spread_table(result), share_table(result), yield_table(result))

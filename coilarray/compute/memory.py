@@ -92,7 +92,6 @@ def own_limit() -> float:
 
 
 def _fields(path: Path) -> dict[str, int]:
-    """Numbers of a file by the name before each."""
     words = [line.replace(":", " ").split() for line in _text(path).splitlines()]
     return {line[0]: int(line[1]) for line in words if len(line) > 1 and line[1].isdecimal()}
 

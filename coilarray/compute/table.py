@@ -588,7 +588,6 @@ def _latex(text: str) -> str:
 
 
 def _equal(values: Sequence[Value], others: Sequence[Value]) -> bool:
-    """Test whether two columns of numbers agree to rounding."""
     return all(
         isinstance(a, float) and isinstance(b, float) and math.isclose(a, b, rel_tol=1e-12)
         for a, b in zip(values, others, strict=True)

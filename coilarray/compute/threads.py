@@ -106,7 +106,6 @@ def serial_algebra() -> Iterator[None]:
 
 @cache
 def _controller(with_scipy: bool) -> ThreadpoolController:
-    """Find the linear algebra libraries once, which takes milliseconds."""
     from threadpoolctl import ThreadpoolController  # slow to import, and a design is read without it
 
     return ThreadpoolController()

@@ -182,7 +182,6 @@ def _outcome(function: Callable[[Any], Any], item: Any) -> Any:
 
 
 def _result(future: Future[Any]) -> Any:
-    """Return a task's outcome, unless its worker is lost."""
     try:
         return future.result()
     except BrokenExecutor:

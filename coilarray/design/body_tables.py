@@ -444,19 +444,16 @@ def _in_m(positions: Iterable[float]) -> tuple[float, ...]:
 
 
 def _even_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
-    """Return positions in m of a range and a step."""
     low, high = bounds
     steps = round((high - low) / step)
     return _in_m(low + (high - low) * k / max(steps, 1) for k in range(steps + 1))
 
 
 def _label(value: float) -> float:
-    """Return the entry in mm of a position in m."""
     return nearest_entry(1e3 * value, value, lambda entry: entry / 1e3)
 
 
 def _is_even(row: Sequence[float], step: float) -> bool:
-    """Check whether positions in mm are an even range."""
     if step <= 0 or round((row[-1] - row[0]) / step) != len(row) - 1:
         return False
     return np.allclose(_even_positions((row[0], row[-1]), step), np.array(row) / 1e3, rtol=0, atol=_FEMTOMETRE)

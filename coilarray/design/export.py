@@ -176,7 +176,6 @@ def _write_board(board: Board, path: Path, shown: Path, kind: Format, *, allow_f
     name = board.name.replace("/", "-") if board.name else design.name
 
     def check(made: Path) -> None:
-        """Read the board back and refuse its faults."""
         start = f"{board.name}: " if board.name else ""
         faults.extend(f"{start}{fault}" for fault in _net_faults(array, made, kind))
         if faults and not allow_faults:

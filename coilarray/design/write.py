@@ -333,7 +333,6 @@ def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
 
 
 def _edit(table: Any, old: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Change a table of the file from `old` to `wanted`."""
     for key in [key for key in old if key not in wanted]:
         del table[key]
     for key, value in wanted.items():
@@ -351,7 +350,6 @@ def _edit(table: Any, old: Mapping[str, Any], wanted: Mapping[str, Any]) -> None
 
 
 def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence[Mapping[str, Any]]) -> None:
-    """Change a list of tables, with comments of kept tables."""
     before, after, there = list(map(_known_by, old)), list(map(_known_by, wanted)), list(tables)
     found = []
     for k, (name, item) in enumerate(zip(after, wanted, strict=True)):
@@ -368,7 +366,6 @@ def _edit_tables(tables: AoT, old: Sequence[Mapping[str, Any]], wanted: Sequence
 
 
 def _edit_list(items: Any, old: Sequence[Any], wanted: Sequence[Any]) -> None:
-    """Change a list, with comments of kept items."""
     before, after = list(map(_known_by, old)), list(map(_known_by, wanted))
     for _, first, end, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes()[::-1]:
         both = min(end - first, stop - start)

@@ -467,7 +467,6 @@ def _all_starts(
 
 
 def _starts(scan: _Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Find the starts of readings by one scan."""
     # |e|² − |Qᵀe|² in every cell
     offsets = np.einsum("fsc,cs->fc", scan.forms, scan.scaled)
     along = np.tensordot(readings, scan.forms, axes=(1, 1))

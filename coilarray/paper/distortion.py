@@ -180,7 +180,6 @@ class _Maps:
         self._progress, self._done, self._total = progress, 0, 7 + draws
 
     def count(self, done: int = 1, total: int = 1) -> None:
-        """Count a finished map."""
         if done == total:
             self._done += 1
             if self._progress is not None:

@@ -75,7 +75,6 @@ def write_beside(files: Sequence[DesignFile], where: Path, progress: Progress | 
 
 
 def _numbers(names: Sequence[str], summaries: Sequence[Table | None]) -> Table:
-    """Put the rows of two summaries beside each other, with the change of the largest value."""
     found: list[dict[str, tuple[str, float]]] = []
     for summary in summaries:
         assert summary is not None  # of a report that was just made

@@ -78,7 +78,6 @@ def _fulfil(task: Task) -> None:
 
 
 def _ask(process: subprocess.Popen[bytes], task: Task) -> None:
-    """Let the process do a task, if it still can."""
     future, *question = task
     try:
         assert process.stdin is not None
@@ -122,7 +121,6 @@ def drawing_beside() -> Iterator[Drawing]:
 
 
 def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
-    """Answer tasks until no more can come."""
     from coilarray import viz
     from coilarray.compute.memory import collect_seldom
 

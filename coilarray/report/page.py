@@ -161,7 +161,6 @@ def board_picture(design: Design, coil: str, dent: xr.Dataset | None) -> list[Pi
 
 
 def _centre(design: Design, coil: str) -> tuple[float, float]:
-    """Middle of a coil's outline in m, from above."""
     outline = board_outlines(design)[coil]
     x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
     return x, y

@@ -129,7 +129,6 @@ def tightest(margins: Sequence[Margin]) -> Margin | None:
 
 
 def _peak_row(delta: xr.DataArray) -> tuple[Value, ...]:
-    """Row of the peaks of δ, preferably of those inside the map."""
     peaks, names = delta.max(("x", "y")), delta.state.values.tolist()
     at = delta.fillna(-np.inf).argmax(("x", "y"))
     ends = [(at[axis] == 0) | (at[axis] == delta.sizes[axis] - 1) for axis in ("x", "y") if delta.sizes[axis] > 1]
@@ -220,7 +219,6 @@ def _metal_rows(
 
 
 def _row(key: str, words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Row of the least and largest finite values, with names."""
     # a self-resonance that is not found, and R_p without losses, are infinite
     finite = np.flatnonzero(np.isfinite(values))
     if not len(finite):

@@ -201,7 +201,6 @@ def write_report(
 
 
 def _data(r: Results, broken: list[str], made_with: dict[str, str]) -> dict[str, object]:
-    """Numbers and words of the page beside the tables."""
     design, coupling = r.design, r.coupling.result()
     indentation = r.problems.get("Indentation") or r.problems.get("Response") or ""
     located = r.positions and {

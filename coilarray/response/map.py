@@ -428,7 +428,6 @@ def response_dataset(
 
 
 def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, metal: bool) -> float:
-    """Return the allowed error of δ, 0 for all coils."""
     if reach == "auto":
         return 0.0 if metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
@@ -484,7 +483,6 @@ def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> d
 
 
 def _sensors_of(flats: Sequence[Resonance]) -> dict[str, FloatArray]:
-    """Frequencies in Hz and R_p in Ω (states,) by name."""
     return {name: np.array([getattr(one, name) for one in flats]) for name in ("frequency", "parallel_resistance")}
 
 

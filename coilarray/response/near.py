@@ -209,7 +209,6 @@ def _fields(
     axis, grid = offset_grid(solved.cutoff.coils, solved.clearance)
 
     def spread(shapes_there: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
-        """Amplitudes (points, coils, n) of shapes at their coils."""
         whole = np.zeros((*shapes_there.shape, amplitudes[0].shape[1]))
         for shape, values in enumerate(amplitudes):
             whole[shapes_there == shape] = values

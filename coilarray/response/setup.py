@@ -431,7 +431,6 @@ def _nodes(low: float, high: float) -> FloatArray:
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
-    """Lagrange polynomials (points, nodes) of the nodes at points."""
     shares = np.ones((len(at), len(nodes)))
     for k, node in enumerate(nodes):
         for other in np.delete(nodes, k):

@@ -222,7 +222,6 @@ def target_map(
 
 
 def _in_a_row(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
-    """Take distances and places as cases."""
     return ChangeOverFrequency(band, values.reshape(-1, *values.shape[2:]))
 
 

@@ -399,7 +399,6 @@ def is_read(result: xr.Dataset) -> xr.DataArray:
 
 
 def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:
-    """Dataset of `run_sweep` from values (quantities, points) and reasons."""
     grid = plan.sampling == "grid"
     dims = tuple(axis.key for axis in plan.axes) if grid else ("sample",)
     shape = tuple(len(axis.values) for axis in plan.axes) if grid else (len(plan.points),)

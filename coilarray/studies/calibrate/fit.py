@@ -292,7 +292,6 @@ def _log_likelihood(problem: Problem, found: Fit) -> float:
 
 
 def _log_prior(problem: Problem, point: FloatArray) -> float:
-    """Logarithm of the prior density, cut off at the bounds."""
     flat = ~np.isfinite(problem.prior_std)
     every = (problem.low, problem.high, problem.prior_mean, problem.prior_std, point)
     low, high, mean, std, at = (values[~flat] for values in every)

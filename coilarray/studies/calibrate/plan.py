@@ -368,7 +368,6 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
 
 
 def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
-    """Select A, B, x0 and the peak of every state."""
     # x0 is always predicted. The levels of a polynomial of five coefficients are at most five independent numbers.
     setup, levels = indentation_of(design).in_ellipse_window(), np.array(sorted(table.levels))
     share = min(1.0, (DEGREE + 1) / len(levels))

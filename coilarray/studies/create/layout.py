@@ -91,7 +91,6 @@ def neighbour_coupling(design: Design) -> FloatArray:
 
 
 def _neighbours(array: Array) -> tuple[IntArray, IntArray]:
-    """Numbers of both coils of every nearest pair."""
     i, j = np.array(array.neighbours, dtype=np.intp).reshape(-1, 2).T
     return i, j
 
@@ -308,7 +307,6 @@ def with_terminals(plan: Plan, *, movable: bool) -> Plan:
     """
 
     def candidates() -> Iterator[Plan]:
-        """Plans with possible starts, leads and pitches."""
         moves = _MOVES if movable and plan.sets == 1 and plan.arrangement.lattice != "single" else 1
         for move, start in product(range(moves), range(len(plan.starts))):
             begun = replace(plan, pitch=plan.pitch + move * _MOVE, start=start)

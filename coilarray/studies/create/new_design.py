@@ -72,8 +72,6 @@ def is_standard(capacitance: float) -> bool:
 
 
 def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float) -> float:
-    """Find the capacitance for a frequency, by a secant method."""
-
     def reached(capacitance: float) -> float:
         scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
         return float(scan.frequency.mean())

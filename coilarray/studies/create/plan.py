@@ -475,5 +475,4 @@ class Plan:
 
 
 def _mm(length: float) -> float:
-    """Return a length in mm, to the nanometre."""
     return round(length * 1e3, 6)

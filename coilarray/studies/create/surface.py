@@ -64,7 +64,6 @@ def decoupled_lattice(lattice: SurfaceLattice, coil: SingleCoil, stackup: Stacku
         return np.append(M / (root[pairs[0]] * root[pairs[1]]), weights * change)
 
     def slopes(change: FloatArray, on: tuple[int, ...]) -> FloatArray:
-        """Differentiate the couplings by moves and sizes."""
         there = paths(change, on)
         root = np.sqrt(self_inductance(there))
         every = list(there)
@@ -110,6 +109,5 @@ def _filaments(paths: list[Conductor] | tuple[Conductor, ...]) -> list[Conductor
 
 
 def _levels(lattice: SurfaceLattice, coil: SingleCoil) -> tuple[int, ...]:
-    """Level of every coil, as its overlaps ask for."""
     outlines = [resized(coil.coil(), size).outline for size in np.asarray(lattice.sizes).tolist()]
     return tuple(levels(lattice.points, np.array([np.hypot(*outline.T).max() for outline in outlines])))

@@ -287,8 +287,6 @@ def _name(table: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class _Part:
-    """Contribution of one name or wish to a goal."""
-
     objective: Row
     constraints: list[Row]
     watch: list[str] = field(default_factory=list)
@@ -298,15 +296,12 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Named:
-    """Named goal with its condition and changes."""
-
     title: str
     needs: Callable[[Design], object]  # GoalError for a design that lacks the goal's subject
     kinds: Sequence[Callable[[DesignFile], list[Row]]]
     part: Callable[[DesignFile], _Part]
 
     def variables(self, file: DesignFile) -> list[Row]:
-        """Variables of all kinds."""
         return [row for kind in self.kinds for row in kind(file)]
 
 

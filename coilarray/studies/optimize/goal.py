@@ -48,7 +48,6 @@ _ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 
 
 def _key(asked: Any) -> str:
-    """Canonical text of a quantity, from text or table."""
     try:
         return canonical(asked)
     except GoalError as error:

@@ -239,7 +239,6 @@ class _Points:
             self.trials[_key(trial.changes, accuracy)] = trial
 
     def add(self, trial: Trial) -> None:
-        """Write a point."""
         start = trial.name == "search 0" and trial.changes == self._start
         line = json.dumps({**self._head, "start": start, **vars(trial)})
         with writing(self._path), self._path.open("a", encoding="utf-8") as file:
@@ -277,7 +276,6 @@ def _search(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Choose and evaluate points, and return them in their order."""
     # The first is the design itself, with the outcome `start`, if it lies within the bounds.
     from optuna import create_study, samplers
     from optuna.trial import TrialState
@@ -332,14 +330,12 @@ def _search(
 def _polish(
     goal: Goal, axes: Sequence[Axis], best: Trial, points: _Points, evaluate: Evaluate, report: Callable[[Trial], None]
 ) -> None:
-    """Improve the continuous variables of the `best` point."""
     free = [axis for axis in axes if axis.continuous]
     seen = {_key(best.changes, "full"): best} if goal.search.accuracy == "full" else {}
     count = sum(trial.kind == "polish" for trial in points.trials.values())
     unit, tried = abs(best.scores[0]) or 1.0, 0
 
     def trial_at(point: FloatArray) -> Trial:
-        """Trial at a point, for the solver's costs and violations."""
         nonlocal tried, count
         parts = zip(free, point.tolist(), strict=True)
         changes = {**best.changes, **{axis.entry: axis.value(axis.at(part)) for axis, part in parts}}

@@ -327,7 +327,6 @@ def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -
 def _ranges(
     evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None
 ) -> tuple[xr.Dataset, xr.Dataset]:
-    """Map of a coil at all and a wanted distance, and its ranges."""
     distances = sorted({*evaluation.target.distances, *([] if wanted is None else [wanted])})
     if len(distances) < 2:
         raise GoalError(

@@ -202,7 +202,6 @@ class _Errors(Table):
     """Normal with these standard deviations, or uniform with these half widths."""
 
     def spread(self) -> Spread:
-        """Return the table in SI."""
         scale = 1.0 if self.distribution == "normal" else 1 / math.sqrt(3)  # half width to standard deviation
         of_board_and_layer = self.in_si(without=("distribution",)).values()
         return Spread(self.distribution, *(value * scale for value in of_board_and_layer))
@@ -318,12 +317,10 @@ class _File(Table):
     """Tables of assumed errors, with the reasons."""
 
     def spreads(self) -> dict[str, Spread]:
-        """Return the tables that the file gives."""
         tables: dict[str, _Errors | None] = {name: getattr(self, name) for name in KINDS}
         return {name: table.spread() for name, table in tables.items() if table is not None}
 
     def build(self, spreads: Mapping[str, Spread], assumed: Mapping[str, str]) -> Tolerances:
-        """Return the tolerances of the file with these errors."""
         positions = None
         if (at := self.positions) is not None:  # divided for exact decimals
             x, y = (tuple(value / 1e3 for value in values) for values in (at.x_mm, at.y_mm))
@@ -501,7 +498,6 @@ def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
 def _plate(
     plate: Plate | FinitePlate, design: Design, errors: Mapping[str, float], rise: float, sink: float
 ) -> Plate | FinitePlate:
-    """Plate with its errors, raised with sheets or board."""
     thickness = _scaled(plate.thickness, errors, f"plate_thickness.{plate.name}")
     changed = replace(plate, thickness=thickness, material=_conducting(plate.material, errors))
     low, high = plate.heights
@@ -553,7 +549,6 @@ def _array(array: Array, errors: Mapping[str, float]) -> Array:
 
 
 def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> Coil:
-    """Coil with errors at its placement, in its frame."""
     coil = place.coil
     wider = [errors.get(f"etch.{layer}", 0.0) for layer in place.layers]
     lines = []
