@@ -3,17 +3,6 @@
 Studies take a number of local processes or any `concurrent.futures.Executor`, such as
 ``Client.get_executor()`` of Dask or the executor of mpi4py. Results agree to the last bit on
 machines of one kind, and to rounding elsewhere.
-
-A cluster of Dask is started as in its documentation
-(https://docs.dask.org/en/stable/deploying-cli.html), with the same coilarray on every machine::
-
-    dask scheduler --port 8786                                # on one machine
-    dask worker tcp://host:8786 --nworkers -1 --nthreads 1    # on every machine that computes
-    coilarray sweep gast2020 --vary array.pitch_mm=10:15:11 -q worst_k --cluster tcp://host:8786
-
-The connection carries pickled Python and is neither encrypted nor authenticated by default. For the
-six coils of gast2020 a worker needs 0.25 GB for shapes and couplings, 0.3 GB for the circuit, 0.4
-GB for responses and 0.5 GB for the error of positions.
 """
 
 from __future__ import annotations

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import body_tables
@@ -315,10 +314,3 @@ class Document(Table):
     fab: FabTable = FabTable()
     assumed: dict[str, str] = Field(default_factory=dict)
     """Values that had to be assumed, by their dotted key, with the reason; reports mark them."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _renamed_tables(cls, document: object) -> object:
-        if isinstance(document, Mapping) and "rules" in document:
-            raise PydanticCustomError("unknown_key", "has a table [rules], which is now called [fab]")
-        return document

@@ -54,14 +54,13 @@ DISTORTION = Schema(
         "x0_std": replace(_METRES, needed=False),
         "effect_std": Entry("m", ("cause", "state", "delta"), gaps=True),
         "rms_std": Entry("m", ("cause", "state"), gaps=True),
-        **{f"indenter_{name}": Entry("m", ("indenter", "state", "delta"), gaps=True) for name in PARAMETERS},
-        "indenter_peak": Entry("1", ("indenter", "state")),
-        "indenter": Entry(None, ("indenter",), names=("without",)),
+        **dict.fromkeys(
+            (f"indenter_{name}" for name in PARAMETERS), Entry("m", ("indenter", "state", "delta"), needed=True, gaps=True)
+        ),
+        "indenter_peak": Entry("1", ("indenter", "state"), needed=True),
+        "indenter": Entry(None, ("indenter",), needed=True, names=("without",)),
     },
-    together=(
-        ("x0_std", "effect_std", "rms_std"),
-        ("indenter", "indenter_peak", *(f"indenter_{name}" for name in PARAMETERS)),
-    ),
+    together=(("x0_std", "effect_std", "rms_std"),),
 )  # fmt: skip
 """Schema of the result of `distortion` when it is read from a file."""
 

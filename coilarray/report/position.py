@@ -234,10 +234,7 @@ def indenter_table(distortion: xr.Dataset) -> Table:
         Column("peak", "largest δ grows by", "1", PERCENT),
     )
     rows: list[tuple[Value, ...]] = []
-    compared = (
-        distortion.indenter.values.tolist()[1:] if "indenter" in distortion.dims else []
-    )  # earlier versions: none
-    for indenter in compared:
+    for indenter in distortion.indenter.values.tolist()[1:]:
         for state in distortion.state.values.tolist():
             of = distortion.sel(state=state)
             changed = [

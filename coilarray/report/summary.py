@@ -165,7 +165,7 @@ def position_bounds(response: xr.Dataset, array: Array) -> xr.Dataset | None:
 def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     if bounds is None:
         return
-    size, values = float(bounds.attrs["coil_size"]), sigma_over_coils(bounds)
+    size, values = float(bounds.attrs["coil_size"]), np.sort(bounds.sigma_x.values[bounds.over_coils.values])
     known = values < size
     if not known.any():
         return
@@ -182,11 +182,6 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
         place = _place(sigma, float(values[-1]))
         where = f"of the coils' area: σ is above the {MM.text(size, '.4')} of a coil, as at {place}"
         yield "x_not_determined", "x not determined", float(1 - known.mean()), "", _PERCENT, where
-
-
-def sigma_over_coils(bounds: xr.Dataset) -> FloatArray:
-    """Return σ of x in m at all places over the coils, the least first."""
-    return np.sort(bounds.sigma_x.values[bounds.over_coils.values])
 
 
 def part_of(values: FloatArray, share: float) -> float:

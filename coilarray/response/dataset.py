@@ -135,20 +135,12 @@ def origin_of(response: xr.Dataset) -> tuple[float, float]:
 def on_board(response: xr.Dataset) -> xr.Dataset:
     """Return a response that counts from the board's origin.
 
-    A response of an earlier version, whose origin coil has no place, raises a LocalizeError.
-
     >>> from coilarray import load_design
     >>> from coilarray.response.map import response_map
     >>> response = response_map(load_design("gast2020"), x=[0], y=[0])  # counted from coil2
     >>> float(response.x[0]), float(on_board(response).x[0])
     (0.0, -0.01992)
     """
-    name = response.attrs.get("origin", _BOARD)
-    if name != _BOARD and "origin_x" not in response.attrs:
-        raise LocalizeError(
-            f"the positions of the response count from {name}, and the file does not say where that is on the board; "
-            "compute it again."
-        )
     origin = origin_of(response)
     if origin == (0.0, 0.0):
         return response

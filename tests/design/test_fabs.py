@@ -192,9 +192,7 @@ def test_a_wrong_table_is_one_clear_line(table, message):
     refused(DesignError, re.escape(message), with_fab, table)
 
 
-def test_the_old_table_is_refused_by_its_name():
-    message = r"^design: the file has a table \[rules\], which is now called \[fab\]\.$"
-    refused(DesignError, message, parse_design, f"{WITHOUT_FAB}\n[rules]\nmin_trace_mm = 0.1\n")
+def test_an_assumed_rule_of_another_table_is_refused_with_its_own():
     text = f'{WITHOUT_FAB}\n[assumed]\n"rules.min_trace_mm" = "not given"\n'
     refused(DesignError, r"names no value of the design; did you mean fab\.min_trace_mm\?", parse_design, text)
 

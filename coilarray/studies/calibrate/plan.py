@@ -1,28 +1,10 @@
 """Calibration plans, measured data as numbers with deviations, and the model's numbers.
 
-The bundled ``table_a1`` is a longer example of the TOML files::
-
-    schema = 1
-
-    [[unknown]]
-    entry = "imperfections.depth_error_mm"
-    low = -0.3
-    high = 0.3
-    prior_mean = 0.0                # without prior_mean and prior_std flat
-    prior_std = 0.1
-
-    [[alternative]]                 # every combination of choices is fitted
-    name = "base"
-    [[alternative.choice]]
-    name = "bonded"
-    [[alternative.choice]]
-    name = "frictionless"
-    set = { "indentation.base" = "frictionless" }
-
-The cost of a model evaluation depends on the changed entries. In the store of results, contacts are
-kept by sheets and indenter, inductances by coils and sheets, and inductance changes by coils and
-dents. Losses and strays are always computed for the coils under the sheets of the design with which
-the fit began, because the effect of a sheet on them is too small to show in δ.
+The bundled ``table_a1`` is an example of the TOML files. The cost of a model evaluation depends on
+the changed entries. In the store of results, contacts are kept by sheets and indenter, inductances
+by coils and sheets, and inductance changes by coils and dents. Losses and strays are always
+computed for the coils under the sheets of the design with which the fit began, because the effect
+of a sheet on them is too small to show in δ.
 """
 
 from __future__ import annotations
