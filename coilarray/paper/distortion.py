@@ -54,9 +54,7 @@ DISTORTION = Schema(
         "x0_std": replace(_METRES, needed=False),
         "effect_std": Entry("m", ("cause", "state", "delta"), gaps=True),
         "rms_std": Entry("m", ("cause", "state"), gaps=True),
-        **dict.fromkeys(
-            (f"indenter_{name}" for name in PARAMETERS), Entry("m", ("indenter", "state", "delta"), needed=True, gaps=True)
-        ),
+        **{f"indenter_{name}": replace(_METRES, dims=("indenter", *_OF_LEVELS[1:])) for name in PARAMETERS},
         "indenter_peak": Entry("1", ("indenter", "state"), needed=True),
         "indenter": Entry(None, ("indenter",), needed=True, names=("without",)),
     },
