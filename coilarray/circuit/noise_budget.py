@@ -30,8 +30,7 @@ _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
 _OF_CURVES = "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature"
 _OF_CRYSTALS = "assumed for a crystal within ± 50 ppm from −20 to 70 °C"
 _OF_UNITS = "SNOSCY9A, section 6.5: mean of units"
-# By external clock: name, drift in 1/K and its source, change in 1/V and its source
-_CLOCKS = {
+_CLOCKS = {  # by external clock: name, drift in 1/K and its source, change in 1/V and its source
     False: ("converter's own clock", INTERNAL_CLOCK_PER_KELVIN, _OF_UNITS, 50e-6, _OF_CURVES),
     True: ("crystal oscillator", 1e-6, _OF_CRYSTALS, 1e-6, "assumed for a crystal oscillator"),
 }

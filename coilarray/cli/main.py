@@ -38,13 +38,11 @@ _UNREAD = 1  # as typer has it
 _LACKS_MEMORY = re.compile(r"allocate|out of memory|failed to map segment|can't start new thread", re.IGNORECASE)
 _SMALL = {"check", "docs", "keys"}
 _LEAST_MEMORY = 0.6e9  # bytes of address space, below which libraries of linear algebra wait for memory without end
-# bytes of address space: for pictures in three dimensions, and for Optuna beside processes that are
-# started
+# bytes of address space: for pictures in three dimensions, and for Optuna beside new processes
 _MORE_MEMORY = {"report": 1.8e9, "view": 1.8e9, "optimize": 1.2e9}
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
-# Our matrices are small and our own threads use the cores: more threads of the linear algebra only
-# wait for each other. It reads these when NumPy is first imported, which no module here does before
-# a command runs.
+# Our own threads use the cores: more threads of the linear algebra, which reads these when NumPy is first imported
+# (by no module before a command runs), only wait for each other.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {  # every command by name, in the help's groups

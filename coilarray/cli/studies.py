@@ -410,8 +410,7 @@ def tolerance(
         shared.chosen_workers(workers, cluster) as used,
         ExitStack() as bars,
     ):
-        # long, so that it comes after all that may be refused; its bar ends before that of the
-        # boards begins
+        # long, so that it comes after all that may be refused; its bar ends before that of the boards begins
         known = None if read.positions is None else shared.kept_table(opened)
         show = counting(bars.enter_context(shared.progress_bar("boards")))
         result = analyse(opened, read, **settings, table=known, workers=used, cache=kept, progress=show)

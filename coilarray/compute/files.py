@@ -40,8 +40,7 @@ _SEAL_BYTES = len("\n# coilarray checksum \n") + 32
 _OF_PAGE = b'name="generator" content="coilarray"'  # in the first bytes of every page
 _VALUE_BYTES, _FILE_BYTES = 8, 16
 
-# the mask cannot be read without setting it, once before any thread runs
-_UMASK = os.umask(0o022)
+_UMASK = os.umask(0o022)  # the mask cannot be read without setting it, once before any thread runs
 os.umask(_UMASK)
 
 

@@ -369,8 +369,7 @@ def _shape_entries(spiral: Winding) -> dict[str, Any] | None:
         flats = spiral.extent
     else:
         flats, start = spiral.diameter, entry_of(spiral.first_corner, DEG)
-    # a polygon in the shorter of its sizes
-    corners = flats / math.cos(math.pi / sides) / MM
+    corners = flats / math.cos(math.pi / sides) / MM  # a polygon in the shorter of its sizes
     sizes = {
         "outer_across_flats_mm": entry_of(flats, MM),
         "outer_across_corners_mm": nearest_entry(corners, flats, lambda entry: across_flats(entry * MM, sides)),

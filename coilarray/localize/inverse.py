@@ -467,8 +467,7 @@ def _all_starts(
 
 
 def _starts(scan: _Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
-    # |e|² − |Qᵀe|² in every cell
-    offsets = np.einsum("fsc,cs->fc", scan.forms, scan.scaled)
+    offsets = np.einsum("fsc,cs->fc", scan.forms, scan.scaled)  # |e|² − |Qᵀe|² in every cell
     along = np.tensordot(readings, scan.forms, axes=(1, 1))
     total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
     for k in range(1, len(scan.forms)):

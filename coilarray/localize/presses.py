@@ -91,8 +91,7 @@ class PressDetector:
                 if deviation <= limit:
                     self._add(values)
                     return None
-                # a scan of a line that may replace the old
-                self._fresh.advance(time)
+                self._fresh.advance(time)  # a scan of a line that may replace the old
                 _, apart, most = self._deviation(self._fresh, values)
                 if apart > most:
                     self._fresh = _Line(len(self._names))

@@ -23,8 +23,7 @@ _FOUR = DisplayUnit(digits=4)
 _MOST_ALTERNATIVES = 20  # rows of the posterior's picture
 _LEAST_DOUBT = 1e-3  # probability of a larger χ² by chance, below which the data are not explained
 _ESTIMATED = "estimated"
-# by the attribute ``capacitance_from`` of a measured response
-_OF_INDUCTANCES = {
+_OF_INDUCTANCES = {  # by the attribute ``capacitance_from`` of a measured response
     "design": "The tank capacitances were calibrated with the simulated inductances: that measured and simulated L_0 "
     "agree is no test of either.",
     "known inductances": "The tank capacitances were calibrated with known inductances.",

@@ -51,8 +51,7 @@ _LAYOUTS = 5  # most of a figure
 _DPI = 130  # of maps in figures, and of figures of too many paths
 _MOST_BYTES = 250_000  # of a figure of paths
 _UNDER_AXES = 2.4  # height of what becomes an image in a figure of too many paths, below axes, rulers and texts
-# colours of figures that a dark page replaces
-_DARK = {
+_DARK = {  # colours of figures that a dark page replaces
     "#202020": "ink",
     "#000000": "ink",
     "#606060": "axis",

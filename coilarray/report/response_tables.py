@@ -99,8 +99,7 @@ def _ring(at: xr.Dataset) -> tuple[float, float]:
         return np.nan, np.nan
     if highest == r.size - 1:  # the edge of a finite sample
         return float(rise[highest]), float(r[highest])
-    # the vertex of the parabola through the highest node and its neighbours
-    near = slice(highest - 1, highest + 2)
+    near = slice(highest - 1, highest + 2)  # the vertex of the parabola through the highest node and its neighbours
     a, b, c = np.polyfit(r[near] - r[highest], rise[near], 2).tolist()
     return c - b**2 / (4 * a), float(r[highest]) - b / (2 * a)
 

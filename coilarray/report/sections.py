@@ -43,8 +43,7 @@ from coilarray.response.target import target_map
 from coilarray.studies.link import columns
 from coilarray.viz.scenes.results import field_planes
 
-# the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per
-# pixel
+# the line resolves the flanks of the bell to 1/200 of the board, the plane has about one sample per pixel
 _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
 _PLANE_POINTS = (100, 400)

@@ -49,8 +49,7 @@ _PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
     DisplayUnit(symbol, factor, 3, significant=True)
     for symbol, factor in (("%", 100.0), ("µm", 1e6), ("mm", 1e3), ("mrad", 1e3))
 )
-# units of a tolerance file by its tables
-_FILE_UNITS = {
+_FILE_UNITS = {  # units of a tolerance file by its tables
     "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
     "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
     "capacitance": _PERCENT, "plate_distance": _MILLIMETRES, "plate_thickness": _PERCENT, "conductivity": _PERCENT,

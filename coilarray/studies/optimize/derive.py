@@ -211,8 +211,7 @@ def _disjoint(names: tuple[str, ...], size: int, count: int) -> Iterator[list[li
         yield []
         return
     for first in itertools.combinations(range(len(names)), size):
-        # every set begins after the set before, so no way is repeated
-        for rest in _disjoint(
+        for rest in _disjoint(  # every set begins after the set before, so no way is repeated
             tuple(n for k, n in enumerate(names) if k > first[0] and k not in first), size, count - 1
         ):
             yield [[names[k] for k in first], *rest]

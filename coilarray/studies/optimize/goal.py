@@ -322,8 +322,7 @@ def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> lis
     """Numbers of the Pareto front, where a sign of −1 marks a maximum."""
     costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
-    # sorted by all costs, a point is not beaten by a later point
-    for k in sorted(costs, key=lambda k: costs[k]):
+    for k in sorted(costs, key=lambda k: costs[k]):  # sorted by all costs, a point is not beaten by a later point
         if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in front):
             front.append(k)
     return front

@@ -365,8 +365,7 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
             deviations = np.sqrt(np.diag(covariance_of(among)))
             if deviations.max() <= largest:
                 break
-            # if the information is singular, all deviations are infinite: then the worst unknown
-            # taken alone is left out
+            # all infinite if the information is singular: then the worst unknown taken alone is left out
             known = np.isfinite(deviations).all()
             del axes[int(np.argmax(deviations) if known else np.argmin(np.diag(among)))]
         determined.append(tuple(axes))
@@ -483,8 +482,7 @@ def _yields(
     shares = [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()]
     variables["linear_yield"] = ("limit", shares, {"long_name": "yield, linear"})
     if len(values):
-        # δ and shifts depend on values that a converter reads
-        is_read = np.array(
+        is_read = np.array(  # δ and shifts depend on values that a converter reads
             [name.partition("[")[0] not in QUANTITIES or request(name).quantity.is_read for name in picked]
         )
         good = kept(limits, names, values) & ~(unread[:, None] & is_read)

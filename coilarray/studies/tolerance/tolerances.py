@@ -503,8 +503,7 @@ def _plate(
     low, high = plate.heights
     above = low >= 0
     gap = low - design.top if above else -design.array.stackup.thickness - high
-    # a plate stops where it touches
-    away = max(errors.get(f"plate_distance.{plate.name}", 0.0), -max(gap, 0.0))
+    away = max(errors.get(f"plate_distance.{plate.name}", 0.0), -max(gap, 0.0))  # a plate stops where it touches
     if above:
         return changed.lifted(rise + away + low - changed.heights[0])
     return changed.lifted(high - sink - away - changed.heights[1])
