@@ -18,8 +18,6 @@ coil without losses and neighbours. Three methods give i and B:
 - Any other state by itself: `coilarray.circuit.network`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

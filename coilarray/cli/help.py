@@ -1,7 +1,5 @@
 """Commands of help: ``coilarray keys`` and ``coilarray docs``."""
 
-from __future__ import annotations
-
 import difflib
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """The program ``coilarray``: commands in, exit codes out."""
 
-from __future__ import annotations
-
 import codecs
 import errno
 import functools

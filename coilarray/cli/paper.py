@@ -1,7 +1,5 @@
 """``coilarray paper``: evaluations of Gast & Zimmermann (2020)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Optional libraries, which come with an extra of the package."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import json

@@ -8,8 +8,6 @@ comment, has the number of lines and a checksum of all. Missing, doubled or swap
 noticed, and so is a table that is cut. Nothing is repaired.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import errno

@@ -1,7 +1,5 @@
 """Available memory, and an error before more is allocated."""
 
-from __future__ import annotations
-
 import gc
 import math
 import os

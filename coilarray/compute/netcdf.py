@@ -4,8 +4,6 @@ A file is made in memory and written as a whole, because HDF5 crashes the proces
 write, as on a full disk.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import warnings

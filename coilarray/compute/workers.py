@@ -5,8 +5,6 @@ Studies take a number of local processes or any `concurrent.futures.Executor`, s
 machines of one kind, and to rounding elsewhere.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Report of two designs side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import Future
 from pathlib import Path

@@ -1,7 +1,5 @@
 """First page of a report: verdicts, cards, drawings, and how far numbers are known."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Pages and tables of a calibration, and of a comparison with a simulated response."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import metadata

@@ -1,7 +1,5 @@
 """Bill of what a design orders, and how its results are cited."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from importlib import resources

@@ -1,7 +1,5 @@
 """PDF of a page by an installed browser."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

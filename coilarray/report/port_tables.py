@@ -1,7 +1,5 @@
 """Tables of ports, their links, resonances and standard capacitors."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -1,7 +1,5 @@
 """Positions of a map by the paper's ellipse model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

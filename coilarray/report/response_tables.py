@@ -1,7 +1,5 @@
 """Tables of dents, responses, targets and plates."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

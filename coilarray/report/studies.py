@@ -1,7 +1,5 @@
 """Page of an optimisation, and tables of tolerances."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Summary of a design: extremes of decisive quantities, broken limits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -3,8 +3,6 @@
 Every change is ΔL − jΔR/ω in H over frequency, for all depths or distances and places in a row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

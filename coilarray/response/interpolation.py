@@ -5,8 +5,6 @@ its root, with zero slope at 0. Every blunt or sharp body presses with a power o
 least 1, so that a change begins with the second power of the root or a higher power.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

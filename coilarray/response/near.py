@@ -7,8 +7,6 @@ that respond. The cost of a position depends on the number of near coils. The cu
 measured on the design itself, from the fall of ΔL_aa and ΔL_ab and the currents in all other coils.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -12,8 +12,6 @@ off at its bounds. The product of the probabilities inside the bounds is the wei
 its mean is the probability of the box.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Winding, pitch, terminals and connector with the fewest layers."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Iterator

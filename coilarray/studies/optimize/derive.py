@@ -3,8 +3,6 @@
 The design itself lies in every range, so a search never has to leave out its start.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

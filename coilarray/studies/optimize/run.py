@@ -10,8 +10,6 @@ University, 2022) in the unit box, with scores relative to the first point. A di
 is squared, which makes it smooth. Whole numbers, steps and choices stay.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Quantities of a design by name."""
 
-from __future__ import annotations
-
 from coilarray.studies.quantities.catalogue import QUANTITIES, canonical, evaluate, request
 from coilarray.studies.quantities.evaluation import Evaluation, Option, Quantity, Request
 

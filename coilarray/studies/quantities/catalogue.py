@@ -1,7 +1,5 @@
 """All quantities by name, and their values for a design."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import re

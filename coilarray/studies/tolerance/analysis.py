@@ -12,8 +12,6 @@ determines, such as y on the middle line of a symmetric board, are left out of J
 as known.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
