@@ -116,7 +116,8 @@ def drive_for(parallel_resistance: float) -> Drive | None:
     """
     require_each_positive(parallel_resistance=parallel_resistance)
     code = int(drive_codes(np.array(parallel_resistance)))
-    return None if code < 0 else drive_of(code, parallel_resistance)
+    current = DRIVE_CURRENTS[code]
+    return None if code < 0 else Drive(code, current, 4 * parallel_resistance * current / math.pi)
 
 
 def drive_codes(parallel_resistance: FloatArray) -> IntArray:
@@ -128,15 +129,6 @@ def drive_codes(parallel_resistance: FloatArray) -> IntArray:
         below = held & (4e-6 * current * parallel_resistance / math.pi <= AMPLITUDE_HIGH)
         within[below], any_row[held] = code, code
     return np.where(within >= 0, within, any_row)
-
-
-def drive_of(code: int, parallel_resistance: float) -> Drive:
-    """Return the drive of an IDRIVE code at an R_p."""
-    if not 0 <= code < len(_DRIVE):
-        raise ValueError(f"code must be 0 to {len(_DRIVE) - 1}; got {code}.")
-    require_each_positive(parallel_resistance=parallel_resistance)
-    current = DRIVE_CURRENTS[code]
-    return Drive(code, current, 4 * parallel_resistance * current / math.pi)
 
 
 def decisive_limits(

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from coilarray.circuit.converter_limits import Limit
     from coilarray.design.model import Board, Design, DesignFile
     from coilarray.fabrication.board import BoardCopper
-    from coilarray.fabrication.tracing import TracedArray, Tracing
     from coilarray.geometry import Margin
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
@@ -330,7 +329,7 @@ def _import(
     board: Path, nets: str | None, stackup: str | None, target: Path
 ) -> tuple[list[str | Table], dict[str, Any]]:
     from coilarray.design.model import Design, parse_design
-    from coilarray.design.write import design_text
+    from coilarray.design.write import design_names, design_text, shape_names
     from coilarray.fabrication.tracing import trace_coils, traced_array
 
     copper = _read(board, stackup)
@@ -343,7 +342,18 @@ def _import(
     text = design_text(design, traced.assumed)
     parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
     write_text(target, text)
-    records = _records(tracing, traced)
+    names = design_names(traced.array.names)
+    records: list[dict[str, Any]] = [
+        {
+            "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
+            "turns": coil.turns, "poles": [asdict(pole) for pole in coil.poles], "length_m": coil.length,
+            "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
+            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y,
+        }
+        for coil, placement, shape in zip(
+            tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
+        )
+    ]  # fmt: skip
     notes = [*traced.notes, _NO_FAB]
     headers = ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y")
     title = f"coils of {board.name}; lengths in mm, turns anticlockwise positive"
@@ -382,23 +392,6 @@ def _read(board: Path, stackup: str | None) -> BoardCopper:
         raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
     layers = None if stackup is None else load_design(stackup).array.stackup
     return (read_kicad if board.suffix.lower() == ".kicad_pcb" else read_gerbers)(board, layers)
-
-
-def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
-    from coilarray.design.write import design_names, shape_names
-
-    names = design_names(traced.array.names)
-    return [
-        {
-            "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
-            "turns": coil.turns, "poles": [asdict(pole) for pole in coil.poles], "length_m": coil.length,
-            "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
-            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y,
-        }
-        for coil, placement, shape in zip(
-            tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
-        )
-    ]  # fmt: skip
 
 
 def check(

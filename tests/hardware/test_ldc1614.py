@@ -17,10 +17,10 @@ from support.emulated_reader import oscillation_frequency
 from coilarray.circuit.converter_limits import (
     AMPLITUDE_HIGH,
     AMPLITUDE_LOW,
+    DRIVE_CURRENTS,
     DRIVE_WINDOW,
     check_channel,
     drive_for,
-    drive_of,
 )
 from coilarray.design.readout import conversion_time
 from coilarray.errors import HardwareError
@@ -92,7 +92,7 @@ ROWS = [tuple(float(word) for word in re.split("[:/]", entry)) for entry in TABL
 
 def test_drive_table():
     """Of the rows that hold R_p the one with the largest current is taken, unless its amplitude passes the clamps."""
-    assert [drive_of(int(code), 1e3).current for code, *_ in ROWS] == [pytest.approx(row[1] * 1e-6) for row in ROWS]
+    assert [DRIVE_CURRENTS[int(code)] for code, *_ in ROWS] == [pytest.approx(row[1] * 1e-6) for row in ROWS]
     ends = sorted({end * 1e3 for row in ROWS for end in row[2:]})
     for R in [end * factor for end in ends for factor in (1 - 1e-9, 1, 1 + 1e-9)]:
         rows = [row for row in ROWS if row[2] * 1e3 <= R <= row[3] * 1e3]
@@ -102,7 +102,8 @@ def test_drive_table():
         assert (None if drive is None else drive.code) == (None if wanted is None else wanted[0]), R
     assert drive_for(math.inf) is None
     # equation 12: I = π V/(4 R_p)
-    assert math.pi * drive_of(18, 5.7e3).amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
+    drive = drive_for(5.7e3)
+    assert math.pi * drive.amplitude / (4 * 5.7e3) == pytest.approx(drive.current, rel=1e-12)
     (window,) = (limit for limit in check_channel(1.93e6, 33e3, 48) if limit.name == DRIVE_WINDOW)
     assert (window.value, window.low, window.high) == (33e3, 1e3, 100e3)  # the electrical characteristics
 
@@ -161,8 +162,7 @@ def test_settle_count(quality, count):
     (lambda: inductance_from_frequency(1e6, 1e-9, 1.0), "quality_factor must be above 1; got 1.0"),
     (lambda: inductance_from_frequency(1e6, 1e-9, math.nan), "quality_factor must be above 1; got nan"),
     (lambda: inductance_from_frequency(50e6, 1e-12, 1.2), "no inductance oscillates at 50000000.0 Hz"),
-    *((partial(drive_of, code, 1e3), f"code must be 0 to 31; got {code}") for code in (32, -1)),
-    (lambda: drive_of(0, math.nan), "parallel_resistance must be positive; got nan"),
+    (lambda: drive_for(math.nan), "parallel_resistance must be positive; got nan"),
     *((partial(deglitch_for, f), "frequency must be 1 kHz to 10 MHz") for f in (999.0, 10.1e6)),
     (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
     (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
