@@ -207,8 +207,7 @@ def impedance(
         float | None, typer.Option("--to-MHz", help="Highest frequency; above resonance and self-resonance by default.")
     ] = None,
     points: Annotated[
-        int,
-        shared.number_option("--points", 2, 10_000, "Number of frequencies, evenly spaced on a logarithmic scale."),
+        int, shared.number_option("--points", 2, 10_000, "Number of frequencies, evenly spaced on a logarithmic scale.")
     ] = 50,
     noise: Annotated[
         bool, typer.Option("--noise", help="Print the noise and drift of the readings, cause by cause, instead.")

@@ -321,8 +321,7 @@ def calibrate(
     cluster: shared.Cluster = None,
     cache: shared.Cache = None,
     out: Annotated[
-        Path | None,
-        shared.out_option("Folder for page, tables, netCDF and the calibrated design (calibrated.toml)."),
+        Path | None, shared.out_option("Folder for page, tables, netCDF and the calibrated design (calibrated.toml).")
     ] = None,
     plot: Annotated[Path | None, shared.plot_option("data, model and residuals")] = None,
     as_json: shared.AsJson = False,

@@ -34,15 +34,8 @@ _WHERE = ("depth", "state")
 def ranking_table(result: xr.Dataset) -> Table:
     """Return all combinations of choices, the most probable first."""
     evidence = (result.log_evidence - result.log_evidence[0]).assign_attrs(long_name="ln evidence − best", units="1")
-    names: tuple[str, ...] = (
-        "combination",
-        "probability",
-        "log_evidence",
-        "chi_square",
-        "degrees_of_freedom",
-        "noise_scale",
-    )
-    names += ("determined", "converged", "evaluations", "problem")
+    names = ["combination", "probability", "log_evidence", "chi_square", "degrees_of_freedom", "noise_scale"]
+    names += ["determined", "converged", "evaluations", "problem"]
     shown = dict.fromkeys(("log_evidence", "chi_square", "degrees_of_freedom"), DisplayUnit(digits=2))
     shown |= {"probability": _FOUR, "noise_scale": DisplayUnit(digits=3), "determined": DisplayUnit(digits=0)}
     shown |= {"evaluations": DisplayUnit(digits=0)}

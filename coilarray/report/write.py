@@ -162,14 +162,8 @@ def write_report(
     # everything that can fail on the numbers comes before the first file
     title = design.title or design.name
     version = f"revision {design.revision}" if design.revision else f"design {design.digest[:8]}"
-    origin = (
-        design.name,
-        version,
-        design.author,
-        made_with["date"][:10],
-        f"coilarray {made_with['coilarray_version']}",
-    )
-    by = " · ".join(filter(None, origin))
+    program = f"coilarray {made_with['coilarray_version']}"
+    by = " · ".join(filter(None, (design.name, version, design.author, made_with["date"][:10], program)))
     html = page.html_page(
         title,
         [Group("by", (by,)), *lead(results), *first],

@@ -28,7 +28,7 @@ from coilarray.compute.threads import Progress, ranges
 from coilarray.design.boards import pose_words
 from coilarray.design.model import Board, Design, DesignFile, design_of
 from coilarray.electromagnetics.motion import moved_inductance
-from coilarray.errors import DesignError
+from coilarray.errors import DesignError, require_positive
 from coilarray.geometry import Conductor, Pose
 from coilarray.geometry.board_clearance import cut_through
 
@@ -169,8 +169,8 @@ def link(
         )
     grid, moves = _checked(design, poses)
     f = design.circuit.link_frequency if frequency is None else frequency
-    if f is not None and not (math.isfinite(f) and f > 0):
-        raise DesignError(f"frequency of a link must be positive and finite; got {f} Hz.")
+    if f is not None:
+        require_positive("frequency of a link", f, " Hz", DesignError)
     groups = _groups(design, moves)
     count, n = grid.size, len(design.coil_names)
     pairs = [(a, b) for one, other in combinations(groups, 2) for a in one.coils for b in other.coils]

@@ -371,8 +371,7 @@ def compare(
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        shared.out_option("Also write: one page (.html), or a folder with page, tables and netCDF."),
+        Path | None, shared.out_option("Also write: one page (.html), or a folder with page, tables and netCDF.")
     ] = None,
     picture: Annotated[Path | None, shared.plot_option("the residuals and x0 of both", "--picture")] = None,
     as_json: shared.AsJson = False,
