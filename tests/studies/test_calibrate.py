@@ -28,6 +28,10 @@ MU, STIFF, DEPTH = "elastomer.1.relative_permeability", "elastomer.1.youngs_modu
 TIME = np.linspace(0, 3, 40)
 
 
+def check_plan(document):
+    return PLANS.check(Plan, document, "plan")
+
+
 def decay(p):
     return p[0] * np.exp(-p[1] * TIME) + p[2] * TIME
 
@@ -132,7 +136,7 @@ def test_evidence_of_linear_models_is_the_closed_form(line):
     """A line with and without a slope: ∫ of the likelihood over a flat and a normal prior, by the normal's own form."""
     data, slope = straight(2.6, 0.15), {"entry": DEPTH, "low": -50.0, "high": 50.0, "prior_mean": 0.1, "prior_std": 0.3}
     choices = [{"name": "level"}, {"name": "sloping", "unknown": [slope]}]
-    plan = PLANS.check(Plan, {
+    plan = check_plan({
         "data": {"delta_std": 0.1}, "unknown": [{"entry": MU, "low": 1.0, "high": 9.0}],
         "alternative": [{"name": "form", "choice": choices}],
     })  # fmt: skip
@@ -233,7 +237,7 @@ def test_tested_states_are_only_predicted():
 
 
 def test_draws_are_designs_of_the_posterior(line):
-    plan = PLANS.check(Plan, {"unknown": [
+    plan = check_plan({"unknown": [
         {"entry": [MU, STIFF], "low": 2.0, "high": 4.0}, {"entry": DEPTH, "low": -50.0, "high": 50.0},
     ]})  # fmt: skip
     found = calibrate(PAPER, straight(2.6, 0.15), plan)
@@ -276,14 +280,14 @@ def test_choices_set_and_take_away(line):
     across = "coils.hexagon.outer_across_"
     corners = {"name": "corners", "set": {f"{across}corners_mm": 23.0}, "without": [f"{across}flats_mm"]}
     wrong = {"name": "wrong", "without": ["coils.hexagon.no_such_key"]}
-    plan = PLANS.check(Plan, {
+    plan = check_plan({
         "unknown": [{"entry": MU, "low": 2.0, "high": 4.0}],
         "alternative": [{"name": "size", "choice": [{"name": "flats"}, corners, wrong]}],
     })  # fmt: skip
     found = calibrate(PAPER, straight(2.6, 0.0), plan).dataset
     # an entry that the design lacks, and that only one choice has
     radius = {"name": "finite", "unknown": [{"entry": "indentation.sample_radius_mm", "low": 20.0, "high": 60.0}]}
-    sample = PLANS.check(Plan, {
+    sample = check_plan({
         "unknown": [{"entry": MU, "low": 2.0, "high": 4.0}],
         "alternative": [{"name": "sample", "choice": [{"name": "wide"}, radius]}],
     })  # fmt: skip
@@ -355,7 +359,7 @@ TWICE = {"name": "b", "set": {MU: 2}}
 ])  # fmt: skip
 def test_mistakes_of_a_plan(document, text):
     with pytest.raises(GoalError, match=text):
-        PLANS.check(Plan, document)
+        check_plan(document)
 
 
 @pytest.mark.parametrize(("data", "unknowns", "text"), [

@@ -299,4 +299,4 @@ def calibration(kind="ellipses"):
         document["data"] = {"delta_std": 1e-5}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration_module, "evaluate_model", evaluate)
-        return calibrate(load_design("gast2020"), data, PLANS.check(Plan, document)).dataset
+        return calibrate(load_design("gast2020"), data, PLANS.check(Plan, document, "plan")).dataset
