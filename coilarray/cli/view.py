@@ -203,7 +203,7 @@ def view(
         elif kind == "page":
             viz.save_page(scene, out, title=opened.name, side=side)
         else:
-            viz.save_picture(scene, out, side=side, **pixels)
+            viz.save_picture(scene, out, side=side, dark=False, **pixels)
         lines = [*notes, *([] if out is None else [f"wrote {', '.join(map(str, written))}"])]
     data = {**shared.design_record(opened), "file": out and str(out), "notes": notes}
     shared.print_result(data, as_json=as_json, lines=lines)

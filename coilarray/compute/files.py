@@ -42,8 +42,9 @@ _UMASK = os.umask(0o022)  # the mask cannot be read without setting it, once bef
 os.umask(_UMASK)
 
 
-def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+def write_atomically(path: str | Path, write: Callable[[Path], object]) -> None:
     """Write a file whole by filling another and renaming it."""
+    path = Path(path)
     with writing(path):
         remove_left(path.parent)
         handle, name = tempfile.mkstemp(prefix=hidden_prefix(path.stem), suffix=path.suffix, dir=path.parent)
@@ -97,12 +98,12 @@ def writing(path: object, *others: type[Exception]) -> Iterator[None]:
         raise OutputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}.") from None
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: str | Path, text: str) -> None:
     """Write a UTF-8 text file completely or not at all."""
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
-def write_bytes(path: Path, data: bytes) -> None:
+def write_bytes(path: str | Path, data: bytes) -> None:
     """Write a file completely or not at all."""
     write_atomically(path, lambda temporary: temporary.write_bytes(data))
 

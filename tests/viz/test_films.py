@@ -86,7 +86,7 @@ def test_a_target_has_its_response_along_its_way(design):
     np.testing.assert_allclose(touch.delta[1], exact, rtol=1e-3)  # the band of frequencies is another
     frames = list(touch.scenes())
     assert numbers_of(frames[1])[0] == pytest.approx(exact[0] * shown_units(touch.scale)[0], rel=0.01)
-    assert frames[1].notes == ("The target is at x = −1.5 mm, y = +1.0 mm, 1 mm from the board.",)
+    assert frames[1].notes == ("The target is at x = −1.5 mm, y = 1.0 mm, 1 mm from the board.",)
     bounds = parts_of(frames[1])["target"].mesh.bounds
     np.testing.assert_allclose(bounds, [-4.5, 1.5, -2.0, 4.0, 1.0, 7.0], atol=0.02)  # a ball of 48 meridians
     # room for the ball at all places

@@ -191,16 +191,17 @@ def dented_sheet_meshes(
     centre: tuple[float, float],
     extent: tuple[float, float, float, float],
     exaggeration: float = 1.0,
+    opened: bool = True,
 ) -> dict[str, pyvista.PolyData]:
     """Deformed sheets in mm by name, with the point array ``"u_z (m)"``."""
-    # The quarter of lower x and y is cut out. `centre` is x and y of the indenter, `extent` x_min, y_min, x_max,
-    # y_max of the flat sheet, in m. Displacements are multiplied by `exaggeration`.
+    # If `opened`, the quarter of lower x and y is cut out. `centre` is x and y of the indenter, `extent` x_min,
+    # y_min, x_max, y_max of the flat sheet, in m. Displacements are multiplied by `exaggeration`.
     plane = indentation.attrs["symmetry"] == "plane"
-    angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)
+    angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane, opened=opened)
     radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, at the dent
     at = (indentation.isel(interface=k) for k in range(len(sheets) + 1))
     faces = [_displaced(angles, radii, centre, face, exaggeration, plane=plane) for face in at]
-    return {sheet.name: _opened_solid(faces[k], faces[k + 1]) for k, sheet in enumerate(sheets)}
+    return {sheet.name: _closed_solid(faces[k], faces[k + 1]) for k, sheet in enumerate(sheets)}
 
 
 def indenter_mesh(
@@ -210,30 +211,33 @@ def indenter_mesh(
     extent: tuple[float, float, float, float],
     height: float,
     exaggeration: float = 1.0,
+    opened: bool = True,
 ) -> pyvista.PolyData:
     """Surface of an indenter in mm, cut open as in `dented_sheet_meshes`."""
     # `tip` is its height in m. A cylinder goes from end to end of the extent. Heights above the tip are exaggerated.
     plane, end = indenter.symmetry == "plane", indenter.radius_at(height / exaggeration)
-    angles, lengths = _rays(centre, extent, end, plane=plane)
+    angles, lengths = _rays(centre, extent, end, plane=plane, opened=opened)
     radii = lengths[:, None] * np.sin(np.linspace(0.0, math.pi / 2, _RADII))  # fine at the rim, where a ball is steep
     distance = np.abs(radii * np.cos(angles)[:, None]) if plane else radii
     x, y = centre[0] + radii * np.cos(angles)[:, None], centre[1] + radii * np.sin(angles)[:, None]
     # A distance that rounding has put beyond the rim has no height.
     bottom = tip + exaggeration * indenter.profile(np.minimum(distance, end))
-    return _opened_solid(np.stack((x, y, bottom), axis=-1), np.stack((x, y, np.full_like(x, tip + height)), axis=-1))
+    return _closed_solid(np.stack((x, y, bottom), axis=-1), np.stack((x, y, np.full_like(x, tip + height)), axis=-1))
 
 
 def _rays(
-    centre: tuple[float, float], extent: tuple[float, float, float, float], end: float, *, plane: bool
+    centre: tuple[float, float], extent: tuple[float, float, float, float], end: float, *, plane: bool, opened: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Directions over three quarters, and lengths in m to `end`."""
+    """Directions all around or over three quarters, and lengths in m to `end`."""
     (x, y), (x_min, y_min, x_max, y_max) = centre, extent
     if not (x_min < x < x_max and y_min < y < y_max):
         raise ValueError(f"centre must be inside the extent {extent}; got {centre}.")
     if plane:
         x_min, x_max, end = max(x_min, x - end), min(x_max, x + end), math.inf
     corners = [math.atan2(v - y, u - x) for u, v in ((x_max, y_min), (x_max, y_max), (x_min, y_max))]
-    angles = np.unique(np.r_[np.linspace(*_OPENED, _ANGLES), corners])
+    if not opened:
+        corners.append(math.atan2(y_min - y, x_min - x))
+    angles = np.unique(np.r_[np.linspace(*(_OPENED if opened else (-math.pi, math.pi)), _ANGLES), corners])
     cosine, sine = np.cos(angles), np.sin(angles)
     across = np.where(cosine > 0, x_max - x, x - x_min)
     along = np.where(sine > 0, y_max - y, y - y_min)
@@ -256,7 +260,7 @@ def _displaced(
     return np.stack((along, across, float(face.height) + factor * upwards, upwards), axis=-1)
 
 
-def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
+def _closed_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
     """Close the solid between faces (angles, radii, 3 or 4) in m."""
     rays, circles = bottom.shape[:2]
     # Point [ray, circle] of a face. All rays begin at the same point on the axis.
@@ -272,9 +276,9 @@ def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
         *(strip(upper[k], upper[k + 1]) for k in range(rays - 1)),
         *(strip(lower[k + 1], lower[k]) for k in range(rays - 1)),
         strip(lower[:, -1], upper[:, -1]),
-        strip(lower[0], upper[0]),
-        strip(upper[-1], lower[-1]),
     ]
+    if not np.allclose(bottom[0, -1], bottom[-1, -1], atol=1e-9):
+        faces += [strip(lower[0], upper[0]), strip(upper[-1], lower[-1])]
     corners = np.concatenate(faces)
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]  # on the axis one side of a quad is a point

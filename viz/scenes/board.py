@@ -392,16 +392,18 @@ def scene_of_dent(
     *,
     opacity: float = 1.0,
 ) -> Scene:
-    """Scene of the deformed sheets, within a `box` in m, and the indenter."""
+    """Scene of the deformed sheets, within a `box` in m, and the indenter, cut open if opaque."""
     extent = array.bounds if box is None else box
     thickness, deep = float(dent.height[-1]), float(dent.depth)
     factor = _EXAGGERATED if _EXAGGERATED * deep < _SOLID * thickness else 1.0
-    body = meshes.indenter_mesh(indenter, thickness - factor * deep, centre, extent, _TALL * thickness, factor)
+    opened = opacity == 1.0  # through a veil the coils are seen without a cut
+    tip = thickness - factor * deep
+    body = meshes.indenter_mesh(indenter, tip, centre, extent, _TALL * thickness, factor, opened)
     label = f"{indenter.name}, {deep * meshes.MM_PER_M:g} mm deep" + (f", drawn {factor:g} ×" if factor > 1 else "")
     parts = [Part("indenter", body, label, METAL, smooth=True, ambient=0.3, shine=0.4)]
     labels = _sheet_labels(sheets)
     colours = cycled(SHEETS, list(labels))
-    dented = meshes.dented_sheet_meshes(dent, sheets, centre, extent, factor)
+    dented = meshes.dented_sheet_meshes(dent, sheets, centre, extent, factor, opened)
     values = np.concatenate([mesh.point_data[meshes.RISE] for mesh in dented.values()])
     scale = about_zero(meshes.RISE, "displacement upwards", "m", values) if opacity == 1.0 else None
     for name, mesh in reversed(dented.items()):

@@ -358,7 +358,7 @@ class Touch:
             body, words = "target", "from the sheets" if self.design.sheets else "from the board"
         dent = None if self.of_target else dent_of_design(self.design, float(self.places[0, 2]))
         for (x, y, reach), delta in zip(self.places.tolist(), self.delta, strict=True):
-            where = true_minus(f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {reach * 1e3:.3g} mm {words}")
+            where = true_minus(f"x = {x * 1e3:.1f} mm, y = {y * 1e3:.1f} mm, {reach * 1e3:.3g} mm {words}")
             shown = [round(value, digits) if math.isfinite(value) else value for value in (delta * factor).tolist()]
             numbers = tuple(
                 Text(true_minus(f"{value:+.{digits}f}" if value else "0"), (x_c * 1e3, (y_c - below) * 1e3, 0.0), 16.0)

@@ -44,7 +44,7 @@ _FINER = 2  # pixels rendered along each pixel of a picture
 
 
 def save_picture(
-    scene: Scene, path: Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE, dark: bool = False
+    scene: Scene, path: str | Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE, dark: bool = False
 ) -> None:
     """Render a scene off-screen into an image file.
 
@@ -104,7 +104,7 @@ _RATE = 24  # constant rate factor of H.264; smaller is better, and 18 is visual
 def save_movie(
     still: Scene,
     moving: Iterable[Scene],
-    path: Path,
+    path: str | Path,
     *,
     side: Side = "oblique",
     size: tuple[int, int] = FILM_SIZE,
@@ -122,13 +122,13 @@ def save_movie(
     check_movie(path, size, rate)
     with off_screen(size) as plotter:
         pictures = _pictures(plotter, still, moving, side, size)
-        write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
+        write = _write_gif if Path(path).suffix.lower() == ".gif" else _write_mp4
         write_atomically(path, lambda temporary: write(temporary, pictures, rate))
 
 
-def check_movie(path: Path, size: tuple[int, int] = FILM_SIZE, rate: float = 12.0) -> None:
+def check_movie(path: str | Path, size: tuple[int, int] = FILM_SIZE, rate: float = 12.0) -> None:
     """Refuse a film that `save_movie` would refuse."""
-    suffix = path.suffix.lower()
+    suffix = Path(path).suffix.lower()
     if suffix not in (".gif", ".mp4"):
         raise OutputError(f"a film must end in .gif or .mp4; got {path}.")
     if not _SLOWEST <= rate <= _FASTEST:
@@ -243,7 +243,7 @@ _POLICY = (
 )
 
 
-def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
+def save_page(scene: Scene, path: str | Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
     """Write a scene as a web page with a `title`.
 
     The `path` appears only when it is complete, and the `scene` is first seen from the `side`, as
@@ -351,13 +351,14 @@ def _bar(scale: Scale) -> dict[str, Any]:
 _UNSAFE = re.compile(r"[^0-9A-Za-z._-]+")
 
 
-def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
+def save_vtk(scene: Scene, path: str | Path) -> tuple[Path, ...]:
     """Write a scene for ParaView, lengths in mm.
 
     The `scene` has its arrays in SI units, and not its colours. The multi-block file `path`, .vtm,
     is returned behind the folder of this name beside it with the files of its parts (.vtp, .vtu or
     .vtr). Raises OutputError if the files cannot be written. Earlier files are kept then.
     """
+    path = Path(path)
     files = [
         f"{path.stem}/{k:02d}_{_UNSAFE.sub('_', part.name)}{VTK_SUFFIXES[type(part.mesh).__name__]}"
         for k, part in enumerate(scene.parts)
