@@ -70,7 +70,6 @@ def sweep(
     """
     shared.check_workers(workers, cluster)
     from coilarray.design.model import load_design_file
-    from coilarray.report import studies as report
     from coilarray.studies.optimize.goal import best_points
     from coilarray.studies.sweep import RULES, UNREAD, is_read, keeps_rules, parse_axis, plan_sweep, run_sweep
 
@@ -99,6 +98,8 @@ def sweep(
         result = run_sweep(plan, used, kept, progress=counting(show))
     shared.write_numbers(out, result, lambda: result.to_dataframe().to_csv(lineterminator="\n"))
     shared.draw(plot, lambda: viz.sweep_figure(result))
+    from coilarray.report import studies as report  # Matplotlib too, for which no point waits
+
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]
     data = {
         "file": out and str(out),

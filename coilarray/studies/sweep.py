@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.stats import qmc
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import FloatArray
@@ -347,6 +346,8 @@ def plan_sweep(
         _check_number(samples)
         if seed < 0:
             raise GoalError(f"the seed must not be negative; got {seed}.")
+        from scipy.stats import qmc  # half a second, for samples alone
+
         sequence = qmc.Sobol(len(axes), scramble=True, seed=np.random.default_rng(seed))
         # the sequence is balanced for powers of two, and gives a warning for other counts
         parts = sequence.random_base2((samples - 1).bit_length())[:samples].T.tolist()
