@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 _COMPILE = "from coilarray.electromagnetics import kernels; kernels.compile_kernels()"
 _LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: the index of its code on disk
-_MARKS = {"ok": "✔", "bad": "✖", "warn": "⚠"}
 _FEW = 12  # coils, whose numbers are printed one by one
 _FILES = r"\.(nc|csv|cir|sub|inp|s\d+p)"
 _REST = "rest_distance_mm"
@@ -132,7 +131,7 @@ def _print_report(design: Design, made: Report, *, every: bool) -> None:
     shared.say(f"{design.name}  {design.title}".rstrip())
     for block in made.first_page:
         if isinstance(block, Warn):
-            shared.say(f"{_MARKS[block.kind]} {plain_text(block.text)}")
+            shared.say(f"{shared.MARKS[block.kind]} {plain_text(block.text)}")
         elif isinstance(block, Group) and block.kind == "cards":
             cards = [(one.name, one.value, one.remark) for one in block.blocks if isinstance(one, Card)]
             shared.say("")

@@ -421,7 +421,7 @@ def check(
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
     from coilarray.design import fabs
-    from coilarray.design.boards import of_board
+    from coilarray.design.boards import made_verdict, of_board
     from coilarray.design.fabs import load_profile
     from coilarray.design.model import load_design_file, one_board
     from coilarray.geometry import check_rules, require_kept
@@ -481,7 +481,11 @@ def check(
         its = whose if fab or not board.name else "its own design"
         lines.append(f"board{whose_board}: {array_words(board.array)}{beside}")
         lines.append(
-            _margin_table(worst, f"margins to the limits of {its} in mm: the worst first, the bare board last")
+            _margin_table(
+                worst,
+                f"margins to the limits of {its} in mm, kept to {KEPT_WITHIN * 1e6:g} µm: "
+                "the worst first, the bare board last",
+            )
         )
         lines += [f"… and {len(found) - len(shown)} more (--all)"] if len(shown) < len(found) else []
         if isinstance(board.array.form, Wrap):
@@ -505,9 +509,8 @@ def check(
         between = Table("board_clearances", "Clearance between boards", _CLEARANCE, tuple(apart))
         lines, data = [*lines, between], {**data, between.name: between.records()}
     lines += [without] if (without := converter_line(opened)) else []
-    broken = sum(not margin.kept for margin in margins)
-    kept = f"✔ can be made: all rules are kept (to {KEPT_WITHIN * 1e6:g} µm)"
-    lines.insert(0, f"✖ {broken} of {len(margins)} rules are broken" if broken else kept)
+    made = made_verdict(file, margins, profile if fab else None)
+    lines.insert(0, f"{shared.MARKS[made.kind]} {made.text}")
     shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)

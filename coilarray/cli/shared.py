@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 
 MARK = "[emulator] "  # start of every line about an emulated board
+MARKS = {"ok": "✔", "bad": "✖", "warn": "⚠"}  # of the kinds of a verdict
 _COLOURS = {"✔": "green", "✖": "red", "⚠": "yellow"}
 _CODES = re.compile(r"\x1b\[[0-9;]*m")  # of colours
 _LOOSE_MINUS = re.compile(r"(?<![^\s(\[±])-(?=\.?\d)")  # before a number in a sentence, not in a command

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from coilarray.compute.display_units import MM
+from coilarray.design.fabs import FabProfile, load_profile
 from coilarray.geometry.array import array_words
 from coilarray.geometry.pose import Pose
 from coilarray.geometry.rules import Margin, check_rules, worst_first
 
 if TYPE_CHECKING:
-    from coilarray.design.model import Board, Design
+    from coilarray.design.model import Board, Design, DesignFile
 
 
 def check_boards(design: Design) -> tuple[Margin, ...]:
@@ -29,6 +30,34 @@ def of_board(board: Board, margins: Iterable[Margin]) -> tuple[Margin, ...]:
         replace(margin, layer=f"{board.prefix}{margin.layer}" if margin.layer else board.name) if board.name else margin
         for margin in margins
     )
+
+
+class Verdict(NamedTuple):
+    """Sentence about a board, and its kind."""
+
+    kind: Literal["ok", "warn", "bad"]
+    text: str
+
+
+def made_verdict(file: DesignFile, margins: Sequence[Margin], profile: FabProfile | None = None) -> Verdict:
+    """Say whether the board can be made, and by whose limits.
+
+    The `margins` are to the limits of the `profile` if it is given, else to those of the `file`.
+    Limits that are assumed or left at their default say nothing about a real board house.
+    """
+    broken, count = sum(not margin.kept for margin in margins), len(margins)
+    if broken:
+        return Verdict("bad", f"Cannot be made: {broken} of {count} limits are broken.")
+    named = None if (name := file.values.get("fab.profile")) is None else load_profile(str(name))
+    own = [key for key in file.values if key.startswith("fab.min_") and file.values[key] is not None]
+    assumed = [key for key in own if key in file.assumed and (named is None or key in file.given)]
+    if profile is None and (assumed or (named is None and not file.given.issuperset(own))):
+        whose = f"some in place of those of {named.title}" if named else "no board house is named"
+        limits = "its own assumed" if assumed else "the default"
+        return Verdict("warn", f"Keeps {limits} limits ({whose}): all {count} limits are kept.")
+    house, others = profile or named, bool(file.design.boards) and profile is None
+    whose = f"of {house.title}" if house else "given in the design"
+    return Verdict("ok", f"Can be made: all {count} limits {whose}{' and of the other boards' * others} are kept.")
 
 
 def named_boards(design: Design) -> tuple[Board, ...]:

@@ -20,7 +20,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, checked_noise, whitening_of
 
-_SINGULAR = 1e-13  # least eigenvalue of a scaled information, whose entries are rounded to 1e-16
+_SINGULAR = 1e-12  # least eigenvalue of a scaled information: slopes are known to some 1e-6 of the largest
 
 
 def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> FloatArray:

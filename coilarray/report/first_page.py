@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from coilarray.compute.display_units import KILOHM, MM, PERCENT, PPM, DisplayUnit, display_unit, number_text, span
 from coilarray.compute.table import Block, Card, Details, Group, Table, Value, Warn, text_table
-from coilarray.design.boards import named_boards
+from coilarray.design.boards import made_verdict, named_boards
 from coilarray.design.model import Design, DesignFile
 from coilarray.geometry import Margin
 from coilarray.geometry.rules import KEPT_WITHIN, broken_rules
@@ -49,22 +49,22 @@ def first_page(r: Results, summary: Table, reading: Sequence[str]) -> list[Block
 
 def verdict_lines(file: DesignFile, margins: Sequence[Margin], summary: Table, reading: Sequence[str]) -> list[Warn]:
     """Say whether the board can be made and read, and how much is assumed."""
-    lines, broken, readout = [], broken_rules(margins), file.design.readout
-    if broken:
-        count = sum(not margin.kept for margin in margins)
-        said = f"**Cannot be made**: {count} of {len(margins)} [limits](#{RULES}) are broken. {' '.join(broken)}"
-        lines.append(Warn(said, "bad"))
-    else:
-        said = f"**Can be made**: all {len(margins)} [limits](#{RULES}) of the board house are kept."
-        lines.append(Warn(f"{said}{_tightest_words(margins)}", "ok"))
+    made, readout = made_verdict(file, margins), file.design.readout
+    short, _, rest = made.text.partition(":")
+    beside = f" {' '.join(broken_rules(margins))}" if made.kind == "bad" else _tightest_words(margins)
+    lines = [Warn(f"**{short}**:{rest.replace('limits', f'[limits](#{RULES})', 1)}{beside}", made.kind)]
     missed = [line for line in reading if not line.startswith(CHECKED_WITHOUT)]
     if without := tables.converter_line(file.design):
         lines.append(Warn(without))
     elif missed:
         lines.append(Warn(f"**{readout.converter} cannot read all of it.** {' '.join(missed)}", "bad"))
     else:
-        Q, R_p = span(_of(summary, "quality_factor"), _PLAIN, 2), span(_of(summary, "parallel_resistance"), KILOHM, 2)
-        lines.append(Warn(f"**{readout.converter} can read it**: all limits are kept, with Q {Q} and R_p {R_p}.", "ok"))
+        Q, R_p = (
+            span(_of(summary, key), unit, 2)
+            for key, unit in (("loaded_quality_factor", _PLAIN), ("parallel_resistance", KILOHM))
+        )
+        kept = f"all limits are kept, with Q {Q} and R_p {R_p} of the resonator."
+        lines.append(Warn(f"**{readout.converter} can read it**: {kept}", "ok"))
     lines += [Warn(line) for line in reading if line.startswith(CHECKED_WITHOUT)]
     if file.assumed:
         parts = Counter(key.partition(".")[0] for key in file.assumed)
@@ -109,8 +109,13 @@ def cards(summary: Table, design: Design) -> list[Card]:
     largest = max(map(abs, [*_of(summary, "peak_delta"), *_of(summary, "target_delta")]), default=0.0)
     change = PERCENT if largest > _LARGE else PPM
     tank = display_unit("F").text(design.circuit.capacitance, ".3")
-    parts = shown("sigma_x_most", MM, 2, "95 % of the coils’ area ≤ ")
-    length = MM if max(_of(summary, "sigma_x_half"), default=0.0) >= _LONG else _MICROMETRES
+    medians = {axis: _of(summary, f"sigma_{axis}_half") for axis in ("x", "y")}
+    sigma = ", ".join(
+        f"σ_{axis} {span(found, MM if max(found) >= _LONG else _MICROMETRES, 2)}" if found else f"{axis} unknown"
+        for axis, found in medians.items()
+    )
+    parts = [shown(f"{axis}_not_determined", PERCENT, 2, f"{axis} unknown on ", " of area") for axis in medians]
+    parts = list(filter(None, parts)) or [shown("sigma_x_most", MM, 2, "σ_x ≤ ", " on 95 % of area")]
     k = max(_of(summary, "largest_coupling"), default=None)
     x_min, y_min, x_max, y_max = design.array.bounds
     size = " × ".join(number_text(MM.factor * edge, 1) for edge in (x_max - x_min, y_max - y_min))
@@ -128,7 +133,7 @@ def cards(summary: Table, design: Design) -> list[Card]:
         ),
         Card("Response δ", shown("peak_delta", change, 2), peak),
         Card("Target δ", shown("target_delta", change, 2), shown("target_range", MM, 2, "range ")),
-        Card("Position σ_x", shown("sigma_x_half", length, 2, after=" median"), parts),
+        Card("Position", sigma if any(medians.values()) else "", "; ".join(["median", *filter(None, parts)])),
         Card("Self-resonance", shown("state_self_resonance", Hz, 2), "of the coils with their leads"),
         Card("Board", f"{size} mm", f"{len(stackup.names)} layers, {MM.text(stackup.thickness, '.3')}"),
     ]  # fmt: skip

@@ -7,6 +7,7 @@ from importlib import resources
 from coilarray.compute.display_units import MM, DisplayUnit, display_unit, number_text
 from coilarray.compute.table import Table, text_table
 from coilarray.design.boards import named_boards
+from coilarray.design.body_tables import indenter_entries
 from coilarray.design.fabs import load_profile
 from coilarray.design.model import Board, DesignFile
 from coilarray.geometry import Margin
@@ -14,11 +15,14 @@ from coilarray.geometry.copper import drills
 
 _MICROMETRES, _KILOPASCAL, _NANOFARAD = DisplayUnit("µm", 1e6), DisplayUnit("kPa", 1e-3), DisplayUnit("nF", 1e9)
 _LARGE = 1e-8  # F, capacitance from which it is in nF
+_UNITS = {"mm": " mm", "deg": "°"}  # by the ends of keys
 _OUNCE = 34.8e-6  # m of copper, 1 oz on a square foot
-_NARROWEST = {  # words of the smallest lengths, by the rules that measure them
-    "trace": ("trace width",), "gap": ("clearance", "spacing within net"), "hole": ("drill",),
-    "annular ring": ("annular ring",),
-}  # fmt: skip
+_NARROWEST = {  # rules that measure the smallest lengths, and ends of the entries of coils that set them
+    "trace": (("trace width",), ("trace_width_mm",)),
+    "gap": (("clearance", "spacing within net"), ("gap_mm", "array.pitch_mm")),
+    "hole": (("drill",), ("drill_mm",)),
+    "annular ring": (("annular ring",), ("drill_mm", "pad_mm")),
+}
 
 
 def order_table(file: DesignFile, margins: Sequence[Margin]) -> Table:
@@ -36,9 +40,11 @@ def order_table(file: DesignFile, margins: Sequence[Margin]) -> Table:
     for board in named_boards(design):
         own = design.placed[0] is board
         _add_board(board, add if own else lambda part, what, order, *entries: add(part, what, order))
-    for words, rules in _NARROWEST.items():
+    for words, (rules, ends) in _NARROWEST.items():
         if found := [one.value for one in margins if one.rule in rules]:
-            add("board", f"smallest {words}", MM.text(max(min(found), 0.0), ".3"))
+            smallest = round(MM.factor * max(min(found), 0.0), 3)  # as rules are kept to 1 µm
+            keys = [key for key in file.assumed if key.startswith(("coils.", "array.")) and key.endswith(ends)]
+            add("board", f"smallest {words}", f"{smallest:g} mm", *keys)
     if (profile := file.values.get("fab.profile")) is not None:
         add("board", "board house", load_profile(str(profile)).title)
     circuit, several = design.circuit, len(design.coil_names) > 1
@@ -63,7 +69,10 @@ def order_table(file: DesignFile, margins: Sequence[Margin]) -> Table:
         entries = f"elastomer.{k}.", "indentation.sample" if bounds is not None else "board.margin"
         add("elastomer", sheet.name, f"{MM.text(sheet.thickness, '.3')} thick, {size}{magnetic}{stiff}", *entries)
     if design.indentation is not None:
-        add("indenter", "shape", design.indentation.indenter.name, "indenter.")
+        entries_of = indenter_entries(design.indentation.indenter, None)
+        named = ((*key.rpartition("_")[::2], value) for key, value in entries_of.items() if key != "shape")
+        sizes = (f"{name.replace('_', ' ')} {value:.4g}{_UNITS[unit]}" for name, unit, value in named)
+        add("indenter", "shape", ", ".join([design.indentation.indenter.name, *sizes]), "indenter.")
     for plate in design.plates:
         add("plate", plate.name, f"{MM.text(plate.thickness, '.3')} of {plate.material.words}", "plate.")
     table = text_table(("part", "property", "order", "origin", "assumed entries"), rows, "What to order")

@@ -461,7 +461,10 @@ def _position(r: Results) -> Section | None:
         return None
     blocks: list[Block] = []
     if r.bounds is not None and min(r.bounds.sizes.values()) > 1:
-        best = "Least standard deviation of a located position over the board, grey if it cannot be determined."
+        best = (
+            "Least standard deviation of a located position over the board. Grey where it exceeds the size of the map "
+            "in its direction: the position is not determined there."
+        )
         blocks += [
             "Best possible standard deviation of the position from one scan (the Cramér–Rao bound), by the noise of "
             "the readings. `coilarray locate` comes near it.",

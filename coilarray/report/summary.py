@@ -25,13 +25,11 @@ _MOST_READ = 64  # coils, which take a few seconds
 _ALIKE = 1e-9  # of a number, smaller differences are rounding
 _PPM, _PERCENT = "ppm", "percent"  # units of dimensionless numbers as shown
 _SHOWN = {_PPM: PER_MILLION, _PERCENT: PERCENT, "ohm": KILOHM}
-_PARTS = {
-    0.5: ("sigma_x_half", "half"),
-    0.95: ("sigma_x_most", "95 %"),
-}  # of the area of the coils, with σ up to a value
+_PARTS = {0.5: ("half", "half"), 0.95: ("most", "95 %")}  # of the area of the coils, with σ up to a value
 _OF_STATES = (
     ("frequency", "f with the tank"), ("part_frequency", ""), ("effective_inductance", "L_eff"),
-    ("quality_factor", "Q of the coil"), ("parallel_resistance", "R_p of the resonator"),
+    ("quality_factor", "Q of the coil"), ("loaded_quality_factor", "Q of the resonator"),
+    ("parallel_resistance", "R_p of the resonator"),
     ("state_self_resonance", "self-resonance"),
 )  # fmt: skip
 
@@ -49,9 +47,9 @@ def summary_table(
     """Return the least and largest values of the decisive quantities.
 
     Programs find a row by its `key`, which does not change with the words. `without` is the scan
-    without plates, and `links` are the solved ports. Of `bounds` it has the least σ of x over the
-    coils, the values that half and 95 % of their area do not exceed, and the share where x is not
-    determined.
+    without plates, and `links` are the solved ports. Of `bounds` it has the least σ of x and y over
+    the coils, the values that half and 95 % of their area do not exceed, and the share where they
+    are not determined.
     """
     found = [*_rows(coupling, scan, margins, response), *_link_rows(links), *_position_rows(bounds)]
     found += _metal_rows(scan, without, target)
@@ -163,23 +161,25 @@ def position_bounds(response: xr.Dataset, array: Array) -> xr.Dataset | None:
 def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     if bounds is None:
         return
-    size, values = float(bounds.attrs["coil_size"]), np.sort(bounds.sigma_x.values[bounds.over_coils.values])
-    known = values < size
-    if not known.any():
-        return
-    sigma = bounds.sigma_x.where(bounds.over_coils)
+    size = float(bounds.attrs["coil_size"])
     scatter, drift = (max(bounds.attrs[name]) for name in ("noise", "common_noise"))
     together = f", common drift {PER_MILLION.text(drift, '.2')}" if drift else ""
-    noise = f"at {_place(sigma, float(values[0]))}; noise of δ {PER_MILLION.text(scatter, '.2')}{together}"
-    yield "sigma_x_best", "σ of x, best place", float(values[0]), "", "m", noise
-    for share, (key, words) in _PARTS.items():
-        most = part_of(values, share)
-        if most < size:
-            yield key, f"σ of x, {words} of coils", most, "", "m", "not exceeded over this part of their area"
-    if not known.all():
-        place = _place(sigma, float(values[-1]))
-        where = f"of the coils' area: σ is above the {MM.text(size, '.4')} of a coil, as at {place}"
-        yield "x_not_determined", "x not determined", float(1 - known.mean()), "", _PERCENT, where
+    for axis in ("x", "y"):
+        sigma = bounds[f"sigma_{axis}"]
+        values, sigma = np.sort(sigma.values[bounds.over_coils.values]), sigma.where(bounds.over_coils)
+        known = values < size
+        if known.any():
+            noise = f"at {_place(sigma, float(values[0]))}; noise of δ {PER_MILLION.text(scatter, '.2')}{together}"
+            yield f"sigma_{axis}_best", f"σ of {axis}, best place", float(values[0]), "", "m", noise
+        for share, (key, words) in _PARTS.items():
+            if (most := part_of(values, share)) < size:
+                where = "not exceeded over this part of their area"
+                yield f"sigma_{axis}_{key}", f"σ of {axis}, {words} of coils", most, "", "m", where
+        if not known.all():
+            place = _place(sigma, float(values[-1]))
+            where = f"of the coils' area: σ is above the {MM.text(size, '.4')} of a coil, as at {place}"
+            share_unknown = float(1 - known.mean())
+            yield f"{axis}_not_determined", f"{axis} not determined", share_unknown, "", _PERCENT, where
 
 
 def part_of(values: FloatArray, share: float) -> float:

@@ -161,7 +161,7 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
     file = load_design_file("my_board.toml")
     assert (file.design.name, len(file.design.array.names)) == ("my_board", 3)
     assert file.document == new_design("my_board").document  # the same defaults
-    assert "all rules are kept" in good(capsys, "check", "my_board.toml")
+    assert "limits" in good(capsys, "check", "my_board.toml")
     data = answer(capsys, "impedance", "my_board.toml", "--points", "2")
     inductance = float(re.search(r"inductance: (\S+) µH", out)[1])
     assert data["inductance_H"][0][0] * 1e6 == pytest.approx(inductance, rel=1e-3)  # which screening may err

@@ -71,7 +71,7 @@ def test_a_real_terminal():
         text, code = on_terminal([sys.executable, "-m", "coilarray", "check", "starter"], width)
         assert code == 0
         require_fits(text, width)
-        assert "✔ can be made" in text
+        assert "✔ Can be made" in text
 
 
 def test_long_texts_stand_below_their_rows():

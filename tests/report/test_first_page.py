@@ -12,7 +12,8 @@ from xarray import DataArray
 
 from coilarray import viz
 from coilarray.compute.table import Column, Table, html_text
-from coilarray.design.boards import check_boards
+from coilarray.design.boards import check_boards, made_verdict
+from coilarray.design.fabs import load_profile
 from coilarray.design.model import load_design_file, parse_design_file
 from coilarray.errors import DesignError, MissingDependencyError
 from coilarray.geometry import Sheet
@@ -64,27 +65,51 @@ def test_cards_have_as_many_digits_as_are_known():
         ("peak_delta", "peak δ, 1 mm deep", 1.11972e-3, 1.4647e-3, "1", ""),
         ("sigma_x_half", "σ of x, half of coils", 5.312e-6, "", "m", ""),
         ("sigma_x_most", "σ of x, 95 % of coils", 1.07e-4, "", "m", ""),
+        ("sigma_y_half", "σ of y, half of coils", 1.07e-4, "", "m", ""),
+        ("y_not_determined", "y not determined", 0.091, "", "1", ""),
     )  # fmt: skip
     shown = {card.name: (card.value, card.remark) for card in cards(found, written("line", 9).design)}
     assert shown["Inductance"] == ("93.1–93.6 µH", "L_eff 107–109 µH")
     assert shown["Frequency"][0] == "1.393–1.404 MHz"
     assert shown["Coupling"] == ("|k| < 0.0001", "a and b")
     assert shown["Response δ"] == ("0.11–0.15 %", "1 mm deep")
-    assert shown["Position σ_x"] == ("5.3 µm median", "95 % of the coils’ area ≤ 0.11 mm")
+    assert shown["Position"] == ("σ_x 5.3 µm, σ_y 0.11 mm", "median; y unknown on 9.1 % of area")
     assert len(shown) == 6
 
 
 def test_the_verdicts_name_the_tightest_place_and_what_is_assumed():
-    file = written("line", 9)
+    file = load_design_file("charger_receiver")
     kept = Margin("drill", "L1", "a", 0.0, 0.2e-3, 0.2e-3, 1e-3, -2e-3)
-    first, second = verdict_lines(file, [kept], summary(), ())
+    first, second, *_ = verdict_lines(file, [kept], summary(), ())
     assert (first.kind, second.kind) == ("ok", "warn")  # no converter is set
+    assert load_profile("multi-cb-35um").title in first.text
     assert "drill 0.2 mm, exactly at its limit, of a on L1 at (1.0, −2.0) mm" in first.text
     broken = Margin("drill", "L1", "a", -0.1e-3, 0.2e-3, 0.1e-3, 1e-3, -2e-3)
-    (bad, _) = verdict_lines(file, [broken, kept], summary(), ())
+    bad, *_ = verdict_lines(file, [broken, kept], summary(), ())
     assert bad.kind == "bad"
     assert "1 of 2" in bad.text
     assert "0.1 mm; its limit is 0.2 mm" in bad.text
+
+
+def test_limits_that_nobody_gave_are_no_proof_that_a_board_can_be_made():
+    kept = Margin("drill", "L1", "a", 0.0, 0.2e-3, 0.2e-3, 0.0, 0.0)
+    loaded = {name: load_design_file(name) for name in ("gast2020", "starter", "charger")}
+    house = load_profile("oshpark-4-layer")
+    kinds = {name: made_verdict(file, [kept]).kind for name, file in loaded.items()}
+    assert kinds == {"gast2020": "warn", "starter": "ok", "charger": "ok"}
+    assert made_verdict(written("line", 9), [kept]).kind == "warn"  # all limits are defaults
+    of_house = made_verdict(loaded["gast2020"], [kept], house)
+    assert of_house.kind == "ok"
+    assert house.title in of_house.text
+    first, converter, *_ = verdict_lines(
+        loaded["gast2020"], [kept], summary(
+            ("quality_factor", "", 28.0, 29.0, "1", ""), ("loaded_quality_factor", "", 33.1, 34.3, "1", ""),
+            ("parallel_resistance", "", 27e3, 28e3, "ohm", ""),
+        ), (),
+    )  # fmt: skip
+    assert (first.kind, converter.kind) == ("warn", "ok")
+    assert made_verdict(loaded["gast2020"], [kept]).text.partition(":")[0] in first.text
+    assert "Q 33–34" in converter.text
 
 
 def test_rows_that_are_alike_are_joined_and_their_places_left_out():
@@ -148,6 +173,10 @@ def test_an_order_has_the_sizes_of_the_board_and_marks_what_is_assumed():
     assert rows["board", "size"]["order"] == "93.34 × 32.90 mm"
     assert rows["board", "copper"]["order"] == "4 layers of 35 µm (1 oz)"
     assert (rows["board", "copper"]["origin"], rows["board", "smallest trace"]["order"]) == ("assumed", "0.1 mm")
+    for words in ("trace", "gap", "hole", "annular ring"):
+        assert rows["board", f"smallest {words}"]["origin"] == "assumed"
+    assert rows["board", "smallest gap"]["order"] == "0.067 mm"
+    assert rows["indenter", "shape"]["order"] == "hemisphere, radius 2.5 mm"
     assert rows["tank", "capacitor"]["order"] == "120 pF, one, at the converter"
     assert rows["elastomer", "magnetic"]["order"].startswith("2 mm thick, 93.34 × 32.90 mm, to cover the board")
     file = load_design_file("charger")  # two boards, and capacitors of ports

@@ -120,6 +120,11 @@ def test_bounds_are_shown_in_millimetres_and_infinite_ones_grey():
     assert (np.ma.getmaskarray(shown) == ~np.isfinite(found.sigma_h.values)).all()
     assert np.ma.getmaskarray(shown).any()  # y = 0, where the board is symmetric
     np.testing.assert_allclose(shown.compressed(), found.sigma_h.values[np.isfinite(found.sigma_h)] * 1e3)
+    wide = found.assign(sigma_y=found.sigma_y.copy())
+    wide.sigma_y[0, 0], wide.sigma_y[0, 1] = 1.01 * np.ptp(found.y.values), 1e-9
+    ax = viz.plot_identifiability(wide, "sigma_y")
+    assert np.ma.getmaskarray(ax.collections[0].get_array())[0].tolist()[:2] == [True, False]  # larger than the map
+    assert ax.collections[0].colorbar.extend == "max"  # as the largest is above three decades
     with pytest.raises(ValueError, match="quantity must be one of sigma_x, sigma_y, sigma_h; got 'condition'"):
         viz.plot_identifiability(found, "condition")
     with pytest.raises(ValueError, match="one finite value"):

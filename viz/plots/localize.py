@@ -240,24 +240,32 @@ def plot_identifiability(
 
     The `bounds` of `coilarray.localize.identifiability.identifiability` are drawn over the board on
     a logarithmic scale, for the `quantity` ``sigma_x``, ``sigma_y`` or ``sigma_h``, with `outlines`
-    as in `plot_x_error`. Places with an infinite bound are grey. Raises ValueError if the dataset
-    has no such quantity, fewer than two x or y, or no finite value.
+    as in `plot_x_error`. Places where the bound is infinite, or exceeds the map along x or y, are
+    grey. Raises ValueError if the dataset has no such quantity, fewer than two x or y, or no value
+    that is not grey.
     """
     there = [name for name in _SIGMAS if name in bounds]
     if quantity not in there:
         raise ValueError(f"quantity must be one of {', '.join(there)}; got {quantity!r}.")
-    values = _plane(bounds[quantity], "a bound", "one finite value")
+    values = _plane(_determined(bounds, quantity), "a bound", "one finite value")
     finite = values[np.isfinite(values)]
     low = max(float(finite.min()), np.finfo(float).tiny)
     high = min(max(float(finite.max()), low * 1.01), low * 10**_DECADES)
     ax = ax or style.new_axes(*_size(bounds))
     look: dict[str, Any] = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high), "rasterized": True}
     image = ax.pcolormesh(MM.of(bounds.x), MM.of(bounds.y), np.ma.masked_invalid(values), **look)
-    bar = style.colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
+    beyond = "max" if float(finite.max()) > high else "neither"
+    bar = style.colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"), beyond)
     style.logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
     style.finish_map(ax, outlines)
     ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {_conditions(bounds)}")
     return ax
+
+
+def _determined(bounds: xr.Dataset, quantity: str) -> xr.DataArray:
+    """Finite standard deviations up to the size of the map in their direction."""
+    values, axis = bounds[quantity], bounds.get(_SIGMAS[quantity])
+    return values.where(np.isfinite(values) if axis is None else values <= float(np.ptp(axis.values)))
 
 
 def _conditions(bounds: xr.Dataset) -> str:
@@ -275,7 +283,7 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     These are x, y and, if it is unknown, the depth. Maps of a wide board stand below each other,
     other maps side by side. The `bounds` and `outlines` are as there.
     """
-    there = [name for name in _SIGMAS if name in bounds and np.isfinite(bounds[name].values).any()]
+    there = [name for name in _SIGMAS if name in bounds and np.isfinite(_determined(bounds, name).values).any()]
     if not there:
         raise ValueError("the bounds have no finite standard deviation.")
     width, height = _size(bounds)

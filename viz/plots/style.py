@@ -137,9 +137,10 @@ def figure_size(width: float, height: float) -> tuple[float, float]:
     return max(width * scale, 2.5) + 1.2, max(height * scale, 1.5) + 1.0
 
 
-def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
+def colour_bar(ax: Axes, image: ScalarMappable, label: str, extend: Literal["neither", "max"] = "neither") -> Colorbar:
     """Draw a colour bar exactly as high as the axes."""
-    return Colorbar(ax.inset_axes((1.03, 0.0, 0.03, 1.0)), image, label=label, spacing="proportional")
+    beside = ax.inset_axes((1.03, 0.0, 0.03, 1.0))
+    return Colorbar(beside, image, label=label, spacing="proportional", extend=extend)
 
 
 def faint_grid(ax: Axes, axis: Literal["x", "y", "both"] = "both") -> None:

@@ -21,7 +21,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import KILOHM, PERCENT, DisplayUnit, number_text, true_minus
 from coilarray.compute.table import Column, Table, cell, dataset_table
 from coilarray.compute.threads import Progress
-from coilarray.design.boards import check_boards
+from coilarray.design.boards import check_boards, made_verdict
 from coilarray.design.model import Design, build_design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
@@ -188,6 +188,7 @@ class NumbersPanel(Panel):
         values = {
             "matrix_of": "k", "matrix": {"names": [], "of": "k", "cells": [], "most": "", "dense": False},
             "matrix_digits": False, "coil_table": NO_ROWS, "coil_facts": {}, "margins": NO_ROWS, "broken": [],
+            "made": {"kind": "", "text": ""},
             "marks": [], "saved_line": "", "can_compare": True, "verdicts": [], "converter": True,
             "summary": NO_ROWS, "summary_lacks": False,
             "can_summarize": session.setup.services.summarize is not None,
@@ -231,6 +232,7 @@ class NumbersPanel(Panel):
             self._state.broken = [
                 {"text": line, "mark": places.index(line) if line in places else None} for line in broken_rules(margins)
             ]
+            self._state.made = made_verdict(self._session.work.opened, margins)._asdict()
             self._note("margins", design, margin_table(worst_margins(margins)))
 
         fail_rules = partial(self._session.failed, "rules", design)
