@@ -184,7 +184,7 @@ def test_the_page_begins_with_a_summary_and_its_contents(made):
     lengths = [row["margin"] for row in made.data["rules"] if row["unit"] == "m" and row["feature"] != "board"]
     assert rows["tightest fabrication rule"]["least"] == min(lengths)
     page = made.page.read_text(encoding="utf-8")
-    assert page.index("Can be made") < page.index("<h3>Coupling</h3>") < page.index("<h2")
+    assert page.index("Keeps its own assumed limits") < page.index("<h3>Coupling</h3>") < page.index("<h2")
     assert re.findall(r'href="#(section-\d+)"', page) == re.findall(r'<h2 id="(.*?)"', page)
 
 
