@@ -180,9 +180,10 @@ class Table:
         return buffer.getvalue().replace("−", "-")
 
     def records(self) -> list[dict[str, Value]]:
-        """Return the rows in SI as mappings for JSON."""
+        """Return the rows in SI as mappings for JSON, with the minus of a CSV."""
         keys = [column.key for column in self.columns]
-        return [dict(zip(keys, row, strict=True)) for row in self.rows]
+        plain = ([one.replace("−", "-") if isinstance(one, str) else one for one in row] for row in self.rows)
+        return [dict(zip(keys, row, strict=True)) for row in plain]
 
     def cells(self) -> list[list[str]]:
         """Return the rows as people see them."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -254,7 +254,7 @@ def plot_identifiability(
     ax = ax or style.new_axes(*_size(bounds))
     look: dict[str, Any] = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high), "rasterized": True}
     image = ax.pcolormesh(MM.of(bounds.x), MM.of(bounds.y), np.ma.masked_invalid(values), **look)
-    beyond = "max" if float(finite.max()) > high else "neither"
+    beyond: Literal["max", "neither"] = "max" if float(finite.max()) > high else "neither"
     bar = style.colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"), beyond)
     style.logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
     style.finish_map(ax, outlines)
