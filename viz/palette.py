@@ -46,6 +46,7 @@ KINDS = (*COILS, WINE, INDIGO, OLIVE)
 COPPER = "#E8985A", "#6B3A1E"
 """Tones of the copper of the uppermost and of the lowest layer."""
 LAMINATE = "#3F8F4F"
+BOARDS = ("#9AA7B1", "#C2A13A", "#8A7296")  # copper of other boards in space, tinned, gilt and tinted
 BARREL = "#8C6D1F"
 SHEETS = ("#8FA3BF", "#7A3E8E", "#4A4A4A")  # light, dark, darker, distinct by lightness alone
 

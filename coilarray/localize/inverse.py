@@ -73,7 +73,8 @@ class Mode:
     `gaussian`, χ² rises at the ends of the axes of its ellipsoid by the expected amount within a
     factor of 2, with all ends in the table. Otherwise the region follows from `deviance`. `border`
     are coordinates on the border of the table, `free` the numbers of the unknowns, and `unread` the
-    states that the converter cannot read there.
+    states that the converter cannot read there. `span` is the extent of the table along x, y and
+    depth in m: a coordinate with a larger standard deviation is not determined.
     """
 
     x: float
@@ -85,6 +86,7 @@ class Mode:
     border: tuple[str, ...] = ()
     free: tuple[int, ...] = ()
     unread: tuple[str, ...] = ()
+    span: tuple[float, ...] = (UNKNOWN_DEVIATION,) * 3
 
     @property
     def unknowns(self) -> list[int]:
@@ -103,10 +105,9 @@ class Mode:
 
     @property
     def known_deviations(self) -> tuple[float | None, ...]:
-        """Deviations in m of x, y, depth, None from `UNKNOWN_DEVIATION` on."""
+        """Deviations in m of x, y, depth, None from the `span` on."""
         found = dict(zip(self.unknowns, self.deviations.tolist(), strict=True))
-        values = (found.get(k, np.inf) for k in range(max(found) + 1))
-        return tuple(value if value < UNKNOWN_DEVIATION else None for value in values)
+        return tuple(found[k] if found.get(k, np.inf) < self.span[k] else None for k in range(max(found) + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +159,11 @@ def location_lines(location: Location) -> list[str]:
 def mode_text(mode: Mode) -> str:
     """Return position and uncertainty of a mode in words."""
     parts = []
-    for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
-        parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
+    values = zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations)
+    for k, (name, value, sigma) in enumerate(values):
+        known = k not in mode.unknowns or sigma is not None
+        text = f"{name} = {round(value * 1e3, 2) + 0.0:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm"
+        parts.append(text if known else f"{name} not determined")
     cannot = f"; the converter cannot read {listed(mode.unread)} there" if mode.unread else ""
     return true_minus(", ".join(parts)) + cannot
 
@@ -327,6 +331,7 @@ def _modes(
         seen = whitening_of(model, noise, readings[owner], points).slopes(jacobian)
         counted, gaussian = seen.swapaxes(1, 2) @ seen, gaussian & ~unread.any(axis=-1)
         missing = [tuple(name for name, no in zip(model.states, row, strict=True) if no) for row in unread]
+    span = tuple(np.minimum(model.upper - model.lower, UNKNOWN_DEVIATION).tolist())
     for first, last in pairwise(np.searchsorted(owner, np.arange(len(readings) + 1)).tolist()):
         modes = []
         for k in range(first, last):
@@ -334,7 +339,7 @@ def _modes(
             if (np.einsum("ni,nij,nj->n", away, fisher[first:k], away) > _SAME).all():
                 border = tuple(model.parameters[axis] for axis in model.free if edge[k, axis])
                 x, y, depth = points[k].tolist()
-                shown = (bool(gaussian[k]), border, tuple(model.free), missing[k])
+                shown = (bool(gaussian[k]), border, tuple(model.free), missing[k], span)
                 modes.append(Mode(x, y, depth, counted[k], float(chi_square[k]), *shown))
         yield tuple(modes), float(pressure[first])
 

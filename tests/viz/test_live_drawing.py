@@ -91,5 +91,5 @@ def test_ticks_and_presses_are_where_the_curves_are():
 def test_a_press_in_words():
     place = Mode(1e-3, -2e-3, 5e-4, np.diag((1e10, 4e10, 1e2)), 0.0)
     press = Press(4, 12.345, 13.0, -2.5e-4, Location("found", modes=(place,)))
-    assert press_row(press) == ["4", "12.35", "0.65", "1.00 ± 0.01, −2.00 ± 0.01", "0.50", "−250"]
+    assert press_row(press) == ["4", "12.35", "0.65", "1.00 ± 0.01, −2.00 ± 0.01", "–", "−250"]
     assert press_row(Press(5, 1.0, None, 1e-4, None))[2:5] == ["…", "–", "–"]

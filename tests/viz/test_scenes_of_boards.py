@@ -43,6 +43,13 @@ def test_each_board_is_drawn_at_its_pose():
     assert numbers == {2}  # of all coils of the design
 
 
+def test_a_board_in_space_has_the_colour_of_its_sign():
+    scene = scene_of_design(PAIR)
+    copper = {part.colour for part in scene.parts if part.name.startswith("lid: copper")}
+    assert scene.groups["lid"] == tuple(copper)
+    assert scene.groups["copper L1"][0] not in copper
+
+
 def test_names_stand_at_the_coils_in_space():
     places = {text.text: text.position for text in scene_of_design(PAIR).texts}
     np.testing.assert_allclose([places[name] for name in PAIR.coil_names], 1e3 * PAIR.centres, atol=1e-9)

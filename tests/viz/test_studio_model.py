@@ -5,6 +5,7 @@ import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -34,10 +35,11 @@ from coilarray.studies.link import link
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import Axis, parse_axis, plan_sweep, sweep
 from coilarray.viz.scenes.design import bare_scene, off_middle
+from coilarray.viz.scenes.results import scene_of_location
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, structure, studies
 from coilarray.viz.studio.design import choices_of
-from coilarray.viz.studio.live import delta_bars, drawing, location_marks, top_view, touched
+from coilarray.viz.studio.live import TouchPanel, delta_bars, drawing, location_marks, top_view, touched
 from coilarray.viz.studio.motion import motion_of
 from coilarray.viz.studio.numbers import circuit_of, kept_settings, numbers_of, state_of, unit_fields
 from coilarray.viz.studio.runs import read_runs, run_folders, run_lines, run_of
@@ -694,6 +696,32 @@ def test_a_touch_is_located_where_it_is():
     assert (np.abs(found - touch.place) < 0.05 * best.deviations).all()
     beyond = touched(model, 1.0, -1.0, 1.0)
     np.testing.assert_array_equal(beyond.place, [model.upper[0], model.lower[1], model.upper[2]])
+
+
+class _State(dict):
+    __getattr__, __setattr__ = dict.__getitem__, dict.__setitem__
+
+
+def test_a_coarse_map_shows_delta_and_no_position():
+    session = SimpleNamespace(state=_State(), work=SimpleNamespace(design=OPENED.design), trigger=lambda *_: None)
+    panel = TouchPanel(session, lambda: None)
+    for coarse in (True, False):
+        panel._take_table(bells(OPENED.document, "starter"), coarse=coarse)
+        state = session.state
+        assert len(state.bars) == 3
+        assert 'id="indenter"' in state.touch["svg"]
+        assert ('class="pin"' in state.touch["svg"]) is not coarse
+        assert ("Pressed at" in state.located[0]) is not coarse
+
+
+def test_a_coordinate_that_the_board_does_not_fix_is_not_determined():
+    information = np.diag(np.array([1e-3, 50e-3, 1e-4]) ** -2.0)
+    mode = Mode(1e-3, 7e-3, 5e-4, information, 0.0, span=(80e-3, 33e-3, 2e-3))
+    location = Location("found", "", (mode,))
+    assert location_lines(location) == ["Pressed at x = 1.00 ± 1 mm, y not determined, depth = 0.50 ± 0.1 mm."]
+    assert "ellipse" not in location_marks(top_view(OPENED.design), location)
+    scene = scene_of_location(location, (-40e-3, -16e-3, 40e-3, 16e-3), 3e-3)
+    assert "y not determined" in scene.notes[0]
 
 
 def test_a_coil_alone_answers_a_touch_and_says_why_it_locates_none():

@@ -21,7 +21,7 @@ from coilarray.geometry.elastomer import Indenter, Sheet
 from coilarray.geometry.pose import Pose
 from coilarray.viz.datasets import meshes
 from coilarray.viz.datasets.results import arrows_at, at_depth
-from coilarray.viz.palette import BARREL, COPPER, INK, LAMINATE, METAL, ON_DARK, ON_MAP, SHEETS, cycled
+from coilarray.viz.palette import BARREL, BOARDS, COPPER, INK, LAMINATE, METAL, ON_DARK, ON_MAP, SHEETS, cycled
 from coilarray.viz.scenes.scene import ANGLES, Part, Scale, Scene, Side, Slider, Text, about_zero
 
 if TYPE_CHECKING:
@@ -102,7 +102,8 @@ def _placed(boards: Sequence[Board], bare: Sequence[Scene]) -> Scene:
     """Scene of boards in space from those of each by itself, with parts of one name together."""
     loops = sum(not board.name for board in boards) > 1
     alike: dict[str, list[Part]] = {}
-    scenes = [in_space(scene, board) for scene, board in zip(bare, boards, strict=True)]
+    colours = cycled(BOARDS, [board.name for board in boards if board.name])
+    scenes = [in_space(scene, board, colours.get(board.name, "")) for scene, board in zip(bare, boards, strict=True)]
     for board, scene in zip(boards, scenes, strict=True):
         for part in scene.parts:
             if board.name or not loops or not part.name.endswith("board"):
@@ -140,8 +141,8 @@ def scene_of_motion(still: Sequence[Board], moved: Sequence[Sequence[Board]], sl
     return scene_of_boards(still) + Scene(tuple(parts), slider=slider)
 
 
-def in_space(scene: Scene, board: Board) -> Scene:
-    """Move a scene of a board by itself to the place of the board, whose name is its group."""
+def in_space(scene: Scene, board: Board, colour: str = "") -> Scene:
+    """Move a scene of a board by itself to its place, its name as its group, its copper in a `colour`."""
     start = f"{board.name}: " if board.name else ""
 
     def moved(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -151,7 +152,9 @@ def in_space(scene: Scene, board: Board) -> Scene:
     for part in scene.parts:
         mesh = part.mesh.copy()
         mesh.points = moved(mesh.points)
-        parts.append(replace(part, mesh=mesh, name=start + part.name, group=part.group and (board.name or part.group)))
+        tone = colour if colour and _COPPER in part.name else part.colour
+        group = part.group and (board.name or part.group)
+        parts.append(replace(part, mesh=mesh, name=start + part.name, group=group, colour=tone))
     texts = []
     for text in scene.texts:
         x, y, z = moved(text.position).tolist()

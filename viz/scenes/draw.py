@@ -152,7 +152,7 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
         view.add_point_labels(
             points, [text.text for text in texts], name=name, font_size=round(texts[0].height * pixel),
             font_file=font_file(texts[0].bold), text_color=ink, shape=None, show_points=False,
-            justification_horizontal="center", justification_vertical="center", always_visible=True,
+            justification_horizontal="center", justification_vertical="center", always_visible=True, shadow=True,
             reset_camera=False, render=False,
         )  # fmt: skip
     if scene.notes:

@@ -120,16 +120,13 @@ def scene_of_location(location: Location, bounds: Box, top: float, truth: tuple[
 
 
 def _summary(location: Location) -> str:
+    from coilarray.localize.inverse import mode_text  # loads SciPy
+
     if not location.modes:
         return f"{location.verdict}: {location.reason}"
-    best = location.best
-    numbers = zip(("x", "y", "depth"), (best.x, best.y, best.depth), best.deviations, strict=False)
-    text = ", ".join(
-        f"{name} = {round(value * 1e3, 2) + 0.0:.2f} ± {sigma * 1e3:.2g} mm" for name, value, sigma in numbers
-    )
     others = len(location.modes) - 1
     also = "" if not others else f"; {others} more position{' fits' if others == 1 else 's fit'}"
-    return true_minus(f"{location.verdict}: {text} (standard deviations){also}")
+    return f"{location.verdict}: {mode_text(location.best)} (standard deviations){also}"
 
 
 def _semi_axis(mode: Mode) -> float:

@@ -54,6 +54,7 @@ _NAME = 'text-anchor="middle" dominant-baseline="central" fill="#202020" stroke=
 _COARSE = 0.7  # distance of the places of a first map, in thicknesses of the sheets
 _SHOWN = 1e-5  # m, last digit of a place on the page, as a place at the edge may be rounded beyond it
 _LEAST = 0.5  # mm, radius of a drawn indenter
+_FOLLOWS = "δ of a coarse map; the position follows with the full map."
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,8 @@ def drawing(design: Design, delta: Mapping[str, float | None], marks: str = "", 
     view, array = top_view(design), design.array
     colours = coil_colours(array.names, array.centres)
     edges = [(x, y) for x in array.bounds[::2] for y in array.bounds[1::2]]
-    parts = [polygon(np.array(edges)[[0, 1, 3, 2]], f'fill="#eef5ee" stroke="#3F8F4F" stroke-width="{view.line}"')]
+    look = f'class="board" fill="#eef5ee" stroke="#3F8F4F" stroke-width="{view.line}"'
+    parts = [polygon(np.array(edges)[[0, 1, 3, 2]], look)]
     fills = ["none"] * len(array.names)
     if delta:
         of_coils = colours_of_delta(delta_by_coil(design, delta), least)
@@ -119,7 +121,7 @@ def location_marks(view: TopView, location: Location) -> str:
     stroke = f'stroke="{RED}" stroke-width="{view.line}"'
     for k, mode in enumerate(location.modes):
         covariance = mode.covariance[:2, :2]
-        if np.isfinite(covariance).all():
+        if np.isfinite(covariance).all() and None not in mode.known_deviations[:2]:
             ellipse = np.asarray(uncertainty_ellipse((mode.x, mode.y), covariance, CONFIDENCE).points) * 1e-3
             marks.append(polygon(ellipse[:, :2], f'class="ellipse" fill="{RED}" fill-opacity="0.15" {stroke}'))
         fill = "#fff" if k else RED
@@ -234,6 +236,8 @@ class TouchPanel(Panel):
         if bounds[0] < x < bounds[2] and bounds[1] < y < bounds[3]:
             indenter, dent = indentation_of(design).indenter, self._dent[2]
             scene += scene_of_dent(array, design.sheets, dent, indenter, (x, y), opacity=VEILED)
+        if self._state.touch_coarse:
+            return scene + Scene(notes=(_FOLLOWS,))
         return scene + scene_of_location(touch.location, bounds=bounds, top=design.top, truth=(x, y))
 
     def _compute(self) -> None:
@@ -292,11 +296,11 @@ class TouchPanel(Panel):
         x, y, depth = touch.place.tolist()
         view = top_view(design)
         radius = max(indentation_of(design).indenter.radius_at(depth) * 1e3, _LEAST)
-        marks = location_marks(view, touch.location)
+        marks = "" if state.touch_coarse else location_marks(view, touch.location)
         look = f'id="indenter" fill="none" stroke="#0072B2" stroke-width="{3 * view.line:g}"'
         state.touch = drawing(design, touch.delta, marks + circle(x, y, radius, look))
         state.bars = delta_bars(touch.delta.items())
-        state.located = location_lines(touch.location)
+        state.located = [_FOLLOWS] if state.touch_coarse else location_lines(touch.location)
         state.place_error = ""
         state.place = {name: place_text(value) for name, value in zip(("x", "y", "depth"), (x, y, depth), strict=True)}
 
@@ -413,7 +417,7 @@ def press_row(press: Press) -> list[str]:
         best = press.location.modes[0]
         deviations = (*best.known_deviations, None, None, None)
         x, y, depth = (
-            number_text(value * 1e3, 2) + ("" if sigma is None else f" ± {sigma * 1e3:.2f}")
+            "–" if sigma is None else f"{number_text(value * 1e3, 2)} ± {sigma * 1e3:.2f}"
             for value, sigma in zip((best.x, best.y, best.depth), deviations, strict=False)
         )
         place = f"{x}, {y}"

@@ -30,6 +30,7 @@ from coilarray.errors import NetworkError
 from coilarray.geometry.rules import Margin, broken_rules
 from coilarray.viz.datasets.results import AMOUNT, field_grid, require_memory
 from coilarray.viz.palette import DIVERGING
+from coilarray.viz.scenes.board import scene_of_currents
 from coilarray.viz.scenes.results import colours_of_currents, field_planes, scale_of_field, scene_of_slices
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.job import Step
@@ -490,7 +491,9 @@ class SwitchesPanel(Panel):
         result, names = self._result, design.coil_names
         if result is None or len(result.currents) != len(names):
             return None
-        scene = board.coloured(colours_of_currents(result.currents, names.index(result.state.measured[0][0])))
+        active = names.index(result.state.measured[0][0])
+        scene = board.coloured(colours_of_currents(result.currents, active))
+        scene += scene_of_currents(design.placed, result.currents.real, active)
         if design.plates:  # beside which the fields differ at every frequency
             return scene + Scene(notes=("B beside plates is shown by coilarray view --show board,field.",))
         height, shown = float(self._state.field_height) * 1e-3, str(self._state.field_of)

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from coilarray.compute.display_units import value_text
+from coilarray.compute.display_units import true_minus, value_text
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.errors import CoilarrayError, DesignError
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 
 _EVERY = 3.0  # s between two looks for new points
+_ALLOWED = 1e-3  # mm, margin to within which a limit counts as kept
 _REST = 0.3  # s without a change before goals are offered
 _MOST_TRIALS = 10_000
 _SIZE = (4.6, 3.3)  # of the picture in inches, so that its letters are legible beside the board
@@ -166,10 +167,16 @@ def limits_of(file: DesignFile, goal: str) -> list[dict[str, str]]:
         for side, value in (("at_least", one.at_least), ("at_most", one.at_most)):
             if value is not None:
                 rows.append({
-                    "quantity": one.quantity, "words": words(one.quantity), "side": side, "value": text_of(value),
-                    "unit": unit_of(one.quantity), "now": with_unit(one.quantity, now[one.quantity]),
+                    "quantity": one.quantity, "words": words(one.quantity), "side": side,
+                    "value": true_minus(text_of(value)), "unit": unit_of(one.quantity),
+                    "now": _now_text(one.quantity, now[one.quantity]),
                 })  # fmt: skip
     return rows
+
+
+def _now_text(name: str, value: float) -> str:
+    """Present value with its unit, in words if a margin is zero."""
+    return "now just kept" if name == "fab_margin_mm" and abs(value) < _ALLOWED else f"now {with_unit(name, value)}"
 
 
 def search_goal(

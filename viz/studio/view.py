@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -234,7 +234,8 @@ class ScenePanel(Panel):
         def compute() -> tuple[Design, int, Scene, Packed]:
             scene = self._scene(design, tab, sheets)
             same = self._drawn is not None and self._drawn[0] is scene
-            return design, number, scene, self._drawn[1] if same and self._drawn else packed(scene)
+            one = self._drawn[1] if same and self._drawn else packed(scene)
+            return design, number, scene, replace(one, words=one.words | {"tab": tab})
 
         return [Step("scene", compute, self._send, partial(self._set, "scene_problem"))]
 
