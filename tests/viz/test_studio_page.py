@@ -296,7 +296,7 @@ def test_the_indenter_is_dragged_and_located(page):
     located = page.inner_text("#located").replace("−", "-")
     assert float(located.partition("Pressed at x = ")[2].split()[0]) == pytest.approx(place[0], abs=0.05)
     page.wait_for_selector("#scene :text('hemisphere')")
-    assert page.locator("#board.other").count() == 0  # legend and picture change together
+    assert page.locator("#scene.other").count() == 0  # legend and picture change together
     press_at(page, "depth", "deep")
     expect(page.locator("#place-error")).to_have_text("depth must be a number; got 'deep'.")
     press_at(page, "depth", "99")

@@ -199,7 +199,7 @@ class ScenePanel(Panel):
         self._sent: dict[int, tuple[Design, int, Scene, Packed]] = {}
         problem = session.setup.rendering_problem or ("not shown" if session.setup.services.alone else None)
         self._off = problem is not None
-        session.state.client_only("hidden_groups", "hovered", "picked")
+        session.state.client_only("hidden_groups", "hovered", "picked", "legend")
         values = {
             "scene_problem": problem or "", "scene": {}, "plan": {}, "hovered": "", "picked": "",
             "scene_sides": [{"name": side, "angles": ANGLES[side]} for side in SIDES],
@@ -261,14 +261,14 @@ class ScenePanel(Panel):
             for place in design.array.placements
         ]
         of = {"number": number, "page": self._session.key, "digest": design.digest, "poses": poses}
-        self._state.scene = {**one.words, **of}
+        self._state.scene = {**one.words, **of, "legend": _legend(scene)}
 
     def _shown(self, number: int) -> None:
         if number not in self._sent:
             return
-        design, expected, scene, _ = self._sent[number]
+        design, expected, *_ = self._sent[number]
         with self._state as state:
-            state.legend, state.scene_problem = _legend(scene), ""
+            state.scene_problem = ""
             if expected == self._expected:
                 self._session.arrived("scene", design)
 
