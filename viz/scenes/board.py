@@ -103,7 +103,8 @@ def _placed(boards: Sequence[Board], bare: Sequence[Scene]) -> Scene:
     loops = sum(not board.name for board in boards) > 1
     alike: dict[str, list[Part]] = {}
     colours = cycled(BOARDS, [board.name for board in boards if board.name])
-    scenes = [in_space(scene, board, colours.get(board.name, "")) for scene, board in zip(bare, boards, strict=True)]
+    pairs = zip(bare, boards, strict=True)
+    scenes = [in_space(scene, board, colours.get(board.name or "", "")) for scene, board in pairs]
     for board, scene in zip(boards, scenes, strict=True):
         for part in scene.parts:
             if board.name or not loops or not part.name.endswith("board"):
