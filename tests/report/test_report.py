@@ -53,7 +53,7 @@ FEW = FEW.replace('strain = "finite"', 'strain = "linear"')
 def causes_of(design):
     """A made-up result of `coilarray paper distortion` for a design, with the errors of a calibration."""
     causes = distortion().assign_attrs(design_hash=design.digest)
-    causes = causes.assign(rms=causes.rms.assign_attrs(units="m"))
+    causes = causes.assign(rms=causes.rms.assign_attrs(units="m")).assign_coords(indenter=["without"])
     return causes.assign({f"{name}_std": 0.1 * causes[name] for name in ("x0", "effect", "rms")})
 
 
