@@ -15,15 +15,16 @@ from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILO
 
 @dataclass(frozen=True)
 class Track:
-    """Straight piece of a trace or arc in m, of a `net` if named, at "file:line" or "file"."""
+    """Straight piece of a trace, arc or drawn line in m, of a `net` if named, at "file:line" or "file"."""
 
-    what: ClassVar[str] = "a track"
     layer: str
     start: Point
     end: Point
     width: float
     net: str | None
     where: str
+    what: str = "a track"
+    part: str = ""  # reference of the footprint ("L1")
 
     @property
     def copper(self) -> dict[str, BaseGeometry]:
@@ -44,6 +45,8 @@ class Hole:
     kind: Literal["via", "pad"]  # nets begin and end at a "pad"
     where: str
     number: str = ""  # of a pad in its footprint ("1", "A4"), empty for vias
+    part: str = ""  # reference of the footprint ("U1")
+    value: str = ""  # of the footprint ("100 pF")
     shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)  # none: a disc
 
     @property
@@ -70,6 +73,8 @@ class SurfacePad:
     where: str
     number: str = ""
     size: float = 0.0
+    part: str = ""
+    value: str = ""
     shape: BaseGeometry | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -80,13 +85,15 @@ class SurfacePad:
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper in m such as "a filled zone", or the outline of a zone without fill."""
+    """Copper in m such as "a filled zone", if not `vague`."""
 
     layer: str
     shape: BaseGeometry
     net: str | None
     what: str
     where: str
+    part: str = ""
+    vague: bool = False  # a box around a text, or the outline of a zone without fill: joins nothing
 
     @property
     def copper(self) -> dict[str, BaseGeometry]:
@@ -107,7 +114,7 @@ class BoardCopper:
     holes: tuple[Hole, ...]
     pads: tuple[SurfacePad, ...]
     assumed: dict[str, str] = field(default_factory=dict)  # reasons by dotted keys of [stackup]
-    areas: tuple[CopperArea, ...] = ()  # copper that cannot be followed as a path
+    areas: tuple[CopperArea, ...] = ()  # zones, drawn shapes, texts
     edge: tuple[float, float, float, float] | None = None  # x_min, y_min, x_max, y_max in m of the outline
     notes: tuple[str, ...] = ()  # sentences for the user
 

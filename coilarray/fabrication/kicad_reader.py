@@ -1,4 +1,4 @@
-"""Copper of KiCad boards, version 6 and newer, and S-expressions that know their lines."""
+"""Copper of KiCad boards and footprints, and S-expressions that know their lines."""
 
 from __future__ import annotations
 
@@ -17,13 +17,22 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import text_of_file
 from coilarray.errors import BoardError, GeometryError
-from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, Slab, SurfacePad, Track, completed_stackup
+from coilarray.fabrication.board import (
+    BoardCopper,
+    Copper,
+    CopperArea,
+    Hole,
+    Slab,
+    SurfacePad,
+    Track,
+    completed_stackup,
+)
 from coilarray.geometry.arcs import Point, arc_points
 from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import Stackup
 
-OLDEST_VERSION = 20211014  # format of KiCad 6
-NEWEST_VERSION = 20241229  # format of KiCad 9, the newest that this reader knows
+OLDEST_VERSION = 20171130  # format of KiCad 5
+NEWEST_VERSION = 20260206  # format of KiCad 10, the newest that this reader knows
 _PER_M = 1e3  # numbers in the file are in mm
 _COPPER = re.compile(r"F\.Cu|In(\d+)\.Cu|B\.Cu")
 _DRAWN = {"line": "line", "arc": "arc", "circle": "circle", "rect": "rectangle", "poly": "polygon", "curve": "curve"}
@@ -32,68 +41,87 @@ ToBoard = Callable[[float, float], Point]  # from mm of the file to m on the boa
 
 
 def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
-    """Read the conductors of a KiCad board from its drill origin, y up.
+    """Read the conductors of a KiCad board or footprint from its drill origin, y up.
 
-    Arcs are divided into pieces within 0.9 µm of them. Newer formats than KiCad 9's are read as far
-    as they are understood, with a note. Unknown objects with a net or on copper, texts and
-    dimensions are areas, so that no coil can contain them unnoticed. Teardrops are left out with a
-    note.
+    Arcs are divided into pieces within 0.9 µm of them. Drawn lines, arcs and curves of the board,
+    of footprints and of custom pads are tracks, drawn polygons are areas. Formats of KiCad 5 to 10
+    are known; others are read as far as they are understood, with a note. Unknown objects with a
+    net or on copper, texts and dimensions are vague areas.
     """
     root = read_sexpr(path)
+    if root.name in ("footprint", "module"):
+        root = _around_footprint(root)
     if root.name != "kicad_pcb":
         raise BoardError(
-            f"{root.where}: a KiCad board begins with (kicad_pcb; this file begins with ({root.name[:40]}."
+            f"{root.where}: a KiCad board begins with (kicad_pcb and a footprint with (footprint; this file begins with "
+            f"({root.name[:40]}."
         )
     notes = []
-    version = root.need("version")
-    number = version.number()
-    if number < OLDEST_VERSION:
-        raise BoardError(
-            f"{version.where}: the board has KiCad's format {number:.0f}, older than KiCad 6 ({OLDEST_VERSION}); "
-            "open it in a newer KiCad and save it."
-        )
-    if number > NEWEST_VERSION:
+    version = root.child("version")
+    number = OLDEST_VERSION if version is None else version.number()
+    if not OLDEST_VERSION <= number <= NEWEST_VERSION:
         notes.append(
-            f"The board has KiCad's format {number:.0f}; formats newer than KiCad 9 ({NEWEST_VERSION}) are untested."
+            f"The board has KiCad's format {number:.0f}; formats other than those of KiCad 5 to 10 ({OLDEST_VERSION} to "
+            f"{NEWEST_VERSION}) are untested."
         )
     nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none in KiCad 10
     origin = root.child("setup", "aux_axis_origin")
     board = _Board(*read_layers(root, stackup), nets, (0.0, 0.0) if origin is None else pair(origin))
-    tracks: list[Track] = []
-    holes: list[Hole] = []
-    pads: list[SurfacePad] = []
-    areas: list[CopperArea] = []
+    found: list[Copper] = []
     outline: list[Point] = []
-    teardrops = 0
     for node in root.items:
         if not isinstance(node, Node):
             continue
         if node.name in ("segment", "arc"):
-            tracks += board.tracks(node)
+            found += board.tracks(node)
         elif node.name == "via":
-            holes.append(board.via(node))
-        elif node.name == "zone" and node.child("attr", "teardrop"):  # widens a track's end
-            teardrops += 1
-        elif node.name == "footprint":
-            to_board = board.footprint(node)
+            found.append(board.via(node))
+        elif node.name in ("footprint", "module"):
+            to_board, part, value = board.footprint(node), *_reference(node)
             for item in node.items:
                 if not isinstance(item, Node):
                     continue
                 if item.name == "pad":
-                    found = board.pad(item, to_board)
-                    holes += [pad for pad in found if isinstance(pad, Hole)]
-                    pads += [pad for pad in found if isinstance(pad, SurfacePad)]
+                    found += board.pad(item, to_board, part, value)
                 else:
-                    areas += board.areas(item, to_board)
+                    found += board.drawn(item, to_board, part)
                     outline += board.outline(item, to_board)
         else:
-            areas += board.areas(node, board.to_board)
+            found += board.drawn(node, board.to_board)
             outline += board.outline(node, board.to_board)
-    if teardrops:
-        notes.append(f"{teardrops} teardrop{'s' if teardrops > 1 else ''} at the ends of tracks left out.")
     edge = shapely.MultiPoint(outline).bounds if outline else None
-    copper = (tuple(tracks), tuple(holes), tuple(pads), board.assumed, tuple(areas))
-    return BoardCopper(str(path), board.stackup, *copper, edge, tuple(notes))
+    tracks = tuple(item for item in found if isinstance(item, Track))
+    holes = tuple(item for item in found if isinstance(item, Hole))
+    pads = tuple(item for item in found if isinstance(item, SurfacePad))
+    areas = tuple(item for item in found if isinstance(item, CopperArea))
+    return BoardCopper(str(path), board.stackup, tracks, holes, pads, board.assumed, areas, edge, tuple(notes))
+
+
+def _around_footprint(footprint: Node) -> Node:
+    """Return a board that has only a footprint, with the layers that it names."""
+    inner = sorted({int(match[1]) for word in _words(footprint) if (match := _COPPER.fullmatch(word)) and match[1]})
+    names = ["F.Cu", *(f"In{k}.Cu" for k in range(1, max(inner, default=0) + 1)), "B.Cu"]
+    rows = tuple(Node(str(k), (name, "signal"), footprint.where) for k, name in enumerate(names))
+    return Node("kicad_pcb", (Node("layers", rows, footprint.where), footprint), footprint.where)
+
+
+def _words(node: Node) -> Iterator[str]:
+    """Yield every word inside a node."""
+    for item in node.items:
+        if isinstance(item, Node):
+            yield from _words(item)
+        else:
+            yield item
+
+
+def _reference(footprint: Node) -> tuple[str, str]:
+    """Return the reference of a footprint ("U1") and its value, empty if it has none."""
+    found = {"reference": "", "value": ""}
+    for node in footprint.children("fp_text", "property"):
+        if len(node.words) > 1 and node.words[0].lower() in found:
+            found[node.words[0].lower()] = node.words[1]
+    reference = found["reference"]
+    return "" if reference in ("REF**", "${REFERENCE}") else reference, found["value"]
 
 
 @dataclass(frozen=True)
@@ -136,9 +164,9 @@ class _Board:
 
     def footprint(self, node: Node) -> ToBoard:
         """Return the transformation from a footprint (mm) to the board (m)."""
-        place = node.need("at")
-        x0, y0 = pair(place)
-        turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0
+        place = node.child("at")  # none in a library
+        x0, y0 = (0.0, 0.0) if place is None else pair(place)
+        turn = 0.0 if place is None or len(place.words) < 3 else math.radians(place.number(2))
         c, s = math.cos(turn), math.sin(turn)
 
         def to_board(x: float, y: float) -> Point:
@@ -184,18 +212,22 @@ class _Board:
         shapes = _kept(node, dict.fromkeys(layers, disc(x, y, size)), disc(x, y, drill))
         return Hole(x, y, drill, size, layers, self.net(node), "via", node.where, shapes=shapes)
 
-    def pad(self, node: Node, to_board: ToBoard) -> list[Hole] | list[SurfacePad]:
-        """Return a pad as hole or surface pads by layer."""
+    def pad(self, node: Node, to_board: ToBoard, part: str = "", value: str = "") -> Iterator[Copper]:
+        """Yield a pad as hole or surface pads by layer, and what is drawn in it."""
         number, kind = node.text(0), node.text(1)
         if kind == "np_thru_hole":
-            return []
+            return
         x, y = to_board(*pair(node.need("at")))
         size = min(pair(node.need("size"))) / _PER_M
-        net = self.net(node)
-        layers = self.layers(node)
-        shape = pad_shape(node, to_board)
+        net, layers = self.net(node), self.layers(node)
+        shape, of_pad = pad_shape(node, to_board)
+        primitives = node.child("primitives")
+        for item in () if primitives is None else primitives.children(*GRAPHICS):
+            yield from self.graphic(item, of_pad, layers, net, part, "drawn in a pad")
         if kind != "thru_hole":
-            return [SurfacePad(x, y, layer, net, node.where, number, size, shape) for layer in layers]
+            for layer in layers:
+                yield SurfacePad(x, y, layer, net, node.where, number, size, part, value, shape)
+            return
         drill = node.need("drill")
         # of a slot, (drill oval 1 0.5), the smaller side
         diameters = [drill.number(k) for k, word in enumerate(drill.words) if word != "oval"]
@@ -206,37 +238,55 @@ class _Board:
         layers_between = self.stackup.between(layers[0], layers[-1]) if layers else self.stackup.names
         bore = min(diameters) / _PER_M
         shapes = _kept(node, dict.fromkeys(layers, shape), disc(x, y, bore))
-        return [Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes)]
+        yield Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, part, value, shapes)
 
-    def areas(self, node: Node, to_board: ToBoard) -> Iterator[CopperArea]:
+    def drawn(self, node: Node, to_board: ToBoard, part: str = "") -> Iterator[Track | CopperArea]:
         """Yield a zone, drawn shape, text or other copper, by layer."""
         net = self.net(node) if node.name != "net" else None
         names = self.layers(node)
-        found: Iterable[tuple[str, BaseGeometry, str]] = ()
+        if node.name in GRAPHICS:
+            yield from self.graphic(node, to_board, names, net, part) if names else ()
+            return
+        found: Iterable[tuple[str, BaseGeometry, str, bool]] = ()
         if node.name == "zone":
             found = self.zone(node, names) if node.child("keepout") is None else ()
-        elif node.name in GRAPHICS:
-            shape = drawn_shape(node, to_board) if names else shapely.Polygon()
-            found = [(name, shape, f"a drawn {_DRAWN[node.name.split('_')[1]]}") for name in names]
         elif names:
-            found = [(name, shape, what) for shape, what in other_copper(node, to_board) for name in names]
+            found = [(name, shape, what, True) for shape, what in other_copper(node, to_board) for name in names]
         elif net is not None:
-            found = [(self.stackup.names[0], shapely.Polygon(), f"an unknown ({node.name} …)")]
-        for name, shape, what in found:
-            yield CopperArea(name, shape, net, what, node.where)
+            found = [(self.stackup.names[0], shapely.Polygon(), f"an unknown ({node.name} …)", True)]
+        for name, shape, what, vague in found:
+            yield CopperArea(name, shape, net, what, node.where, part, vague)
 
-    def zone(self, zone: Node, names: tuple[str, ...]) -> Iterator[tuple[str, BaseGeometry, str]]:
+    def graphic(
+        self, node: Node, to_board: ToBoard, layers: Sequence[str], net: str | None, part: str, where: str = ""
+    ) -> Iterator[Track | CopperArea]:
+        """Yield a drawn shape as tracks along its line, or as an area if it is filled."""
+        what = f"a drawn {_DRAWN[node.name.split('_')[1]]}{' ' * bool(where)}{where}"
+        outline, width, filled = drawn_shape(node, to_board)
+        if filled:
+            shape = shapely.Polygon(outline).buffer(0)
+            shape = shape | shapely.LineString(outline).buffer(width / 2) if width > 0 else shape
+            yield from (
+                CopperArea(layer, each, net, what, node.where, part)
+                for layer in layers for each in shapely.get_parts(shape).tolist()
+            )  # fmt: skip
+        elif width > 0:
+            for layer in layers:
+                for first, last in pairwise(outline):
+                    yield Track(layer, first, last, width, net, node.where, what, part)
+
+    def zone(self, zone: Node, names: tuple[str, ...]) -> Iterator[tuple[str, BaseGeometry, str, bool]]:
         """Yield layer, shape and kind of filled areas or outlines."""
         fills = list(zone.children("filled_polygon"))
         for fill in fills:
             name = self.one_layer(fill) if fill.child("layer") else next(iter(names), None)
             if name is not None:
-                yield name, _polygon(fill, self.to_board), "a filled zone"
+                yield name, _polygon(fill, self.to_board), "a filled zone", False
         if not fills:
             outline = zone.child("polygon")
             shape = shapely.Polygon() if outline is None else _polygon(outline, self.to_board)
             for name in names:
-                yield name, shape, "a zone"
+                yield name, shape, "a zone without a fill", True
 
     def outline(self, node: Node, to_board: ToBoard) -> list[Point]:
         """Return points of a shape on the board's edge layer."""
@@ -331,18 +381,14 @@ _CURVE_PIECES = 64
 _FARTHEST = 1e4  # mm: KiCad itself ends at 2147
 
 
-def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Area in m of a drawn shape on any layer."""
+def drawn_shape(node: Node, to_board: ToBoard) -> tuple[list[Point], float, bool]:
+    """Line in m that a drawn shape on any layer follows, its width in m, and whether it is filled."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
     width, fill = (node.child("stroke") or node).child("width"), node.child("fill")
-    # a line of no width is not copper, unless its inside is filled
-    half = 0.0 if width is None else width.number() / _PER_M / 2
-    shape: BaseGeometry = shapely.LineString(outline).buffer(max(half, 1e-9))
     filled = kind == "poly" if fill is None else fill.text() in ("solid", "yes")
-    if kind in ("circle", "rect", "poly") and filled and len(outline) > 3:
-        shape = shapely.union(shapely.Polygon(outline).buffer(0), shape)
-    return shape
+    half = 0.0 if width is None else width.number() / _PER_M
+    return outline, half, kind in ("circle", "rect", "poly") and filled and len(outline) > 3
 
 
 def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
@@ -363,6 +409,14 @@ def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
         opposite = (2 * centre[0] - rim[0], 2 * centre[1] - rim[1])
         return _as_list(arc_points(rim, opposite, rim))
     first, last = pair(node.need("start")), pair(node.need("end"))
+    if kind == "arc" and node.child("mid") is None:  # KiCad 5 has the centre, the start and the angle, clockwise
+        angle = math.radians(node.need("angle").number())
+        x, y = last[0] - first[0], last[1] - first[1]
+        on_arc = [
+            (first[0] + x * math.cos(a) - y * math.sin(a), first[1] + x * math.sin(a) + y * math.cos(a))
+            for a in (0.0, angle / 2, angle)
+        ]
+        return _as_list(arc_points(*(to_board(*place) for place in on_arc)))
     if kind == "arc":
         return _as_list(arc_points(to_board(*first), to_board(*pair(node.need("mid"))), to_board(*last)))
     if kind == "rect":
@@ -401,8 +455,8 @@ def _as_list(points: FloatArray) -> list[Point]:
     return [(x, y) for x, y in points.tolist()]
 
 
-def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
-    """Area in m of a pad, a rectangle by default."""
+def pad_shape(pad: Node, to_board: ToBoard) -> tuple[BaseGeometry, ToBoard]:
+    """Area in m of a pad, a rectangle by default, and the transformation from its own frame."""
     place = pad.need("at")
     x0, y0 = to_board(*pair(place))
     turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0  # on the sheet
@@ -415,11 +469,7 @@ def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
     offset = pad.child("drill", "offset")
     x, y = (0.0, 0.0) if offset is None else pair(offset)
     flat = affinity.translate(_flat(pad), x, y)
-    shapes = [shapely.transform(flat, lambda at: np.array([of_pad(x, y) for x, y in at.tolist()]))]
-    primitives = pad.child("primitives")
-    if primitives is not None:
-        shapes += [drawn_shape(node, of_pad) for node in primitives.children(*GRAPHICS)]
-    return shapely.union_all(shapes)
+    return shapely.transform(flat, lambda at: np.array([of_pad(x, y) for x, y in at.tolist()])), of_pad
 
 
 def _flat(pad: Node) -> BaseGeometry:

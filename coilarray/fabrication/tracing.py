@@ -4,274 +4,203 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import count, pairwise
-from math import dist
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
-import shapely
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.threads import Progress
 from coilarray.errors import BoardError, GeometryError
-from coilarray.fabrication.board import BoardCopper, Copper, CopperArea, Hole, SurfacePad, Track
-from coilarray.fabrication.track_graph import JOINED, TracedCoil, follow, natural_order, require_followable, track_graph
-from coilarray.geometry.arcs import place_in_mm
+from coilarray.fabrication.board import BoardCopper, Copper, Hole, SurfacePad
+from coilarray.fabrication.copper_graph import CopperGraph, copper_graph
+from coilarray.fabrication.current_paths import STRAIGHT, Found, Piece
+from coilarray.fabrication.traced_coil import TracedCoil, natural_order
+from coilarray.geometry.arcs import Point, place_in_mm
 from coilarray.geometry.array import Array, Placement
 from coilarray.geometry.coil import VIA, PlatedHole, path_coil
-from coilarray.geometry.copper import groups
 from coilarray.geometry.stackup import Stackup
 
-LEAST_TURNS = 0.9  # turns from which a net is a coil: a loop lacks the space between its leads
 _SHOWN = 12  # names in a message
-_REASONS = 3  # nets in a message, with the reason why they are not coils
-_LONGEST_WHY = 200  # characters of a reason
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Copper of a `name` that is no coil, with the reason, and its place, length and turns."""
+
+    name: str
+    reason: str
+    at: Point | None
+    length: float
+    turns: float
 
 
 @dataclass(frozen=True)
 class Tracing:
-    """Coils of a board, and `left_out` nets with tracks, with the reason."""
+    """Coils of a board, and other copper, first that which looks most like a coil."""
 
     coils: tuple[TracedCoil, ...]
-    left_out: dict[str, str]
+    left_out: tuple[LeftOut, ...]
 
 
-def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracing:
-    """Find the coils of a board, which are the wanted `nets` if given.
+class NoCoilError(BoardError):
+    """A board without a coil, with the `left_out` copper."""
 
-    By default every net and piece of copper without a net is a coil if it is a single path of at
-    least `LEAST_TURNS`, whose turns no pad or hole joins. Raises BoardError for a wanted net that
-    is no coil, or without any coil. The current enters at the lower number of a pad: 1 before 2, A2
-    before A10. If only one end is numbered, it enters there, but a lone pad 2 is the end. Otherwise
-    it enters at the end whose track comes first in the file.
+    def __init__(self, message: str, left_out: Sequence[LeftOut] = ()) -> None:
+        super().__init__(message)
+        self.left_out = tuple(left_out)
+
+
+def trace_coils(
+    board: BoardCopper,
+    nets: Sequence[str] | None = None,
+    ends: tuple[str, str] | None = None,
+    progress: Progress | None = None,
+) -> Tracing:
+    """Find the coils of a board, in the copper of the wanted `nets` if given.
+
+    Copper is connected where it overlaps, and through plated holes. A coil is the way of the
+    current through connected copper that makes at least `LEAST_TURNS`. It ends at the pad, branch
+    or end of the copper that is next to its winding. Branches that do not wind are left out. Where
+    three windings meet, or two about places of their own and a pad or branch, each is a coil.
+    `ends` are two pads as "U1.3", or places in mm as "1.5,-2", between which the way is taken
+    instead.
+
+    Raises BoardError for a wanted net or end that is not there, and NoCoilError without any coil.
+    The current enters at the lower number of a pad: 1 before 2, A2 before A10. If only one end is
+    numbered, it enters there, but a lone pad 2 is the end. Otherwise it enters at the end whose
+    track comes first in the file.
     """
-    found: dict[str | None, _NetCopper] = {}
-    for kind in ("tracks", "holes", "pads", "areas"):
-        for item in getattr(board, kind):
-            getattr(found.setdefault(item.net, _NetCopper()), kind).append(item)
-    nameless = found.pop(None, _NetCopper())
-    by_net = {net: copper for net, copper in found.items() if net is not None}
-    if nets is None:
-        require_followable(nameless.tracks)  # before any shape is made
-    obstacles = Obstacles(nameless.all)
-    if nets is not None:
-        for net in nets:
-            if net not in by_net:
-                known = sorted(by_net)
-                close = difflib.get_close_matches(net, known, n=1)
-                hint = f"did you mean {close[0]}? The" if close else "the"
-                more = "" if len(known) <= _SHOWN else f" and {len(known) - _SHOWN} more"
-                has = f"{hint} board has {', '.join(known[:_SHOWN])}{more}"
-                has = has if known else "the board's copper has no nets"
-                raise BoardError(f"{board.source}: there is no net {net!r}; {has}.")
-            if not by_net[net].tracks and not by_net[net].areas:
-                raise BoardError(f"{board.source}: net {net} has no track.{_drawn(nameless)}")
-        return Tracing(tuple(_trace_net(net, by_net[net], obstacles) for net in dict.fromkeys(nets)), {})
+    graph = copper_graph(board, progress)
+    members = _pieces(graph)
+    known = {net for _, _, own in members for net in own}
+    for net in nets or ():
+        if net not in known:
+            close = difflib.get_close_matches(net, sorted(known), n=1)
+            hint = f"did you mean {close[0]}? The" if close else "the"
+            more = "" if len(known) <= _SHOWN else f" and {len(known) - _SHOWN} more"
+            has = f"{hint} board has {', '.join(sorted(known, key=natural_order)[:_SHOWN])}{more}"
+            raise BoardError(
+                f"{board.source}: there is no net {net!r}; {has if known else 'the copper of the board has no nets'}."
+            )
+    if ends is not None:
+        return Tracing((_between(board, graph, members, ends),), ())
     coils: list[TracedCoil] = []
-    left_out: dict[str, str] = {}
-    for net, copper in sorted(by_net.items(), key=lambda item: natural_order(item[0])):
-        if copper.tracks:
-            try:
-                coil = _trace_net(net, copper, obstacles)
-                _require_turns(coil)
-                coils.append(coil)
-            except BoardError as error:
-                left_out[net] = str(error)
-    _trace_nameless(nameless, by_net, coils, left_out)
-    if not coils:
-        why = "".join(f"; {net}: {reason}" for net, reason in list(left_out.items())[:_REASONS])
-        why = why if len(why) <= _LONGEST_WHY else f"{why[:_LONGEST_WHY]}…"
-        raise BoardError(
-            f"{board.source}: no net is one path from end to end with a whole turn{why or '; it has no tracks.'}"
-            f"{_drawn(nameless)}"
-        )
-    return Tracing(tuple(coils), left_out)
-
-
-@dataclass(frozen=True, eq=False)
-class _NetCopper:
-    """Copper of one net by kind, in file order."""
-
-    tracks: list[Track] = field(default_factory=list)
-    holes: list[Hole] = field(default_factory=list)
-    pads: list[SurfacePad] = field(default_factory=list)
-    areas: list[CopperArea] = field(default_factory=list)
-
-    @property
-    def all(self) -> list[Copper]:
-        """All copper of the net."""
-        return [*self.tracks, *self.holes, *self.pads, *self.areas]
-
-    @property
-    def stands(self) -> list[Copper]:
-        """Holes, pads, and tracks without a length: they may join paths."""
-        dots = [track for track in self.tracks if dist(track.start, track.end) <= JOINED]
-        return [*self.holes, *self.pads, *dots]
-
-
-def _drawn(nameless: _NetCopper) -> str:
-    """Hint at copper without a net or tracks."""
-    hint = ""
-    if nameless.tracks:
-        hint += f" The board has {len(nameless.tracks)} tracks without a net, the first at {nameless.tracks[0].where}."
-    if nameless.areas:
-        hint += (
-            f" Of its copper without a net, {len(nameless.areas)} pieces are drawn shapes or zones: a coil must be "
-            "tracks."
-        )
-    return hint
-
-
-def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil:
-    """Trace the coil of one net, or raise BoardError."""
-    if copper.areas:
-        area = copper.areas[0]
-        raise BoardError(
-            f"{area.where}: net {net} has {area.what} on {area.layer}, which cannot be taken as a current path."
-        )
-    graph = track_graph(copper.tracks, copper.holes, copper.pads)
-    pieces = graph.components()
-    if len(pieces) != 1:
-        at = " and ".join(
-            f"at {graph.place(piece[0])} on {graph.edges[piece[0]].layer} ({graph.where(piece[0])})"
-            for piece in pieces[:2]
-        )
-        raise BoardError(
-            f"{copper.tracks[0].where}: net {net} must be one piece of copper; it has {len(pieces)} that do not meet"
-            f"{', ' if at else ''}{at}."
-        )
-    coil = replace(follow(net, f"net {net}", graph, pieces[0]), net=net)
-    obstacles.refuse_contact(f"net {net}", coil)
-    refuse_bridges(f"net {net}", coil, copper.stands)
-    return coil
-
-
-def _trace_nameless(
-    nameless: _NetCopper, named: Mapping[str, _NetCopper], coils: list[TracedCoil], left_out: dict[str, str]
-) -> None:
-    """Add the pieces of copper without a net: coils under new names, others under their place."""
-    graph = track_graph(nameless.tracks, nameless.holes, nameless.pads)
-    pieces = graph.components()
-    if not pieces:
-        return
-    names = (name for k in count(1) if (name := f"coil{k}") not in named)
-    foreign = [Obstacles(copper.all, f"of net {net}") for net, copper in named.items()]
-    own = [frozenset(id(nameless.tracks[graph.edges[index].track]) for index in piece) for piece in pieces]
-    in_pieces = frozenset().union(*own)  # without pads and holes that lie wholly on others
-    others_tracks = [track for track in nameless.tracks if id(track) in in_pieces]
-    others = Obstacles([*others_tracks, *nameless.areas, *_joints(nameless, own)])
-    for piece, tracks in zip(pieces, own, strict=True):
-        what = f"copper without a net at {graph.place(piece[0])}"
+    left_out: list[LeftOut] = []
+    wanted = [member for net in dict.fromkeys(nets or ()) for member in members if net in member[2]]
+    for nodes, edges, own in wanted if nets is not None else members:
+        if nets is None and not _may_wind(graph, nodes, edges):
+            continue
+        name = ", ".join(own) or f"copper without a net at {graph.place(nodes[0])}"
         try:
-            coil = follow(what, what, graph, piece)
-            _require_turns(coil)
-            others.refuse_contact(what, coil, tracks)
-            refuse_bridges(what, coil, nameless.stands)
-            for obstacles in foreign:
-                obstacles.refuse_contact(f"tracks without a net, {what}", coil)
-            coils.append(replace(coil, name=next(names)))
+            found = Piece(graph, nodes, edges).coils()
         except BoardError as error:
-            left_out[what] = str(error)
+            found = Found((), str(error))
+        named = [*_named(found.coils, own, {coil.name for coil in coils}, known)]
+        coils += named
+        if not named:
+            left_out.append(LeftOut(name, found.reason, found.at, found.length, found.turns))
+    left_out.sort(key=lambda each: (-round(each.turns, 2), -each.length))
+    missing = [net for net in nets or () if not any(net in (coil.net or "").split(", ") for coil in coils)]
+    if missing or not coils:
+        raise NoCoilError(_why_none(board, graph, missing, left_out), left_out)
+    return Tracing(tuple(coils), tuple(left_out))
 
 
-def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]:
-    """Holes and pads that join several pieces, of which `own` are the ids of the tracks."""
-    piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
-    tracks = [track for track in nameless.tracks if id(track) in piece_of]
-    tree = shapely.STRtree([shape for track in tracks for shape in track.copper.values()])
-    found: list[Copper] = []
-    for stand in nameless.stands:
-        met = set()
-        for layer, shape in stand.copper.items():
-            near = [tracks[k] for k in tree.query(shape, "intersects").tolist()]
-            met |= {piece_of[id(track)] for track in near if track.layer == layer}
-        if len(met) > 1:
-            found.append(stand)
-    return found
+_Member = tuple[list[int], list[int], tuple[str, ...]]  # nodes, edges and nets of connected copper
 
 
-def _require_turns(coil: TracedCoil) -> None:
-    if (turns := abs(coil.turns)) < LEAST_TURNS:
-        raise BoardError(f"it makes {turns:.2f} turns around a place; a coil makes at least one.")
+def _pieces(graph: CopperGraph) -> list[_Member]:
+    """Sort the copper of a graph into connected pieces, by net and then in the order of the file."""
+    numbers, piece = np.unique(graph.piece, return_inverse=True)
+    of_edge = piece[graph.edges[:, 0]] if len(graph.edges) else np.empty(0, dtype=np.int64)
+    order, edge_order = np.argsort(piece, kind="stable"), np.argsort(of_edge, kind="stable")
+    nodes = np.split(order, np.cumsum(np.bincount(piece, minlength=len(numbers)))[:-1]) if len(piece) else []
+    edges = np.split(edge_order, np.cumsum(np.bincount(of_edge, minlength=len(numbers)))[:-1]) if len(piece) else []
+    found = []
+    for own_nodes, own_edges in zip(nodes, edges, strict=True):
+        items: list[Copper] = [graph.items[k] for k in np.unique(graph.edge_item[own_edges]).tolist()]
+        items += [stand for node in own_nodes.tolist() for stand in graph.stands.get(node, ())]
+        if own_edges.size or any(item.net for item in items):
+            nets = sorted({item.net for item in items if item.net}, key=natural_order)
+            found.append((own_nodes.tolist(), own_edges.tolist(), tuple(nets)))
+    return sorted(found, key=lambda member: (not member[2], [natural_order(net) for net in member[2]]))
 
 
-_OVERLAP = 1e-6  # m: copper that meets by less only touches
+def _may_wind(graph: CopperGraph, nodes: Sequence[int], edges: Sequence[int]) -> bool:
+    """Whether connected copper is long enough to make a turn."""
+    if len(edges) < 3:
+        return False
+    across = float(np.hypot(*np.ptp(graph.nodes[nodes], axis=0)))
+    return bool(graph.length[edges].sum() >= STRAIGHT * across)
 
 
-class Obstacles:
-    """Copper that no coil may touch, of an owner in messages: "of net A"."""
-
-    def __init__(self, copper: Iterable[Copper], whose: str = "without a net") -> None:
-        self._whose = whose
-        self._found = [(item, layer, shape) for item in copper for layer, shape in item.copper.items()]
-        self._tree = shapely.STRtree([shape for _, _, shape in self._found])
-
-    def refuse_contact(self, what: str, coil: TracedCoil, own: frozenset[int] = frozenset()) -> None:
-        """Raise BoardError if an obstacle, unless its id is an `own`, lies on the path."""
-        segments = list(_segments(coil))
-        lines = [segment.line for segment in segments]
-        within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
-        for k, index in self._tree.query(lines, predicate="dwithin", distance=within).T.tolist():
-            item, layer, _ = self._found[index]
-            if layer == segments[k].layer and id(item) not in own:
-                at = place_in_mm(*lines[k].coords[0])
-                raise BoardError(f"{item.where}: {item.what} {self._whose} touches {what} on {layer} at {at}.")
+def _named(
+    coils: Sequence[TracedCoil], nets: Sequence[str], taken: Collection[str], known: Collection[str]
+) -> Iterator[TracedCoil]:
+    """Name coils after their net or footprint, or coil1, coil2 and so on."""
+    # `taken` are names of coils, `known` those of nets, which are kept for their own coils
+    used = {*taken}
+    for coil in coils:
+        first = nets[0] if len(nets) == 1 else coil.part or "_".join(nets)
+        others = (f"{first}_{k}" if first else f"coil{k}" for k in count(2 if first else 1))
+        name = first
+        while not name or name in used or (name in known and name not in nets):
+            name = next(others)
+        used.add(name)
+        yield replace(coil, name=name, net=", ".join(nets) or None)
 
 
-def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
-    """Raise BoardError if pads or holes of the coil's net join stretches."""
-    # Stretches within them must follow each other along the path, and the path outside them run no longer than its
-    # width, a bend beside the pad.
-    segments = list(_segments(coil))
-    tree = shapely.STRtree([segment.line for segment in segments])
-    shapes = [item.copper for item in items]
-    entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
-    geometries = np.array([shape for _, _, shape in entries], dtype=object)
-    pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()
-    met = ((entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1])
-    overlapping: dict[int, list[int]] = {}
-    for k, lowest in enumerate(groups(len(shapes), met)):
-        overlapping.setdefault(lowest, []).append(k)
-    for group in overlapping.values():
-        stretches = []  # begin and end (m) along the path within the copper, and the segment
-        for layer, shape in ((layer, shape) for k in group for layer, shape in shapes[k].items()):
-            for index in tree.query(shape, predicate="dwithin", distance=coil.widest / 2).tolist():
-                segment = segments[index]
-                within = max(segment.width / 2 - _OVERLAP, 0.0)
-                if segment.layer != layer or not shapely.dwithin(shape, segment.line, within):
-                    continue
-                part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
-                along = segment.begin + shapely.line_locate_point(segment.line, shapely.points(part))
-                stretches.append((float(along.min()), float(along.max()), index))
-        stretches.sort()
-        covered = stretches[0][1] if stretches else 0.0
-        for begin, end, index in stretches:
-            segment = segments[index]
-            if begin - covered > segment.width:
-                item = items[group[0]]
-                at = place_in_mm(*segment.line.interpolate(begin - segment.begin).coords[0])
-                raise BoardError(
-                    f"{item.where}: {item.what} bridges turns of {what}: it also touches it on {segment.layer} at {at}."
-                )
-            covered = max(covered, end)
+def _why_none(board: BoardCopper, graph: CopperGraph, missing: Sequence[str], left_out: Sequence[LeftOut]) -> str:
+    """Say why there is no coil, first of the copper that looks most like one."""
+    about = [each for each in left_out if set(each.name.split(", ")) & set(missing)] if missing else left_out
+    if not about:
+        what = f"net {missing[0]} has no track" if missing else "there is no copper that could be a coil"
+        vague = [area.what for area in board.areas if area.vague]
+        hint = f"; {len(vague)} pieces are texts or zones without a fill, which are not followed" if vague else ""
+        return f"{board.source}: {what}{hint}."
+    first = about[0]
+    more = f" {len(about) - 1} more pieces of copper are no coils either." if len(about) > 1 else ""
+    what = f"net {first.name}" if first.name in {item.net for item in graph.items} else first.name
+    shape = f" ({first.turns:.3g} turns, {first.length * 1e3:.3g} mm)" if first.turns else ""
+    what = f"{what[0].upper()}{what[1:]}{shape}"
+    return f"{board.source}: no coil was found. {what} looks most like one: {first.reason}{more}"
 
 
-@dataclass(frozen=True, eq=False)
-class _Segment:
-    """Straight piece of a path from `begin` (m) along it."""
+def _between(
+    board: BoardCopper, graph: CopperGraph, members: Sequence[_Member], ends: tuple[str, str]
+) -> TracedCoil:
+    """Follow the way between two ends that the user named."""
+    first, last = (_end_node(board, graph, end) for end in ends)
+    for nodes, edges, own in members:
+        if first in nodes:
+            if last not in nodes:
+                raise BoardError(f"{board.source}: no copper joins {ends[0]} and {ends[1]}.")
+            if first == last:
+                raise BoardError(f"{board.source}: {ends[0]} and {ends[1]} are one place.")
+            coil = Piece(graph, nodes, edges).between(first, last)
+            return next(_named((coil,), own, (), ()))
+    raise BoardError(f"{board.source}: there is no copper at {ends[0]}.")
 
-    layer: str
-    line: shapely.LineString
-    width: float
-    begin: float
 
-
-def _segments(coil: TracedCoil) -> Iterator[_Segment]:
-    along = 0.0
-    for line, layer, widths in zip(coil.lines, coil.layers, coil.widths, strict=True):
-        for (a, b), width in zip(pairwise(line.tolist()), widths.tolist(), strict=True):
-            yield _Segment(layer, shapely.LineString((a, b)), width, along)
-            along += dist(a, b)
+def _end_node(board: BoardCopper, graph: CopperGraph, end: str) -> int:
+    """Node of a pad "U1.3", or nearest to a place "1.5,-2" in mm."""
+    place = end.split(",")
+    if len(place) == 2:
+        try:
+            at = np.array([float(value) for value in place]) / 1e3
+        except ValueError:
+            at = np.array([np.nan, np.nan])
+        if np.isfinite(at).all() and len(graph.nodes):
+            return int(np.hypot(*(graph.nodes - at).T).argmin())
+    stands = ((node, stand) for node, own in graph.stands.items() for stand in own if stand.number)
+    named = {f"{stand.part}.{stand.number}": node for node, stand in stands}
+    if end in named:
+        return named[end]
+    close = difflib.get_close_matches(end, sorted(named), n=3)
+    hint = f"did you mean {' or '.join(close)}?" if close else "give a pad as U1.3, or a place in mm as 1.5,-2."
+    raise BoardError(f"{board.source}: there is no pad {end!r}; {hint}")
 
 
 SAME_SHAPE = 2e-9  # agreement in m of points and widths of equal coils; board files round to 1 nm
@@ -397,6 +326,7 @@ def _notes(coil: TracedCoil) -> Iterator[str]:
         yield f"{coil.name}: pads without a hole at its ends left out; the trace ends in their centres."
     if coil.passed:
         yield f"{coil.name}: {len(coil.passed)} of the holes on the path join none of its lines and are left out."
+    yield from (f"{coil.name}: {note}" for note in coil.notes)
 
 
 def _with_margin(array: Array, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Array:

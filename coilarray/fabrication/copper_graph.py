@@ -1,0 +1,368 @@
+"""Graph of a board's copper: centre lines, holes and pads that overlap are joined."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.threads import Progress
+from coilarray.errors import BoardError
+from coilarray.fabrication.board import BoardCopper, Copper, CopperArea, Hole, SurfacePad
+from coilarray.fabrication.centre_lines import centre_lines
+from coilarray.geometry.arcs import place_in_mm
+from coilarray.geometry.copper import groups
+
+JOINED = 1e-6  # distance in m below which places are one, whatever lies there
+_OVERLAP = 1e-6  # m: copper that meets by less only touches
+_DETOUR = 1.2  # of the length of copper that no centre line follows: ways along centre lines are preferred
+_LOWER = 1e-4  # of a length, for every layer further down: of equal ways the uppermost is taken
+_MOST_PAIRS = 2e7  # of an end and a track whose bounds meet; each takes a few microseconds
+_SAMPLE = 1000  # ends by which they are counted
+Shapes = npt.NDArray[np.object_]
+
+
+@dataclass(frozen=True, eq=False)
+class CopperGraph:
+    """Places of copper in m, and the ways between them.
+
+    `nodes` (n, 2) in m are on one `layer` (n,) by number, or on several if a hole joins them.
+    `edges` (m, 2) are numbers of nodes, with a `length` (m,) and a `width` (m,) in m, the layer
+    `edge_layer` (m,), and the number `edge_item` (m,) of their copper in `items`. `drawn` (m,) says
+    that a centre line follows the edge. `stands` are the holes and pads of a node, `areas` the
+    numbers of nodes that stand for an area. `piece` (n,) numbers connected copper.
+    """
+
+    nodes: FloatArray
+    edges: IntArray
+    length: FloatArray
+    width: FloatArray
+    edge_layer: IntArray
+    edge_item: IntArray
+    drawn: npt.NDArray[np.bool_]
+    items: Sequence[Copper]
+    layers: Sequence[str]
+    stands: dict[int, list[Hole | SurfacePad]]
+    areas: dict[int, CopperArea]
+    piece: IntArray
+
+    @cached_property
+    def weight(self) -> FloatArray:
+        """Length in m by which the shortest way is chosen, shape (m,)."""
+        preference = np.where(self.drawn, 1.0, _DETOUR) + _LOWER * self.edge_layer
+        return np.maximum(self.length * preference, 1e-12)  # an edge of no weight is none to scipy
+
+    def where(self, edge: int) -> str:
+        """File and line of an edge, for messages."""
+        return self.items[self.edge_item[edge]].where
+
+    def place(self, node: int) -> str:
+        """Place of a node, for messages."""
+        return place_in_mm(*self.nodes[node])
+
+
+@dataclass(eq=False)
+class _Layer:
+    """Centre lines and other copper of one layer, being joined."""
+
+    number: int
+    ends: FloatArray  # (n, 2, 2) in m
+    width: FloatArray  # (n,)
+    item: IntArray  # (n,)
+    shapes: Shapes  # (k,) of holes, pads and areas
+    hub: FloatArray  # (k, 2), their places
+    hub_item: IntArray  # (k,)
+    places: list[tuple[float, float]] = field(default_factory=list)
+    cuts: list[tuple[int, float, int]] = field(default_factory=list)  # line, part of it, place
+    bridges: list[tuple[int, int, float, int]] = field(default_factory=list)  # places, width and item
+
+    def __post_init__(self) -> None:
+        self.lines: Shapes = np.asarray(shapely.linestrings(self.ends))
+        self.span = np.hypot(*(self.ends[:, 1] - self.ends[:, 0]).T)
+        self.places = [(x, y) for x, y in np.vstack((self.ends.reshape(-1, 2), self.hub)).tolist()]
+        n = len(self.lines)
+        self.cuts = [(k, float(end), 2 * k + end) for k in range(n) for end in (0, 1)]
+
+    @property
+    def first_hub(self) -> int:
+        """Number of the first place of a hole, pad or area."""
+        return 2 * len(self.lines)
+
+    def along(self, line: IntArray, points: FloatArray) -> FloatArray:
+        """Parts (m,) of lines at which points (m, 2) lie."""
+        start, step = self.ends[line, 0], self.ends[line, 1] - self.ends[line, 0]
+        return np.asarray(np.clip(((points - start) * step).sum(axis=1) / self.span[line] ** 2, 0.0, 1.0))
+
+    def cut(self, line: int, part: float, place: int | None = None) -> int:
+        """Cut a line at a part of it, and return the place."""
+        reach = JOINED / self.span[line]
+        if part <= reach or part >= 1 - reach:
+            return 2 * line + int(part > 0.5)
+        if place is None:
+            a, b = self.ends[line]
+            self.places.append(tuple((a + part * (b - a)).tolist()))
+            place = len(self.places) - 1
+        self.cuts.append((line, part, place))
+        return place
+
+    def near(self, shapes: Shapes, reach: FloatArray) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+        """Yield shapes and lines whose copper meets, with their distance in m.
+
+        `reach` (m,) is half the width in m of the shapes. Lines are taken by classes of width, so
+        that a wide one makes no others look near.
+        """
+        classes = np.ceil(np.log2(self.width))
+        for size in np.unique(classes):
+            own = np.flatnonzero(classes == size)
+            widest = float(self.width[own].max()) / 2
+            tree = shapely.STRtree(self.lines[own])
+            found, index = tree.query(shapes, predicate="dwithin", distance=np.maximum(reach + widest, JOINED))
+            line = own[index]
+            apart = shapely.distance(shapes[found], self.lines[line])
+            met = (apart <= JOINED) | (apart < reach[found] + self.width[line] / 2 - _OVERLAP)
+            yield found[met], line[met], apart[met]
+
+    def join_lines(self) -> list[tuple[int, int, float]]:
+        """Cut lines where others end on or cross them, and return overlaps: place, line, part."""
+        first, second = shapely.STRtree(self.lines).query(self.lines, predicate="intersects")
+        first, second = first[first < second], second[first < second]
+        apart = np.array([
+            np.hypot(*(self.ends[first, a] - self.ends[second, b]).T) for a in (0, 1) for b in (0, 1)
+        ])  # fmt: skip
+        crossed = apart.min(axis=0, initial=np.inf) > JOINED
+        meet = shapely.intersection(self.lines[first[crossed]], self.lines[second[crossed]])
+        for i, j, point in zip(first[crossed].tolist(), second[crossed].tolist(), meet.tolist(), strict=True):
+            if isinstance(point, shapely.Point) and not point.is_empty:
+                at = np.array([[point.x, point.y]])
+                place = self.cut(i, float(self.along(np.array([i]), at)[0]))
+                self.cut(j, float(self.along(np.array([j]), at)[0]), place)
+        overlaps = []
+        places = np.array(self.places[: self.first_hub] or np.empty((0, 2)))
+        for place, line, apart in self.near(np.asarray(shapely.points(places)), np.repeat(self.width, 2) / 2):
+            other = place // 2 != line
+            place, line, apart = place[other], line[other], apart[other]
+            part = self.along(line, places[place])
+            for k in range(len(place)):
+                if apart[k] <= JOINED:
+                    self.cut(int(line[k]), float(part[k]), int(place[k]))
+                else:
+                    overlaps.append((int(place[k]), int(line[k]), float(part[k])))
+        return overlaps
+
+    def merged(self) -> IntArray:
+        """Lowest number of the places that are one with each."""
+        from scipy.spatial import KDTree
+
+        return np.array(groups(len(self.places), KDTree(self.places).query_pairs(JOINED, output_type="ndarray")))
+
+    def parts(self) -> tuple[IntArray, IntArray]:
+        """Places (m, 2) at the ends of the lines' parts, and their lines (m,)."""
+        line, part, place = (np.array(column) for column in zip(*self.cuts, strict=True))
+        order = np.lexsort((part, line))
+        line, place = line[order], place[order]
+        within = line[1:] == line[:-1]
+        return np.column_stack((place[:-1], place[1:]))[within], line[:-1][within]
+
+    def bridge(self, overlaps: Sequence[tuple[int, int, float]]) -> None:
+        """Join ends to lines that their copper reaches, unless a way as short does so."""
+        if not overlaps:
+            return
+        node = self.merged()
+        pairs, lines = self.parts()
+        around: dict[int, list[tuple[int, float, int]]] = {}
+        places = np.array(self.places)
+        lengths = np.hypot(*(places[pairs[:, 0]] - places[pairs[:, 1]]).T).tolist()
+        for (a, b), length, line in zip(node[pairs].tolist(), lengths, lines.tolist(), strict=True):
+            around.setdefault(a, []).append((b, length, line))
+            around.setdefault(b, []).append((a, length, line))
+        by_node: dict[int, list[tuple[int, int, float]]] = {}
+        for overlap in overlaps:
+            by_node.setdefault(int(node[overlap[0]]), []).append(overlap)
+        for start, found in by_node.items():
+            reach = max(self.width[place // 2] + self.width[line] for place, line, _ in found)
+            distance = _reached(start, around, float(reach))
+            for place, line, part in found:
+                within = self.width[place // 2] + self.width[line]
+                if distance.get(line, np.inf) > within:
+                    width, item = float(self.width[place // 2]), int(self.item[place // 2])
+                    self.bridges.append((place, self.cut(line, part), width, item))
+
+    def join_shapes(self) -> None:
+        """Join holes, pads and areas to the lines that their copper meets, and to each other."""
+        for hub, line, _ in self.near(self.shapes, np.zeros(len(self.shapes))):
+            inside = np.stack([
+                shapely.distance(self.shapes[hub], shapely.points(self.ends[line, end])) < self.width[line] / 2
+                for end in (0, 1)
+            ]).T  # fmt: skip
+            part = self.along(line, self.hub[hub])
+            beside = self.ends[line, 0] + part[:, None] * (self.ends[line, 1] - self.ends[line, 0])
+            centred = np.hypot(*(beside - self.hub[hub]).T) <= JOINED
+            for k in range(len(hub)):
+                own, on = self.first_hub + int(hub[k]), int(line[k])
+                if centred[k]:
+                    self.cut(on, float(part[k]), own)
+                    continue
+                places = [2 * on + end for end in (0, 1) if inside[k, end]] or [self.cut(on, float(part[k]))]
+                for place in places:
+                    self.bridges.append((place, own, float(self.width[on]), int(self.hub_item[hub[k]])))
+        i, j = shapely.STRtree(self.shapes).query(self.shapes, predicate="intersects")
+        for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
+            width = min(_size(self.shapes[a]), _size(self.shapes[b]))
+            self.bridges.append((self.first_hub + a, self.first_hub + b, width, int(self.hub_item[a])))
+
+
+def _reached(start: int, around: dict[int, list[tuple[int, float, int]]], limit: float) -> dict[int, float]:
+    """Distance in m along the copper from a node to the lines within a limit."""
+    lines: dict[int, float] = {}
+    done: set[int] = set()
+    waiting = [(0.0, start)]
+    while waiting:
+        distance, here = heapq.heappop(waiting)
+        if here in done:
+            continue
+        done.add(here)
+        for other, length, line in around.get(here, ()):
+            lines.setdefault(line, distance)
+            if distance + length <= limit and other not in done:
+                heapq.heappush(waiting, (distance + length, other))
+    return lines
+
+
+def _size(shape: BaseGeometry) -> float:
+    """Smaller side of a shape's bounds in m."""
+    x0, y0, x1, y1 = shape.bounds
+    return float(min(x1 - x0, y1 - y0))
+
+
+def require_followable(lines: Shapes, where: str) -> None:
+    """Refuse centre lines whose bounds overlap so often that following takes minutes."""
+    points = np.asarray(shapely.points(shapely.get_coordinates(lines)))
+    sample = points[:: max(len(points) // _SAMPLE, 1)]
+    pairs = shapely.STRtree(lines).query(sample).shape[1] / max(len(sample), 1) * len(points)
+    if pairs > _MOST_PAIRS:
+        raise BoardError(
+            f"{where}: {len(lines)} tracks lie across each other too often to be followed: their bounds meet about "
+            f"{pairs:.0e} times, and may {_MOST_PAIRS:.0e} times."
+        )
+
+
+def copper_graph(board: BoardCopper, progress: Progress | None = None) -> CopperGraph:
+    """Join the copper of a board where it overlaps, by layers and through holes.
+
+    Tracks, drawn lines and narrow drawn shapes are followed along their centres. They are cut
+    where others end on them or cross them. An end is joined to a line that its copper reaches.
+    Holes, pads and wide shapes are joined to all the copper that they meet.
+    """
+    layers = board.stackup.names
+    items: list[Copper] = []
+    lines: dict[str, list[tuple[FloatArray, FloatArray, int]]] = {layer: [] for layer in layers}
+    shapes: dict[str, list[tuple[BaseGeometry, tuple[float, float], int]]] = {layer: [] for layer in layers}
+    for track in board.tracks:
+        ends = np.array((track.start, track.end))
+        if np.hypot(*(ends[1] - ends[0])) > JOINED:
+            lines[track.layer].append((ends, np.array([track.width]), len(items)))
+        else:
+            shapes[track.layer].append((track.copper[track.layer], track.start, len(items)))
+        items.append(track)
+    for stand in (*board.holes, *board.pads):
+        for layer, shape in stand.copper.items():
+            shapes[layer].append((shape, (stand.x, stand.y), len(items)))
+        items.append(stand)
+    for area in board.areas:
+        if area.vague or area.shape.is_empty:
+            continue
+        found = centre_lines(area.shape)
+        lines[area.layer] += [(line, widths, len(items)) for line, widths in found]
+        if not found:
+            at = area.shape.representative_point()
+            shapes[area.layer].append((area.shape, (at.x, at.y), len(items)))
+        items.append(area)
+    joined = [_joined(k, lines[layer], shapes[layer], items) for k, layer in enumerate(layers)]
+    for k, layer in enumerate(joined):
+        layer.bridge(layer.join_lines())
+        layer.join_shapes()
+        if progress is not None:
+            progress(k + 1, len(joined))
+    return _graph(joined, items, layers)
+
+
+def _joined(
+    number: int,
+    lines: Sequence[tuple[FloatArray, FloatArray, int]],
+    shapes: Sequence[tuple[BaseGeometry, tuple[float, float], int]],
+    items: Sequence[Copper],
+) -> _Layer:
+    pieces = [np.stack((line[:-1], line[1:]), axis=1) for line, _, _ in lines]
+    ends = np.vstack(pieces) if pieces else np.empty((0, 2, 2))
+    width = np.concatenate([widths for _, widths, _ in lines]) if lines else np.empty(0)
+    item = np.repeat([k for _, _, k in lines], [len(widths) for _, widths, _ in lines]).astype(np.int64)
+    outlines = np.array([shape for shape, _, _ in shapes], dtype=object)
+    hub = np.array([at for _, at, _ in shapes]).reshape(-1, 2)
+    if len(ends):
+        require_followable(np.asarray(shapely.linestrings(ends)), items[item[0]].where)
+    return _Layer(number, ends, width, item, outlines, hub, np.array([k for _, _, k in shapes], dtype=np.int64))
+
+
+def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[str]) -> CopperGraph:
+    """Number the places of all layers as nodes, and collect the edges between them."""
+    counts = np.cumsum([0, *(len(layer.places) for layer in joined)])
+    pairs, width, edge_layer, edge_item, drawn = [], [], [], [], []
+    hubs: dict[int, list[int]] = {}  # places by the number of a hole, pad or area
+    same = []
+    for layer, first in zip(joined, counts.tolist(), strict=False):
+        merged = layer.merged() if layer.places else np.empty(0, dtype=np.int64)
+        same.append(np.column_stack((merged, np.arange(len(merged)))) + first)
+        for k, item in enumerate(layer.hub_item.tolist()):
+            hubs.setdefault(item, []).append(first + layer.first_hub + k)
+        if layer.cuts:
+            ends, line = layer.parts()
+            pairs.append(ends + first)
+            width.append(layer.width[line])
+            edge_item.append(layer.item[line])
+            drawn.append(np.ones(len(line), dtype=bool))
+            edge_layer.append(np.full(len(line), layer.number))
+        if layer.bridges:
+            pairs.append(np.array([bridge[:2] for bridge in layer.bridges]) + first)
+            width.append(np.array([bridge[2] for bridge in layer.bridges]))
+            edge_item.append(np.array([bridge[3] for bridge in layer.bridges]))
+            drawn.append(np.zeros(len(layer.bridges), dtype=bool))
+            edge_layer.append(np.full(len(layer.bridges), layer.number))
+    same.append(np.array([(own[0], other) for own in hubs.values() for other in own[1:]]).reshape(-1, 2))
+    lowest = np.array(groups(int(counts[-1]), np.vstack(same)), dtype=np.int64)
+    used, node = np.unique(lowest, return_inverse=True)
+    places = np.array([place for layer in joined for place in layer.places]).reshape(-1, 2)
+    nodes = places[used]
+    stands: dict[int, list[Hole | SurfacePad]] = {}
+    areas: dict[int, CopperArea] = {}
+    for number, own in hubs.items():
+        here, item = int(node[own[0]]), items[number]
+        if isinstance(item, CopperArea):
+            areas[here] = item
+        elif isinstance(item, (Hole, SurfacePad)):
+            if here not in stands:
+                nodes[here] = item.x, item.y
+            stands.setdefault(here, []).append(item)
+    edges = node[np.vstack(pairs)] if pairs else np.empty((0, 2), dtype=np.int64)
+    columns = [np.concatenate(each) if each else np.empty(0) for each in (width, edge_layer, edge_item, drawn)]
+    edges = np.sort(edges, axis=1)
+    # of edges between the same nodes on a layer the first is kept, with the largest width, lines before bridges
+    kept = np.flatnonzero(edges[:, 0] != edges[:, 1])
+    order = kept[np.lexsort((-columns[0][kept], ~columns[3][kept].astype(bool), columns[1][kept], *edges[kept].T))]
+    key = np.column_stack((edges[order], columns[1][order]))
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (key[1:] != key[:-1]).any(axis=1)
+    order = np.sort(order[new])
+    edges, (widths, on, of, by_line) = edges[order], (column[order] for column in columns)
+    length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
+    piece = np.array(groups(len(nodes), edges), dtype=np.int64)
+    return CopperGraph(
+        nodes, edges, length, widths, on.astype(np.int64), of.astype(np.int64), by_line.astype(bool), items, layers,
+        stands, areas, piece,
+    )  # fmt: skip

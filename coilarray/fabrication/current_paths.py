@@ -1,0 +1,430 @@
+"""Paths of the current in copper: windings between branches, pads and holes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
+from math import log
+
+import numpy as np
+import shapely
+
+from coilarray.constants import MU_0
+from coilarray.errors import BoardError
+from coilarray.fabrication.board import Hole, SurfacePad
+from coilarray.fabrication.copper_graph import CopperGraph
+from coilarray.fabrication.traced_coil import LEAST_TURNS, TracedCoil, natural_order
+from coilarray.geometry.arcs import Point, place_in_mm
+from coilarray.geometry.winding import FlatPath, find_turns
+
+STRAIGHT = 1.5  # of the diagonal of the bounds: shorter copper makes no turn
+_ROUND_AN_END = 4.0  # widths: a shorter ring of copper has no hole that matters
+_MOST_RINGS = 400  # planes and grids have more: their rings are taken as open without a look
+_NO_HOLE = 0.05  # of a squared width: a smaller hole in copper is none
+_APART = 0.5  # of the size of a winding: windings farther apart are two coils
+_BESIDE = 10.0  # m, more than any way: a tree follows centre lines where there are any
+_ALIKE = 0.97  # of the most turns, that the shortest way between two ends must make
+Way = list[tuple[int, int]]  # edges of the graph with the node at their end, after a first edge −1 with the first node
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Copper that closes around a hole, with the place in m and the reason that this gives."""
+
+    at: Point
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Coils in connected copper, or the reason why there are none and its place in m.
+
+    `length` in m and `turns` are those of the longest way.
+    """
+
+    coils: tuple[TracedCoil, ...]
+    reason: str = ""
+    at: Point | None = None
+    length: float = 0.0
+    turns: float = 0.0
+
+
+class Piece:
+    """Connected copper: a tree of ways, and the rings that close between them."""
+
+    def __init__(self, graph: CopperGraph, nodes: Sequence[int], edges: Sequence[int]) -> None:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
+        self.graph, self.nodes = graph, list(nodes)
+        self._number = {node: k for k, node in enumerate(self.nodes)}
+        weight = graph.weight
+        self._edge: dict[tuple[int, int], int] = {}
+        beside = []  # edges between nodes that a shorter one joins
+        for edge in sorted(edges, key=lambda edge: weight[edge]):
+            a, b = graph.edges[edge].tolist()
+            if self._edge.setdefault((a, b), edge) != edge:
+                beside.append(edge)
+        kept = np.array(list(self._edge.values()))
+        i, j = (np.array([self._number[node] for node in column]) for column in graph.edges[kept].T.tolist())
+        count = len(self.nodes)
+        self._matrix = coo_array((weight[kept], (i, j)), shape=(count, count)).tocsr()
+        along_lines = weight[kept] + np.where(graph.drawn[kept], 0.0, _BESIDE)
+        tree = minimum_spanning_tree(coo_array((along_lines, (i, j)), shape=(count, count)).tocsr())
+        order, before = breadth_first_order(tree, 0, directed=False)
+        self._before, self._depth = before.tolist(), [0] * count
+        for k in order[1:].tolist():
+            self._depth[k] = self._depth[self._before[k]] + 1
+        in_tree = {
+            self._between(self.nodes[k], self.nodes[self._before[k]]) for k in order[1:].tolist()
+        }
+        self._closing = [edge for edge in kept.tolist() if edge not in in_tree] + beside
+        self.rings: list[Ring] = []
+        self.around = self._tree(in_tree)
+        self.stands = {node: list(graph.stands[node]) for node in self.nodes if node in graph.stands}
+        self._prune()
+
+    def _between(self, a: int, b: int) -> int:
+        return self._edge[(min(a, b), max(a, b))]
+
+    def _tree(self, in_tree: set[int]) -> dict[int, dict[int, int]]:
+        """Edges of the tree by both ends, with the copper of open rings as one node."""
+        lowest = list(range(len(self.nodes)))
+
+        def first(k: int) -> int:
+            while lowest[k] != k:
+                lowest[k] = lowest[lowest[k]]
+                k = lowest[k]
+            return k
+
+        self._loose: set[int] = set()
+        checked = 0
+        for edge in self._closing:
+            a, b = (self._number[node] for node in self.graph.edges[edge].tolist())
+            self._loose |= {self.nodes[a], self.nodes[b]}
+            ring = self._ring(a, b)
+            if len(ring) > 1 and not self._is_short(edge, ring):
+                checked += 1
+                if checked > _MOST_RINGS or self._is_open(edge, ring):
+                    for k in ring[1:]:
+                        lowest[first(k)] = first(ring[0])
+        self._group = {node: self.nodes[first(k)] for k, node in enumerate(self.nodes)}
+        around: dict[int, dict[int, int]] = {self._group[node]: {} for node in self.nodes}
+        for edge in in_tree:
+            a, b = (self._group[node] for node in self.graph.edges[edge].tolist())
+            if a != b:
+                around[a][b] = around[b][a] = edge
+        return around
+
+    def _ring(self, a: int, b: int) -> list[int]:
+        """Nodes on the tree's way between two nodes, by number."""
+        left, right = [a], [b]
+        while left[-1] != right[-1]:
+            side = left if self._depth[left[-1]] >= self._depth[right[-1]] else right
+            side.append(self._before[side[-1]])
+        return [*left, *right[-2::-1]]
+
+    def _ring_edges(self, edge: int, ring: Sequence[int]) -> list[int]:
+        return [edge, *(self._between(self.nodes[a], self.nodes[b]) for a, b in pairwise(ring))]
+
+    def _is_short(self, edge: int, ring: Sequence[int]) -> bool:
+        """Whether a ring is too short to have a hole that matters."""
+        own = self._ring_edges(edge, ring)
+        return float(self.graph.length[own].sum()) <= _ROUND_AN_END * float(self.graph.width[own].max())
+
+    def _is_open(self, edge: int, ring: Sequence[int]) -> bool:
+        """Whether the copper of a ring has a hole inside that is wider than the copper."""
+        graph, own = self.graph, self._ring_edges(edge, ring)
+        places = graph.nodes[[self.nodes[k] for k in ring]]
+        width, around = float(graph.width[own].max()), float(graph.length[own].sum())
+        inside = shapely.Polygon(places).buffer(0) if len(places) > 2 else shapely.Polygon()
+        if inside.area <= width * around / 2:
+            return False
+        copper = [
+            graph.items[graph.edge_item[each]].copper.get(graph.layers[graph.edge_layer[each]], shapely.Polygon())
+            for each in own
+        ]
+        copper += [shape for k in ring for stand in graph.stands.get(self.nodes[k], ()) for shape in stand.copper.values()]
+        copper += [graph.areas[self.nodes[k]].shape for k in ring if self.nodes[k] in graph.areas]
+        hole = inside - shapely.union_all(copper)
+        if hole.area <= _NO_HOLE * width**2:
+            return False
+        bridges = [each for each in own if not graph.drawn[each]] or [edge]
+        item = graph.items[graph.edge_item[bridges[0]]]
+        at = graph.nodes[graph.edges[bridges[0]]].mean(axis=0)
+        layer = graph.layers[graph.edge_layer[bridges[0]]]
+        self.rings.append(Ring(
+            (float(at[0]), float(at[1])),
+            f"{item.where}: the copper closes a ring: {item.what} on {layer} joins two ways at {place_in_mm(*at)}, so that "
+            "the current does not follow one.",
+        ))  # fmt: skip
+        return True
+
+    def _prune(self) -> None:
+        """Take away what carries no current: whiskers, cut rings, and pads beside the way."""
+        graph, around = self.graph, self.around
+        degree = np.bincount(graph.edges[[*self._edge.values()]].ravel(), minlength=len(graph.nodes))
+        held: set[int] = set()  # ends in areas
+        for node in list(around):
+            if len(around[node]) == 1 and (node in self.stands or node in graph.areas):
+                ((other, edge),) = around[node].items()
+                if not graph.drawn[edge] and (node in graph.areas or len(around[other]) > 2):  # on a way, or a mere area
+                    self.stands.setdefault(other, []).extend(self.stands.pop(node, ()))
+                    held.add(other)
+                    del around[node], around[other][node]
+        ends = [node for node, others in around.items() if len(others) == 1]
+        for end in ends:
+            if end in self.stands or end in held or len(around.get(end, ())) != 1:
+                continue
+            run, length = [end], 0.0
+            while len(around[run[-1]]) <= 2 and (len(run) == 1 or run[-1] not in self.stands):
+                onward = [node for node in around[run[-1]] if len(run) == 1 or node != run[-2]]
+                if not onward:
+                    break
+                length += float(graph.length[around[run[-1]][onward[0]]])
+                run.append(onward[0])
+            fork = run[-1]
+            if len(run) < 2:
+                continue
+            widest = max(float(graph.width[edge]) for edge in around[fork].values())
+            short = length <= widest + float(graph.width[around[run[0]][run[1]]])
+            if (len(around[fork]) > 2 and short) or (end in self._loose and degree[end] > 1):
+                for node, other in pairwise(run):
+                    del around[other][node], around[node]
+
+    def longest(self, start: int, without: frozenset[int] = frozenset()) -> tuple[list[int], float]:
+        """Longest way of the tree from a node, with its length in m."""
+        length, came = {start: 0.0}, {start: start}
+        waiting = [start]
+        while waiting:
+            here = waiting.pop()
+            for other, edge in self.around[here].items():
+                if other not in length and other not in without:
+                    length[other] = length[here] + float(self.graph.length[edge])
+                    came[other] = here
+                    waiting.append(other)
+        way = [max(length, key=lambda node: length[node])]
+        end = way[0]
+        while way[-1] != start:
+            way.append(came[way[-1]])
+        return way[::-1], length[end]
+
+    def coils(self) -> Found:
+        """Find the coils, or the reason why there are none."""
+        found: list[TracedCoil] = []
+        best: tuple[float, float, Point | None] = (0.0, 0.0, None)
+        rings = {group for node, group in self._group.items() if node != group}
+        waiting: list[tuple[int, ...]] = [(self.longest(next(iter(self.around)))[0][-1],)]  # start, or fork and branch
+        while waiting:
+            *fork, start = waiting.pop()
+            way = [*fork, *self.longest(start, frozenset(fork))[0]]
+            arms = self._arms(way[len(fork) :], frozenset(fork))
+            winding = {node: [arm for arm in own if self._winds(node, arm)] for node, own in arms.items()}
+            waiting += [(node, arm) for node, own in winding.items() for arm in own]
+            cuts = [k for k, node in enumerate(way) if 0 < k < len(way) - 1 and (winding.get(node) or node in rings)]
+            for first, last in pairwise([0, *cuts, len(way) - 1]):
+                for coil in self._coils_on(way[first : last + 1], arms):
+                    turns = abs(coil.turns)
+                    if turns >= LEAST_TURNS:
+                        found.append(coil)
+                    if (turns, coil.length) > best[:2]:
+                        best = turns, coil.length, (float(coil.path[0, 0]), float(coil.path[0, 1]))
+        if found:
+            return Found(tuple(found), "", None, best[1], best[0])
+        if self.rings:
+            return Found((), self.rings[0].reason, self.rings[0].at, *best[1::-1])
+        return Found((), f"it makes {best[0]:.2f} turns around a place; a coil makes at least one.", best[2], *best[1::-1])
+
+    def between(self, first: int, last: int) -> TracedCoil:
+        """Follow the way between two nodes of the tree, or raise BoardError."""
+        for ring in self.rings:
+            raise BoardError(ring.reason)
+        return self._traced(self._shortest(first, last))
+
+    def _arms(self, way: Sequence[int], without: frozenset[int]) -> dict[int, list[int]]:
+        """First nodes of the branches beside a way, by the node where they leave it."""
+        on = {*way, *without}
+        arms = {node: [other for other in self.around[node] if other not in on] for node in way}
+        return {node: own for node, own in arms.items() if own}
+
+    def _winds(self, node: int, arm: int) -> bool:
+        """Whether the longest way of a branch makes turns."""
+        way, length = self.longest(arm, frozenset((node,)))
+        places = self.graph.nodes[way]
+        if len(way) < 3 or length < STRAIGHT * float(np.hypot(*np.ptp(places, axis=0))):
+            return False
+        return abs(self._traced(self._shortest(arm, way[-1])).turns) >= LEAST_TURNS
+
+    def _shortest(self, first: int, last: int) -> Way:
+        """Shortest way in the copper between two nodes."""
+        from scipy.sparse.csgraph import dijkstra
+
+        a, b = self._number[first], self._number[last]
+        before = dijkstra(self._matrix, directed=False, indices=a, return_predecessors=True)[1].tolist()
+        way = [b]
+        while way[-1] != a:
+            way.append(before[way[-1]])
+        nodes = [self.nodes[k] for k in way[::-1]]
+        return [(-1, first), *((self._between(one, other), other) for one, other in pairwise(nodes))]
+
+    def _real_end(self, way: Sequence[int], end: int) -> int:
+        """Node of the graph at an end of a tree's way, which may be the copper of a ring."""
+        one, other = (way[0], way[1]) if end == 0 else (way[-1], way[-2])
+        ends = self.graph.edges[self.around[one][other]].tolist()
+        return next(node for node in ends if self._group[node] == one)
+
+    def _coils_on(self, way: Sequence[int], arms: dict[int, list[int]]) -> Iterator[TracedCoil]:
+        """Yield the windings on a way, cut at pads and branches outside of them."""
+        if len(way) < 2:
+            return
+        nodes = [self._real_end(way, 0), *way[1:-1], self._real_end(way, -1)]
+        path = self._shortest(nodes[0], nodes[-1])
+        whole = self._traced(path)
+        on = {node: k for k, (_, node) in enumerate(path)}
+        length = np.cumsum([0.0, *(float(self.graph.length[edge]) for edge, _ in path[1:])])
+        stops = sorted({
+            0, len(path) - 1,
+            *(on[node] for node in nodes[1:-1] if node in on and (arms.get(node) or self._is_terminal(node))),
+        })  # fmt: skip
+        if abs(whole.turns) < LEAST_TURNS and len(stops) < 3:
+            yield whole
+            return
+        flat = FlatPath.of_lines(whole.lines, whole.widths)
+        turns = find_turns(flat)
+        if turns is not None and abs(whole.turns) > 1.5:
+            begin, end = turns.begin, turns.end
+            to_first = [float(np.hypot(*(at - self.graph.nodes[path[0][1]]))) for at in whole.path[[0, -1]]]
+            if to_first[1] < to_first[0]:
+                begin, end = length[-1] - end, length[-1] - begin
+            first = max((k for k in stops if length[k] <= begin + 1e-9), default=0)
+            last = min((k for k in stops if length[k] >= end - 1e-9), default=len(path) - 1)
+        else:
+            most = abs(whole.turns)
+            pairs = sorted(
+                ((i, j) for i in stops for j in stops if i < j), key=lambda pair: length[pair[1]] - length[pair[0]]
+            )
+            made = (
+                (i, j) for i, j in pairs if abs(self._part(path, i, j).turns) >= max(_ALIKE * most, LEAST_TURNS)
+            )
+            first, last = next(made, (0, len(path) - 1))
+        halves = [k for k in stops if first < k < last and self._apart(path, first, k, last)]
+        for begin, end in pairwise([first, *halves, last]):
+            branches = [
+                name for k in range(begin, end + 1) for arm in arms.get(path[k][1], ())
+                for name in self._names(path[k][1], arm)
+            ]  # fmt: skip
+            beyond = [
+                *(name for k in stops if k < first or k > last for stand in self.stands.get(path[k][1], ())
+                for name in (_name(stand),) if name),
+            ]  # fmt: skip
+            coil = self._part(path, begin, end)
+            others = sorted({*branches, *beyond} - {_name(end) for end in coil.ends if end is not None}, key=natural_order)
+            notes = (f"what leads on to {' and '.join(others)} is left out.",) if others else ()
+            yield replace(coil, notes=(*coil.notes, *notes))
+
+    def _apart(self, path: Way, first: int, middle: int, last: int) -> bool:
+        """Whether there are windings on both sides of a node about places of their own."""
+        sides = [self._part(path, first, middle), self._part(path, middle, last)]
+        if min(abs(side.turns) for side in sides) < LEAST_TURNS:
+            return False
+        size = min(float(np.hypot(*np.ptp(side.path, axis=0))) for side in sides)
+        return bool(np.hypot(*np.subtract(sides[0].centre, sides[1].centre)) > _APART * size)
+
+    def _part(self, path: Way, first: int, last: int) -> TracedCoil:
+        return self._traced([(-1, path[first][1]), *path[first + 1 : last + 1]])
+
+    def _is_terminal(self, node: int) -> bool:
+        return any(not (isinstance(stand, Hole) and stand.kind == "via") for stand in self.stands.get(node, ()))
+
+    def _names(self, node: int, arm: int) -> list[str]:
+        """Names of the pads on a branch, or its last place."""
+        seen, waiting, names = {node, arm}, [arm], []
+        while waiting:
+            here = waiting.pop()
+            names += [name for stand in self.stands.get(here, ()) if (name := _name(stand))]
+            for other in self.around[here]:
+                if other not in seen:
+                    seen.add(other)
+                    waiting.append(other)
+        return list(dict.fromkeys(names)) or [f"an end at {self.graph.place(self.longest(arm, frozenset((node,)))[0][-1])}"]
+
+    def _traced(self, way: Way) -> TracedCoil:
+        """Make the coil of a way, which begins at the lower number of a pad."""
+        graph = self.graph
+        notes = []
+        kept = [way[0]]
+        for (edge, node), following in zip(way[1:], [*way[2:], None], strict=True):
+            if following and node in graph.areas and not graph.drawn[[edge, following[0]]].any():
+                notes.append(self._bridged(node, kept[-1][1], following[1], edge))
+            else:
+                kept.append((edge, node))
+        terminals = [self._terminal(node) for node in (kept[0][1], kept[-1][1])]
+        if _is_reversed(terminals, graph.edge_item[kept[1][0]], graph.edge_item[kept[-1][0]]):
+            nodes = [node for _, node in kept][::-1]
+            kept = [(-1, nodes[0]), *zip([edge for edge, _ in kept[1:]][::-1], nodes[1:], strict=True)]
+            terminals.reverse()
+        lines, layers, widths, vias, passed = [], [], [], [], list[Hole]()
+        at = kept[0][1]
+        for layer, run in groupby(kept[1:], key=lambda step: graph.edge_layer[step[0]]):
+            on_layer = list(run)
+            nodes = [at, *(node for _, node in on_layer)]
+            lines.append(graph.nodes[nodes])
+            layers.append(graph.layers[layer])
+            widths.append(graph.width[[edge for edge, _ in on_layer]])
+            passed += [hole for node in nodes[1:-1] for hole in self._holes(node)[:1]]
+            at = nodes[-1]
+            vias += self._holes(at)[:1]
+        if self._holes(at):
+            vias.pop()
+        items = [graph.items[graph.edge_item[edge]] for edge, _ in kept[1:]]
+        parts = {getattr(item, "part", "") for item in items}
+        return TracedCoil(
+            "", tuple(lines), tuple(layers), tuple(widths), tuple(vias), (terminals[0], terminals[1]), tuple(passed),
+            items[0].where, part=parts.pop() if len(parts) == 1 else "", notes=tuple(dict.fromkeys(filter(None, notes))),
+        )  # fmt: skip
+
+    def _holes(self, node: int) -> list[Hole]:
+        return [stand for stand in self.graph.stands.get(node, ()) if isinstance(stand, Hole)]
+
+    def _terminal(self, node: int) -> Hole | SurfacePad | None:
+        """Return the pad at an end, or else the via."""
+        stands = self.stands.get(node, ())
+        return next((stand for stand in stands if not (isinstance(stand, Hole) and stand.kind == "via")), None) or next(
+            iter(stands), None
+        )
+
+    def _bridged(self, node: int, before: int, after: int, edge: int) -> str:
+        """Say how far a way through a wide shape may be wrong, or raise BoardError."""
+        area, graph = self.graph.areas[node], self.graph
+        width = float(graph.width[edge])
+        way = shapely.LineString(graph.nodes[[before, after]])
+        at = place_in_mm(*graph.nodes[node])
+        if (way - area.shape.buffer(width)).length > width:
+            raise BoardError(
+                f"{area.where}: {area.what} on {area.layer} at {at} is wide, bent, and in the way of the current, which "
+                "cannot be followed there."
+            )
+        if way.length <= 2 * width:
+            return ""
+        most = MU_0 / (2 * np.pi) * way.length * (log(2 * way.length / width) + 0.5)  # Grover 1946, ch. 5: a thin ribbon
+        return (
+            f"{area.what} on {area.layer} at {at} is crossed the shortest way, {way.length * 1e3:.3g} mm; its inductance is "
+            f"wrong by at most {most * 1e9:.2g} nH."
+        )
+
+
+def _name(stand: Hole | SurfacePad) -> str:
+    """Return U1.3 of a pad, or its place."""
+    if isinstance(stand, Hole) and stand.kind == "via":
+        return ""
+    return f"{stand.part}.{stand.number}" if stand.part and stand.number else f"a pad at {place_in_mm(stand.x, stand.y)}"
+
+
+def _is_reversed(ends: Sequence[Hole | SurfacePad | None], first: int, last: int) -> bool:
+    """Whether the current enters at the last of two ends: by numbers of pads, then by the file."""
+    numbers = ["" if end is None else end.number for end in ends]
+    if sorted(numbers) == ["", "2"]:  # the pad 1 is missing, not the pad 3
+        return numbers[0] == "2"
+    keys = [(not number, natural_order(number)) for number in numbers]
+    return (keys[1], last) < (keys[0], first) if keys[0] != keys[1] or first != last else False
