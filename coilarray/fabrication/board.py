@@ -45,9 +45,9 @@ class Hole:
     kind: Literal["via", "pad"]  # nets begin and end at a "pad"
     where: str
     number: str = ""  # of a pad in its footprint ("1", "A4"), empty for vias
+    shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)  # none: a disc
     part: str = ""  # reference of the footprint ("U1")
     value: str = ""  # of the footprint ("100 pF")
-    shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)  # none: a disc
 
     @property
     def what(self) -> str:
@@ -73,9 +73,9 @@ class SurfacePad:
     where: str
     number: str = ""
     size: float = 0.0
+    shape: BaseGeometry | None = field(default=None, repr=False, compare=False)
     part: str = ""
     value: str = ""
-    shape: BaseGeometry | None = field(default=None, repr=False, compare=False)
 
     @property
     def copper(self) -> dict[str, BaseGeometry]:

@@ -30,24 +30,25 @@ Way = list[tuple[int, int]]  # edges of the graph with the node at their end, af
 
 @dataclass(frozen=True)
 class Ring:
-    """Copper that closes around a hole, with the place in m and the reason that this gives."""
+    """Copper that closes around an `inside`, with the place in m where and the reason that this gives."""
 
     at: Point
     reason: str
+    inside: shapely.Polygon
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """Coils in connected copper, or the reason why there are none and its place in m.
 
-    `length` in m and `turns` are those of the longest way.
+    `way` is that with the most turns, whether it is a coil or not.
     """
 
     coils: tuple[TracedCoil, ...]
     reason: str = ""
     at: Point | None = None
-    length: float = 0.0
-    turns: float = 0.0
+    way: TracedCoil | None = None
+    ringed: bool = False  # the current has several ways
 
 
 class Piece:
@@ -154,11 +155,11 @@ class Piece:
         item = graph.items[graph.edge_item[bridges[0]]]
         at = graph.nodes[graph.edges[bridges[0]]].mean(axis=0)
         layer = graph.layers[graph.edge_layer[bridges[0]]]
-        self.rings.append(Ring(
-            (float(at[0]), float(at[1])),
-            f"{item.where}: the copper closes a ring: {item.what} on {layer} joins two ways at {place_in_mm(*at)}, so that "
-            "the current does not follow one.",
-        ))  # fmt: skip
+        reason = (
+            f"{item.where}: {item.what} closes a ring of copper on {layer} at {place_in_mm(*at)}, in which the current has "
+            "two ways."
+        )
+        self.rings.append(Ring((float(at[0]), float(at[1])), reason, inside))
         return True
 
     def _prune(self) -> None:
@@ -213,7 +214,7 @@ class Piece:
     def coils(self) -> Found:
         """Find the coils, or the reason why there are none."""
         found: list[TracedCoil] = []
-        best: tuple[float, float, Point | None] = (0.0, 0.0, None)
+        best: TracedCoil | None = None
         rings = {group for node, group in self._group.items() if node != group}
         waiting: list[tuple[int, ...]] = [(self.longest(next(iter(self.around)))[0][-1],)]  # start, or fork and branch
         while waiting:
@@ -225,22 +226,29 @@ class Piece:
             cuts = [k for k, node in enumerate(way) if 0 < k < len(way) - 1 and (winding.get(node) or node in rings)]
             for first, last in pairwise([0, *cuts, len(way) - 1]):
                 for coil in self._coils_on(way[first : last + 1], arms):
-                    turns = abs(coil.turns)
-                    if turns >= LEAST_TURNS:
+                    if abs(coil.turns) >= LEAST_TURNS and not self._is_ringed(coil):
                         found.append(coil)
-                    if (turns, coil.length) > best[:2]:
-                        best = turns, coil.length, (float(coil.path[0, 0]), float(coil.path[0, 1]))
+                    if best is None or (abs(coil.turns), coil.length) > (abs(best.turns), best.length):
+                        best = coil
         if found:
-            return Found(tuple(found), "", None, best[1], best[0])
+            return Found(tuple(found), "", None, best)
         if self.rings:
-            return Found((), self.rings[0].reason, self.rings[0].at, *best[1::-1])
-        return Found((), f"it makes {best[0]:.2f} turns around a place; a coil makes at least one.", best[2], *best[1::-1])
+            return Found((), self.rings[0].reason, self.rings[0].at, best, ringed=True)
+        if best is None:
+            return Found((), "it has no way from end to end.")
+        x, y = best.path[0].tolist()
+        return Found((), f"it makes {abs(best.turns):.2f} turns around a place; a coil makes at least one.", (x, y), best)
 
     def between(self, first: int, last: int) -> TracedCoil:
         """Follow the way between two nodes of the tree, or raise BoardError."""
         for ring in self.rings:
             raise BoardError(ring.reason)
         return self._traced(self._shortest(first, last))
+
+    def _is_ringed(self, coil: TracedCoil) -> bool:
+        """Whether a ring of the same copper is a turn of the coil."""
+        places = [shapely.Point(pole.x, pole.y) for pole in coil.poles]
+        return any(ring.inside.contains(place) for ring in self.rings for place in places)
 
     def _arms(self, way: Sequence[int], without: frozenset[int]) -> dict[int, list[int]]:
         """First nodes of the branches beside a way, by the node where they leave it."""
@@ -360,7 +368,10 @@ class Piece:
             else:
                 kept.append((edge, node))
         terminals = [self._terminal(node) for node in (kept[0][1], kept[-1][1])]
-        if _is_reversed(terminals, graph.edge_item[kept[1][0]], graph.edge_item[kept[-1][0]]):
+        firsts = [(item, self._from_start(item, node)) for item, node in (
+            (int(graph.edge_item[kept[1][0]]), kept[0][1]), (int(graph.edge_item[kept[-1][0]]), kept[-1][1])
+        )]  # fmt: skip
+        if _is_reversed(terminals, firsts):
             nodes = [node for _, node in kept][::-1]
             kept = [(-1, nodes[0]), *zip([edge for edge, _ in kept[1:]][::-1], nodes[1:], strict=True)]
             terminals.reverse()
@@ -383,6 +394,11 @@ class Piece:
             "", tuple(lines), tuple(layers), tuple(widths), tuple(vias), (terminals[0], terminals[1]), tuple(passed),
             items[0].where, part=parts.pop() if len(parts) == 1 else "", notes=tuple(dict.fromkeys(filter(None, notes))),
         )  # fmt: skip
+
+    def _from_start(self, item: int, node: int) -> float:
+        """Distance in m of a node from the beginning of a track."""
+        start = getattr(self.graph.items[item], "start", self.graph.nodes[node])
+        return float(np.hypot(*(self.graph.nodes[node] - start)))
 
     def _holes(self, node: int) -> list[Hole]:
         return [stand for stand in self.graph.stands.get(node, ()) if isinstance(stand, Hole)]
@@ -421,10 +437,10 @@ def _name(stand: Hole | SurfacePad) -> str:
     return f"{stand.part}.{stand.number}" if stand.part and stand.number else f"a pad at {place_in_mm(stand.x, stand.y)}"
 
 
-def _is_reversed(ends: Sequence[Hole | SurfacePad | None], first: int, last: int) -> bool:
+def _is_reversed(ends: Sequence[Hole | SurfacePad | None], firsts: Sequence[tuple[int, float]]) -> bool:
     """Whether the current enters at the last of two ends: by numbers of pads, then by the file."""
     numbers = ["" if end is None else end.number for end in ends]
     if sorted(numbers) == ["", "2"]:  # the pad 1 is missing, not the pad 3
         return numbers[0] == "2"
-    keys = [(not number, natural_order(number)) for number in numbers]
-    return (keys[1], last) < (keys[0], first) if keys[0] != keys[1] or first != last else False
+    first, last = (((not number, natural_order(number)), order) for number, order in zip(numbers, firsts, strict=True))
+    return last < first

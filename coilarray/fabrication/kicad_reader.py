@@ -226,7 +226,7 @@ class _Board:
             yield from self.graphic(item, of_pad, layers, net, part, "drawn in a pad")
         if kind != "thru_hole":
             for layer in layers:
-                yield SurfacePad(x, y, layer, net, node.where, number, size, part, value, shape)
+                yield SurfacePad(x, y, layer, net, node.where, number, size, shape, part, value)
             return
         drill = node.need("drill")
         # of a slot, (drill oval 1 0.5), the smaller side
@@ -238,7 +238,7 @@ class _Board:
         layers_between = self.stackup.between(layers[0], layers[-1]) if layers else self.stackup.names
         bore = min(diameters) / _PER_M
         shapes = _kept(node, dict.fromkeys(layers, shape), disc(x, y, bore))
-        yield Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, part, value, shapes)
+        yield Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes, part, value)
 
     def drawn(self, node: Node, to_board: ToBoard, part: str = "") -> Iterator[Track | CopperArea]:
         """Yield a zone, drawn shape, text or other copper, by layer."""

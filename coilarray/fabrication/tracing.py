@@ -88,19 +88,30 @@ def trace_coils(
         return Tracing((_between(board, graph, members, ends),), ())
     coils: list[TracedCoil] = []
     left_out: list[LeftOut] = []
+    straight: list[tuple[TracedCoil, tuple[str, ...]]] = []
     wanted = [member for net in dict.fromkeys(nets or ()) for member in members if net in member[2]]
     for nodes, edges, own in wanted if nets is not None else members:
-        if nets is None and not _may_wind(graph, nodes, edges):
+        if len(edges) < 1 or (nets is None and not _may_wind(graph, nodes, edges)):
             continue
         name = ", ".join(own) or f"copper without a net at {graph.place(nodes[0])}"
         try:
             found = Piece(graph, nodes, edges).coils()
         except BoardError as error:
             found = Found((), str(error))
-        named = [*_named(found.coils, own, {coil.name for coil in coils}, known)]
-        coils += named
-        if not named:
-            left_out.append(LeftOut(name, found.reason, found.at, found.length, found.turns))
+        coils += _named(found.coils, own, {coil.name for coil in coils}, known)
+        if not found.coils:
+            length, turns = (found.way.length, abs(found.way.turns)) if found.way else (0.0, 0.0)
+            left_out.append(LeftOut(name, found.reason, found.at, length, turns))
+            if found.way is not None and not found.ringed:
+                straight.append((found.way, own))
+    for net in nets or ():  # which need not wind
+        ways = [(way, own) for way, own in straight if net in own]
+        if ways and not any(net in (coil.net or "").split(", ") for coil in coils):
+            way, own = max(ways, key=lambda each: each[0].length)
+            coils += _named((way,), own, {coil.name for coil in coils}, known)
+    if nets is not None:
+        first = {net: k for k, net in reversed([*enumerate(nets)])}
+        coils.sort(key=lambda coil: min(first.get(net, len(first)) for net in (coil.net or "").split(", ")))
     left_out.sort(key=lambda each: (-round(each.turns, 2), -each.length))
     missing = [net for net in nets or () if not any(net in (coil.net or "").split(", ") for coil in coils)]
     if missing or not coils:

@@ -15,8 +15,8 @@ from coilarray.fabrication.kicad_writer import board_text
 from coilarray.geometry import Array, Placement, Spiral
 
 pytestmark = pytest.mark.usefixtures("own_folder")
-_, refused = runner("init", "--from")
-good, answer = successes("init", "--from")
+_, refused = runner("import")
+good, answer = successes("import")
 
 SPIRAL = square_spiral()
 
