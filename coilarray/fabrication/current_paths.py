@@ -16,7 +16,6 @@ from coilarray.fabrication.board import Hole, SurfacePad
 from coilarray.fabrication.copper_graph import CopperGraph
 from coilarray.fabrication.traced_coil import LEAST_TURNS, TracedCoil, natural_order
 from coilarray.geometry.arcs import Point, place_in_mm
-from coilarray.geometry.winding import FlatPath, find_turns
 
 STRAIGHT = 1.5  # of the diagonal of the bounds: shorter copper makes no turn
 _ROUND_AN_END = 4.0  # widths: a shorter ring of copper has no hole that matters
@@ -82,6 +81,7 @@ class Piece:
         }
         self._closing = [edge for edge in kept.tolist() if edge not in in_tree] + beside
         self.rings: list[Ring] = []
+        self._parts: dict[tuple[int, int], TracedCoil] = {}
         self.around = self._tree(in_tree)
         self.stands = {node: list(graph.stands[node]) for node in self.nodes if node in graph.stands}
         self._prune()
@@ -288,7 +288,7 @@ class Piece:
             return
         nodes = [self._real_end(way, 0), *way[1:-1], self._real_end(way, -1)]
         path = self._shortest(nodes[0], nodes[-1])
-        whole = self._traced(path)
+        whole = self._part(path, 0, len(path) - 1)
         on = {node: k for k, (_, node) in enumerate(path)}
         length = np.cumsum([0.0, *(float(self.graph.length[edge]) for edge, _ in path[1:])])
         stops = sorted({
@@ -298,8 +298,7 @@ class Piece:
         if abs(whole.turns) < LEAST_TURNS and len(stops) < 3:
             yield whole
             return
-        flat = FlatPath.of_lines(whole.lines, whole.widths)
-        turns = find_turns(flat)
+        turns = whole.winding
         if turns is not None and abs(whole.turns) > 1.5:
             begin, end = turns.begin, turns.end
             to_first = [float(np.hypot(*(at - self.graph.nodes[path[0][1]]))) for at in whole.path[[0, -1]]]
@@ -340,7 +339,10 @@ class Piece:
         return bool(np.hypot(*np.subtract(sides[0].centre, sides[1].centre)) > _APART * size)
 
     def _part(self, path: Way, first: int, last: int) -> TracedCoil:
-        return self._traced([(-1, path[first][1]), *path[first + 1 : last + 1]])
+        ends = path[first][1], path[last][1]
+        if ends not in self._parts:
+            self._parts[ends] = self._traced([(-1, path[first][1]), *path[first + 1 : last + 1]])
+        return self._parts[ends]
 
     def _is_terminal(self, node: int) -> bool:
         return any(not (isinstance(stand, Hole) and stand.kind == "via") for stand in self.stands.get(node, ()))

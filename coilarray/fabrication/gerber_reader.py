@@ -10,18 +10,22 @@ import sys
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from types import ModuleType
 from typing import Any, Literal
 
+import numpy as np
 import shapely
+from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.extras import import_extra
 from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import Progress
 from coilarray.errors import BoardError, GeometryError, shown
 from coilarray.fabrication.board import BoardCopper, CopperArea, Hole, Slab, SurfacePad, Track, completed_stackup
 from coilarray.geometry.arcs import Point, arc_points
@@ -30,7 +34,7 @@ from coilarray.geometry.stackup import Stackup
 
 _FILE_FUNCTION = re.compile(r"TF\.FileFunction,([^*\r\n]+)")
 _GERBER = re.compile(r"%\s*FS[LTD]?[AI]|^G04\b", re.MULTILINE)
-_EXCELLON = re.compile(r"^\s*M48\s*$", re.MULTILINE)
+_EXCELLON = re.compile(r"^\s*M48\s*$|^T0*\d+\s*$(?:\s*^(?:G\d+)?X[-+\d.]+Y[-+\d.]+\s*$)", re.MULTILINE)
 # names that promise a layer or a drill file, whatever made them
 _PROMISES_DATA = re.compile(r".*\.(gbr|ger|g[tb][los]|gp?\d+|drl|xln)", re.IGNORECASE)
 _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
@@ -46,11 +50,19 @@ class DataFile:
     function: tuple[str, ...]
 
 
-def find_files(path: Path) -> list[DataFile]:
-    """Find the files of a board, their functions by X2 attributes or by name."""
+def find_files(path: Path, layers: Mapping[str, str] | None = None) -> list[DataFile]:
+    """Find the files of a board, their functions by X2 attributes or by name.
+
+    `layers` are the names of the copper's files by layer, such as {"L1": "top.ger"}.
+    """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
-    if not any(file.function[:1] == ("Copper",) for file in files) and any(file.kind == "gerber" for file in files):
-        files = _named(files)
+    names = {PurePosixPath(file.label).name for file in files}
+    for layer, name in (layers or {}).items():
+        if name not in names or not _LAYER.fullmatch(layer):
+            raise BoardError(f"{path}: --layer must be L1=FILE, with a file of {', '.join(sorted(names))}; got {layer}={name}.")
+    given = {name: f"L{int(layer[1:])}" for layer, name in (layers or {}).items()}
+    if given or not any(file.function[:1] == ("Copper",) for file in files):
+        files = _named(files, given)
     for k, file in enumerate(files):
         if file.kind == "excellon" and not file.function:
             not_plated = _NOT_PLATED.search(PurePosixPath(file.label).name)
@@ -121,40 +133,57 @@ def _recognized(label: str, data: bytes) -> DataFile | None:
     return DataFile(label, text, kind, tuple(found[1].strip().split(",")) if found else ())
 
 
-def _named(files: Sequence[DataFile]) -> list[DataFile]:
-    """Add functions by the rules of the program that names most Gerber files."""
-    best: dict[int, tuple[str, int]] = {}
-    for rules in gerbonara("layer_rules").MATCH_RULES.values():
-        found: dict[int, tuple[str, int]] = {}
-        for use, pattern in rules.items():
-            for k, file in enumerate(files):
-                if not isinstance(pattern, str) or use is None or k in found or file.kind != "gerber":
-                    continue
-                match = re.fullmatch(pattern, PurePosixPath(file.label).name, re.IGNORECASE)
-                if match:
+# What files hold by words of their names, the first that fits: programs agree on little else.
+_NAMES: tuple[tuple[str, str], ...] = (
+    ("Soldermask", r"mask|stop|resist|\.(gts|gbs|smt|smb|stc|sts|tsm|bsm)$"),
+    ("", r"paste|cream|silk|legend|overlay|glue|adhes|assembl|place|court|fab|pads?master|drawing|keep|crc|crs|\.g[tb][op]$"),
+    ("", r"\.(plc|pls|tsk|bsk|sst|ssb|spt|spb|gpt|gpb|gd\d|gg\d|rep|drr|ipc|rul|extrep|ldp|apr\w*|gpi|dri)$"),
+    ("Profile", r"outline|profile|edge|contour|border|dimension|boundary|\.(gko|gml|gm\d+|dim|mil|oln|fab)$"),
+    ("Inner", r"(?<![a-z])(?:in|inner|mid|signal|plane|pln|internal\W*plane)\W*(?:l|layer)?\W*(\d+)"),
+    ("Inner", r"\.(?:gp?|in|ly|internalplane)(\d+)l?(?:\.ger)?$"),
+    ("Top", r"top|front|(?<![a-z])f\W?cu|component|primary|\.(gtl|cmp|top)$"),
+    ("Bottom", r"bot(?![a-z])|bottom|back|(?<![a-z])b\W?cu|solder|secondary|\.(gbl|sol|sld|bot)$"),
+    ("Number", r"(?:art|layer|(?<![a-z])l|copper)\W*0*(\d+)"),
+    ("Profile", r"mech"),
+)
+
+
+def _named(files: Sequence[DataFile], given: Mapping[str, str]) -> list[DataFile]:
+    """Add functions by the names of files, or as `given`, such as {"top.ger": "L1"}."""
+    found: dict[int, tuple[str, int]] = {}
+    for k, file in enumerate(files):
+        name = PurePosixPath(file.label).name
+        if name in given:
+            found[k] = "Number", int(given[name][1:])
+        elif file.kind == "gerber" and not given:
+            for use, pattern in _NAMES:
+                if match := re.search(pattern, name.lower().replace("_", "-")):
                     number = next((int(group) for group in match.groups() if group and group.isdecimal()), 0)
                     found[k] = use, number
-        if len(found) > len(best):
-            best = found
-    inner = sorted({number for use, number in best.values() if use == "inner copper"})
-    functions: dict[str, tuple[str, ...]] = {
-        "top copper": ("Copper", "L1", "Top"),
-        "bottom copper": ("Copper", f"L{len(inner) + 2}", "Bot"),
-        "top mask": ("Soldermask", "Top"),
-        "bottom mask": ("Soldermask", "Bot"),
-        "mechanical outline": ("Profile",),
-    }
+                    break
+    inner = sorted({number for use, number in found.values() if use == "Inner"})
+    numbers = {number for use, number in found.values() if use == "Number"}
+    last = max(numbers) if numbers else len(inner) + 2
+    sides = {"Top": "L1", "Bottom": f"L{last}"}
+    only_bottom = not numbers and not inner and not any(use == "Top" for use, _ in found.values())
     named = []
     for k, file in enumerate(files):
-        use, number = best.get(k, ("", 0))
-        function = functions.get(use, ())
-        if use == "inner copper":
+        use, number = found.get(k, ("", 0))
+        function = file.function
+        if use in ("Soldermask", "Profile"):
+            function = (use,)
+        elif use in sides:
+            function = ("Copper", "L1" if only_bottom else sides[use], "Top" if use == "Top" or only_bottom else "Bot")
+        elif use == "Inner":
             function = ("Copper", f"L{inner.index(number) + 2}", "Inr")
-        named.append(replace(file, function=function or file.function))
+        elif use == "Number" and (given or not any(each in sides for each, _ in found.values())):
+            function = ("Copper", f"L{number}", "Top" if number == 1 else "Bot" if number == last else "Inr")
+        named.append(replace(file, function=function))
     return named
 
 
 _MM = 1e-3
+_LAYER = re.compile(r"L0*([1-9]\d*)")
 
 
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
@@ -214,17 +243,23 @@ _REFUSED = {
     "Deprecated AS": "the exchange of the axes is not supported",
     "Deprecated IP": "the negative image is not supported",
     "Routing command found before first tool": "no tool is selected",
+    "No number format set": "the numbers have no decimal point, and the file does not say where it is",
 }
 # Transformations of apertures that change nothing, which gerbonara does not know.
 _IDLE = re.compile(r"%LMN\*%|%LR[+-]?0*(\.0*)?\*%|%LS\+?1(\.0*)?\*%")
-_STEP_REPEAT = re.compile(r"%SRX(\d+)Y(\d+)")
+_STEP_REPEAT = re.compile(r"%SR(?:X(\d+)Y(\d+)I([-+.\d]+)J([-+.\d]+))?\*%")
 # X2 attributes as comments, for readers that know no attributes
 _COMMENTED = re.compile(r"G04\s*#@!\s*(T[FAOD][^*\r\n]*)\*")
 _TOOL_FUNCTION = re.compile(r";\s*#@!\s*T([AD])(?:\.AperFunction,(.*))?")
 _TOOL = re.compile(r"T0*(\d+)[A-Z].*")
 _ESCAPE = re.compile(r"\\u([0-9A-Fa-f]{4})")
+# G92 and G93 set the zero, here where it is; a slot from one place to another is a hole at the first
+_ZERO_SET = re.compile(r"^G9[23](?:[XY][-+]?0*\.?0*)*[ \t]*$", re.MULTILINE)
+_SLOT = re.compile(r"^(.*)G85.*$", re.MULTILINE)
 _NO_NET = ("", "N/C")
 _WIDEST = 10.0  # m, of an aperture or a hole
+_MOST_REPEATS = 1000
+_SHOWN = 12  # names in a message
 
 
 @dataclass(frozen=True)
@@ -241,6 +276,10 @@ class Stroke:
         """Area covered by the stroke, in m."""
         return shapely.LineString(self.points).buffer(self.width / 2)
 
+    def moved(self, dx: float, dy: float) -> "Stroke":
+        """Return the stroke at another place, shifted in m."""
+        return replace(self, points=tuple((x + dx, y + dy) for x, y in self.points))
+
 
 @dataclass(frozen=True)
 class Flash:
@@ -255,6 +294,10 @@ class Flash:
     net: str | None
     where: str
 
+    def moved(self, dx: float, dy: float) -> "Flash":
+        """Return the flash at another place, shifted in m."""
+        return replace(self, x=self.x + dx, y=self.y + dy, shape=affinity.translate(self.shape, dx, dy))
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -264,6 +307,10 @@ class Region:
     net: str | None
     where: str
     clear: bool = False
+
+    def moved(self, dx: float, dy: float) -> "Region":
+        """Return the region at another place, shifted in m."""
+        return replace(self, shape=affinity.translate(self.shape, dx, dy))
 
 
 Drawn = Stroke | Flash | Region
@@ -283,28 +330,48 @@ class DrilledHole:
 
 def parse_gerber(file: DataFile) -> list[Drawn]:
     """Read the objects of a Gerber file, or raise BoardError."""
-    repeated = next((match for match in _STEP_REPEAT.finditer(file.text) if match.groups() != ("1", "1")), None)
-    if repeated:
-        line = file.text.count("\n", 0, repeated.start()) + 1
-        raise BoardError(f"{file.label}:{line}: step and repeat is not supported.")
     rs274x = gerbonara("rs274x")
     target = rs274x.GerberFile()
     parser = rs274x.GerberParser(target)
     target.objects = found = _Recorder(lambda: (parser.lineno, dict(parser.graphics_state.object_attrs)))
-    text = _COMMENTED.sub(r"%\1*%", _IDLE.sub("", file.text))
+    text = _COMMENTED.sub(r"%\1*%", _IDLE.sub("", _STEP_REPEAT.sub("", file.text)))  # which gerbonara does not repeat
     _refusing(file.label, lambda: parser.parse(text, filename=file.label))
     if parser.file_settings.is_incremental:
         raise BoardError(f"{file.label}: incremental coordinates are not supported.")
     objects: list[Drawn] = []
+    repeats = _repeats(file, parser)
     for (line, attributes), item in found.records:
         where = f"{file.label}:{line}"
         read = _object(item, attributes, where)
-        objects.append(read if item.polarity_dark else Region(read.shape, None, where, clear=True))
+        read = read if item.polarity_dark else Region(read.shape, None, where, clear=True)
+        objects += [read.moved(dx, dy) for dx, dy in repeats(line)]
     return objects
 
 
-def parse_drills(file: DataFile) -> list[DrilledHole]:
-    """Read the holes of an Excellon or Gerber file."""
+def _repeats(file: DataFile, parser: Any) -> Callable[[int], list[Point]]:
+    """Return the shifts in m at which what a line draws is repeated."""
+    begins: list[tuple[int, list[Point]]] = [(0, [(0.0, 0.0)])]
+    for match in _STEP_REPEAT.finditer(file.text):
+        line, shifts = file.text.count("\n", 0, match.start()) + 1, [(0.0, 0.0)]
+        if match[1]:
+            columns, rows = int(match[1]), int(match[2])
+            if not 1 <= columns * rows <= _MOST_REPEATS:
+                raise BoardError(
+                    f"{file.label}:{line}: step and repeat must have 1 to {_MOST_REPEATS} copies; got {columns} × {rows}."
+                )
+            unit = 1.0 if parser.file_settings.unit is None else _in_metre(parser.file_settings.unit)
+            try:
+                i, j = float(match[3]) / unit, float(match[4]) / unit
+            except ValueError:
+                raise BoardError(f"{file.label}:{line}: step and repeat must have numbers; got {match[0]}.") from None
+            shifts = [(i * column, j * row) for row in range(rows) for column in range(columns)]
+        begins.append((line, shifts))
+    lines = [line for line, _ in begins]
+    return lambda line: begins[bisect_right(lines, line) - 1][1]
+
+
+def parse_drills(file: DataFile, settings: Any = None) -> list[DrilledHole]:
+    """Read the holes of an Excellon or Gerber file, with gerbonara's settings where it has none."""
     if file.kind == "gerber":
         return [
             DrilledHole(*_middle(item.points), item.width, "", None, item.where)
@@ -314,9 +381,10 @@ def parse_drills(file: DataFile) -> list[DrilledHole]:
             if isinstance(item, Stroke | Flash)
         ]
     excellon = gerbonara("excellon")
-    parser = excellon.ExcellonParser()
+    parser = excellon.ExcellonParser(None if settings is None else settings.copy())
     parser.objects = found = _Recorder(lambda: parser.lineno)
-    _refusing(file.label, lambda: parser.do_parse(file.text, filename=file.label))
+    text = _SLOT.sub(lambda match: match[1], _ZERO_SET.sub("", file.text))
+    _refusing(file.label, lambda: parser.do_parse(text, filename=file.label))
     if parser.program_state is not excellon.ProgramState.FINISHED:
         raise BoardError(f"{file.label}: the file ends without M30, it is truncated.")
     # X2 attributes of the tools stand in comments
@@ -332,7 +400,7 @@ def parse_drills(file: DataFile) -> list[DrilledHole]:
     for line, item in found.records:
         where, tool, function = f"{file.label}:{line}", item.tool, by_tool.get(id(item.tool), ())
         if item.unit is None or tool.unit is None:
-            raise BoardError(f"{where}: the file does not say its unit, METRIC or INCH.")
+            raise _NoFormatError(f"{where}: the file does not say its unit, METRIC or INCH.")
         if not tool.diameter:
             raise BoardError(f"{where}: the tool has no diameter.")
         if isinstance(item, gerbonara("graphic_objects").Flash):
@@ -370,6 +438,8 @@ def _refusing(label: str, parse: Callable[[], None]) -> None:
         if not known and text not in complaints:
             continue
         match = re.fullmatch(r':(\d+) "(.*?)": (.*)', text.removeprefix(label), re.DOTALL)
+        if "No number format set" in text:
+            raise _NoFormatError(f"{label}: {known}; give it as --drill-format 4.4,mm.")
         if match is None:
             raise BoardError(f"{label}: {known or text}.")
         # gerbonara goes on with advice to programmers, and has line 0 for the end of the file
@@ -396,11 +466,14 @@ def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> Dr
     if isinstance(item, objects.Flash):
         unit = _in_metre(item.unit)
         return _flash(item.x / unit, item.y / unit, aperture, pin, named, where)
-    if not isinstance(aperture, apertures.CircleAperture):
-        raise BoardError(f"{where}: a stroke must have a round aperture; got {aperture}.")
     way = tuple(_way(item))
     if len(way) == 2 and way[0] == way[1]:  # a dot
         return _flash(*way[0], aperture, pin, named, where)
+    if not isinstance(aperture, apertures.CircleAperture):  # as wide as it is across the stroke
+        x0, y0, x1, y1 = _flash(0.0, 0.0, aperture, pin, named, where).shape.bounds
+        (xa, ya), (xb, yb) = way[0], way[-1]
+        length = math.dist(way[0], way[-1]) or 1.0
+        return Stroke(way, ((x1 - x0) * abs(yb - ya) + (y1 - y0) * abs(xb - xa)) / length, named, where)
     return Stroke(way, _diameter(aperture, where), named, where)
 
 
@@ -479,20 +552,26 @@ def _in_metre(unit: Any) -> float:
     return 1e3 / float(unit.this_in_mm)
 
 
-_LAYER = re.compile(r"L0*([1-9]\d*)")
-
-
-def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
+def read_gerbers(
+    path: Path,
+    stackup: Stackup | None = None,
+    layers: Mapping[str, str] | None = None,
+    drill_format: str | None = None,
+    progress: Progress | None = None,
+) -> BoardCopper:
     """Read the conductors of a board from a zip or folder of fabrication data.
 
     Strokes are tracks, divided on arcs within 1 µm. Flashes are the pads of the holes drilled
-    through them, otherwise surface pads. Regions are areas. A hole is a terminal's pad if an
-    attribute says so or the solder mask is open over it, otherwise a via. It reaches the layers
-    given by the file's function, by default all, and has the smallest pad of its layers. Without a
-    pad it is left out with a note, or refused if a track leads into it. Clear shapes may cut
-    regions only.
+    through them, otherwise surface pads. Regions are areas, and so is what a clear shape cuts. A
+    hole is a terminal's pad if an attribute says so or the solder mask is open over it, otherwise a
+    via. It reaches the layers given by the file's function, by default all, and has the smallest
+    pad of its layers. Without a pad it is a disc of its drill where a track leads into it, and left
+    out with a note elsewhere. `layers` are the copper's files by layer if their names do not tell,
+    such as {"L1": "top.ger"}. `drill_format` is that of drill files which do not state theirs, as
+    "4.4,mm" or "2.4,inch,trailing" with the zeros that are left out. By default the format is taken
+    with which most holes lie in pads.
     """
-    files = find_files(path)
+    files = find_files(path, layers)
     copper = _copper_files(files, path)
     if stackup is None:
         job = next((file for file in files if file.kind == "job"), None)
@@ -501,35 +580,38 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         board, assumed = stackup, {}
     else:
         raise BoardError(f"{path}: has {len(copper)} copper layers and the given stack-up {len(stackup.names)}.")
-    drawn = {layer: parse_gerber(file) for layer, file in zip(board.names, copper, strict=True)}
-    for objects in drawn.values():
-        solid = [(k, item.shape) for k, item in enumerate(objects) if isinstance(item, Stroke | Flash)]
-        tree = shapely.STRtree([shape for _, shape in solid])
-        for k, item in enumerate(objects):
-            clear = isinstance(item, Region) and item.clear
-            if clear and any(solid[index][0] < k for index in tree.query(item.shape, "intersects")):
-                raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
+    # short files first, so that what is wrong with them is known before long work
+    drills = {file.label: _try_drills(file, drill_format) for file in files if _is_plated(file)}
+    parsed = {
+        file.label: parse_gerber(file)
+        for file in files if file.function[:1] in (("Soldermask",), ("Profile",)) and file.kind == "gerber"
+    }  # fmt: skip
+    drawn: dict[str, list[Drawn]] = {}
+    for k, (layer, file) in enumerate(zip(board.names, copper, strict=True)):
+        drawn[layer] = _cut_out(parse_gerber(file))
+        if progress is not None:
+            progress(k + 1, len(copper))
     tracks = tuple(
         Track(layer, start, end, item.width, item.net, item.where)
-        for layer, objects in drawn.items()
-        for item in objects
-        if isinstance(item, Stroke)
+        for layer, objects in drawn.items() for item in objects if isinstance(item, Stroke)
         for start, end in pairwise(item.points)
-    )
-    areas = []
-    for layer, k, item in ((layer, k, item) for layer, objects in drawn.items() for k, item in enumerate(objects)):
-        if isinstance(item, Region) and not item.clear:
-            # cut by the clear shapes after it
-            cuts = [later.shape for later in drawn[layer][k + 1 :] if isinstance(later, Region) and later.clear]
-            shape = item.shape - shapely.union_all(cuts) if cuts else item.shape
-            if not shape.is_empty:
-                areas.append(CopperArea(layer, shape, item.net, "a region", item.where))
+    )  # fmt: skip
+    areas = tuple(
+        CopperArea(layer, part, item.net, "a region", item.where)
+        for layer, objects in drawn.items() for item in objects if isinstance(item, Region)
+        for part in shapely.get_parts(item.shape).tolist() if part.area > 0
+    )  # fmt: skip
     lands = [(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
-    masks = [item for file in files if file.function[:1] == ("Soldermask",) for item in parse_gerber(file)]
-    openings = [(item.x, item.y) for item in masks if isinstance(item, Flash)]
-    holes, bored, bare = _holes(files, board, tracks, lands, openings)
-    if len(copper) > 1 and not holes:
-        raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole to connect them.")
+    openings = [
+        (item.x, item.y) for file in files if file.function[:1] == ("Soldermask",)
+        for item in parsed[file.label] if isinstance(item, Flash)
+    ]  # fmt: skip
+    bores = [
+        (_span(file, board), bore)
+        for file in files if _is_plated(file)
+        for bore in drills[file.label] or _drills_on_pads(file, lands) if bore.plated is not False
+    ]  # fmt: skip
+    holes, bored, bare = _holes(bores, tracks, lands, openings)
     pads = tuple(
         SurfacePad(pad.x, pad.y, layer, pad.net, pad.where, pad.pin, pad.size, pad.shape)
         for layer, pad in lands
@@ -540,11 +622,90 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         point
         for file in files
         if file.function[:1] == ("Profile",) and file.kind == "gerber"
-        for item in parse_gerber(file)
+        for item in parsed[file.label]
         for point in (item.points if isinstance(item, Stroke) else shapely.get_coordinates(item.shape).tolist())
     ]
     edge = shapely.MultiPoint(outline).bounds if outline else None
-    return BoardCopper(str(path), board, tracks, tuple(holes), pads, assumed, tuple(areas), edge, notes)
+    return BoardCopper(str(path), board, tracks, tuple(holes), pads, assumed, areas, edge, notes)
+
+
+def _cut_out(objects: Sequence[Drawn]) -> list[Drawn]:
+    """Cut clear shapes out of what was drawn before: such tracks and pads become regions."""
+    clear = [k for k, item in enumerate(objects) if isinstance(item, Region) and item.clear]
+    if not clear:
+        return [*objects]
+    shapes = [item.shape for item in objects]
+    cuts: dict[int, list[BaseGeometry]] = {}
+    for index, k in shapely.STRtree(shapes).query([shapes[k] for k in clear], predicate="intersects").T.tolist():
+        if k < clear[index] and k not in clear:
+            cuts.setdefault(k, []).append(shapes[clear[index]])
+    return [
+        Region(item.shape - shapely.union_all(cuts[k]), item.net, item.where) if k in cuts else item
+        for k, item in enumerate(objects) if k not in clear
+    ]  # fmt: skip
+
+
+def _is_plated(file: DataFile) -> bool:
+    return file.function[:1] in (("Plated",), ("MixedPlating",))
+
+
+# usual formats of drill files that state none: digits before and after the point, unit, zeros left out
+_FORMATS = tuple(
+    f"{digits},{unit},{zeros}"
+    for unit, formats in (("mm", ("3.3", "4.4", "4.2", "3.2", "4.3", "3.5")), ("inch", ("2.4", "2.3", "2.5", "3.5")))
+    for digits in formats
+    for zeros in ("leading", "trailing")
+)
+
+
+def _settings(text: str) -> Any:
+    """Return gerbonara's settings for a format "4.4,mm,leading"."""
+    match = re.fullmatch(r"(\d)[.:](\d),(mm|inch)(?:,(leading|trailing))?", text.replace(" ", ""))
+    if match is None:
+        raise BoardError(f"the drill format must be as 4.4,mm or 2.4,inch,trailing; got {text!r}.")
+    utils = gerbonara("utils")
+    unit = utils.MM if match[3] == "mm" else utils.Inch
+    digits = (min(int(match[1]), 6), min(int(match[2]), 7))
+    return gerbonara("cam").FileSettings(unit=unit, number_format=digits, zeros=match[4] or "leading")
+
+
+class _NoFormatError(BoardError):
+    """A drill file that does not say where the point of its numbers is."""
+
+
+def _try_drills(file: DataFile, drill_format: str | None) -> list[DrilledHole] | None:
+    """Read drilled holes, or return None if their format is to be found on the pads."""
+    try:
+        return parse_drills(file)
+    except _NoFormatError:
+        return None if drill_format is None else parse_drills(file, _settings(drill_format))
+
+
+def _drills_on_pads(file: DataFile, lands: Sequence[tuple[str, Flash]]) -> list[DrilledHole]:
+    """Read drilled holes in the format with which most lie on pads."""
+    tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
+    best: list[DrilledHole] = []
+    most = 0.0
+    for text in _FORMATS:
+        try:
+            holes = parse_drills(file, _settings(text))
+        except BoardError:
+            continue
+        places = np.asarray(shapely.points([(hole.x, hole.y) for hole in holes])) if holes else np.array([])
+        on_pads = len(set(tree.query(places, "dwithin", distance=_ON_PAD)[0].tolist())) if holes else 0
+        if holes and on_pads / len(holes) > most:
+            best, most = holes, on_pads / len(holes)
+    if most < _MOSTLY:
+        raise BoardError(
+            f"{file.label}: the numbers have no decimal point, the file does not say where it is, and in no usual format "
+            "do the holes lie on pads; give it as --drill-format 4.4,mm."
+        )
+    return best
+
+
+_PAD_AT_LEAST = 1.02  # of the drill: a hole without a pad is drawn with a narrow rim, as a coil's holes have pads
+_ON_PAD = 50e-6  # m between a hole and the middle of its pad
+_MOSTLY = 0.5  # of the holes
 
 
 def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
@@ -558,7 +719,10 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
             numbered[int(match[1])] = file
     if not numbered:
         boards = sorted(path.glob("*.kicad_pcb")) if path.is_dir() else []
-        hint = f"; did you mean {boards[0]}?" if boards else "."
+        names = sorted(PurePosixPath(file.label).name for file in files if file.kind == "gerber")
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        hint = f"; say which it is as --layer L1=FILE, of {', '.join(names[:_SHOWN])}{more}." if names else "."
+        hint = f"; did you mean {boards[0]}?" if boards else hint
         raise BoardError(f"{path}: has no copper layer among its {len(files)} Gerber and Excellon files{hint}")
     last = max(numbered)
     missing = [f"L{number}" for number in range(1, last + 1) if number not in numbered]
@@ -570,8 +734,7 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
 
 
 def _holes(
-    files: Iterable[DataFile],
-    board: Stackup,
+    bores: Sequence[tuple[tuple[str, ...], DrilledHole]],
     tracks: Sequence[Track],
     lands: Sequence[tuple[str, Flash]],
     openings: Sequence[Point],
@@ -580,17 +743,10 @@ def _holes(
     # `openings` are places without solder mask. Also the ids of the flashes that are drilled through, and the number
     # of holes without a pad.
     tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
+    lines = shapely.STRtree([shapely.LineString((track.start, track.end)) for track in tracks])
     holes: list[Hole] = []
     bored: set[int] = set()
     bare = 0
-    bores = [
-        (layers, bore)
-        for file in files
-        if file.function[:1] in (("Plated",), ("MixedPlating",))
-        for layers in [_span(file, board)]
-        for bore in parse_drills(file)
-        if bore.plated is not False
-    ]
     for layers, bore in bores:
         centre, radius = (bore.x, bore.y), bore.diameter / 2
         pads: dict[str, list[Flash]] = {}
@@ -601,13 +757,11 @@ def _holes(
                 if flash.size > bore.diameter:
                     pads.setdefault(layer, []).append(flash)
         if not pads:
-            bare += 1
-            for track in tracks:
-                near = min(math.dist(track.start, centre), math.dist(track.end, centre)) <= radius
-                if near and track.layer in layers:
-                    raise BoardError(
-                        f"{bore.where}: the plated hole has no pad; the track at {track.where} ends in it."
-                    )
+            met = lines.query(shapely.Point(centre), predicate="dwithin", distance=radius).tolist()
+            if any(tracks[k].layer in layers for k in met):  # its barrel joins the tracks that lead into it
+                holes.append(Hole(*centre, bore.diameter, bore.diameter * _PAD_AT_LEAST, layers, None, "via", bore.where))
+            else:
+                bare += 1
             continue
         flashes = [flash for on_layer in pads.values() for flash in on_layer]
         net = next((flash.net for flash in flashes if flash.net is not None), None)

@@ -1,7 +1,7 @@
 """A coil as it was found in the copper of a board."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray
 from coilarray.fabrication.board import Hole, SurfacePad
 from coilarray.geometry.arcs import Point
-from coilarray.geometry.winding import FlatPath, Pole, find_turns, turns_about
+from coilarray.geometry.winding import FlatPath, Pole, Turns, find_turns, turns_about
 
 _BEND = 1.5  # turns; a bend makes less about a place within it
 _NO_AREA = 1e-6  # of the squared length of a path: a smaller area that it runs around counts as zero
@@ -31,6 +31,7 @@ class TracedCoil:
     net: str | None = None
     part: str = ""  # reference of the footprint that has all of it
     notes: tuple[str, ...] = ()
+    _known: dict[str, Turns | None] = field(default_factory=dict, repr=False, compare=False)  # kept by `replace`
 
     @property
     def widest(self) -> float:
@@ -69,11 +70,18 @@ class TracedCoil:
             x, y = path[0] + (both * self._cross[:, None]).sum(axis=0) / (3 * self._cross.sum())
         return float(x), float(y)
 
+    @property
+    def winding(self) -> Turns | None:
+        """Winding part of the path, without its leads."""
+        if "winding" not in self._known:
+            self._known["winding"] = find_turns(FlatPath.of_lines(self.lines, self.widths))
+        return self._known["winding"]
+
     @cached_property
     def poles(self) -> tuple[Pole, ...]:
         """Places about which the path winds, most turns first."""
         # A single loop and a meander, whose bends are no turns, have their centre: 0 turns around nothing.
-        found = find_turns(FlatPath.of_lines(self.lines, self.widths))
+        found = self.winding
         if found is not None:
             several = len(found.poles) > 1
             poles = [
