@@ -1,6 +1,7 @@
 from .offscreen import rendering_problem as rendering_problem
 from .offscreen import window_problem as window_problem
 from .plots.board import check_figure as check_figure
+from .plots.board import copper_figure as copper_figure
 from .plots.board import plot_board as plot_board
 from .plots.board import plot_copper as plot_copper
 from .plots.board import plot_stack as plot_stack

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain, combinations, pairwise
 from pathlib import Path
@@ -20,24 +20,19 @@ from coilarray.compute.files import write_text, writing
 from coilarray.compute.table import Column, Table, text_table
 from coilarray.compute.threads import Progress
 from coilarray.design.export import SUFFIXES, Format
-from coilarray.errors import BoardError, CoilarrayError, DesignError, OutputError
+from coilarray.errors import CoilarrayError, DesignError, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from coilarray.circuit.converter_limits import Limit
     from coilarray.design.model import Board, Design, DesignFile
-    from coilarray.fabrication.board import BoardCopper
     from coilarray.geometry import Margin
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
 Side = Literal["right", "top", "left", "bottom"]
 Part = Literal["ADG714", "ADG738", "ADG739"]
-_NO_FAB = (
-    "board files have no fabrication rules, so the design has no [fab]: check uses its defaults, which belong to no "
-    "board house."
-)
 _MANY_LAYERS = 8  # of copper, above which boards are special orders
 _MET = 5e-3  # of the wanted inductance: as near as is not worth a word
 _HELPS = {  # remedies for a converter's broken limit, by name and side
@@ -156,15 +151,7 @@ def init(
     ] = None,
     source: Annotated[
         str | None,
-        typer.Option(
-            "--from", help="Bundled design to copy, or board to import: .kicad_pcb, or Gerber files (.zip or folder)."
-        ),
-    ] = None,
-    nets: Annotated[
-        str | None, typer.Option(help="Nets of a board that are coils, as A,B; by default every net with turns.")
-    ] = None,
-    stackup: Annotated[
-        str | None, typer.Option(metavar="DESIGN", help="Design whose [stackup] is taken for that of a board.")
+        typer.Option("--from", help="Bundled design to copy."),
     ] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
@@ -175,8 +162,7 @@ def init(
     house can make the board and an LDC1614 can read it. On a terminal, without any choice, the
     choices are asked for. Everything else has the same default as in Python (coilarray.new_design).
 
-    Of a board (--from) each coil must be a net that runs over tracks and vias from one end to the
-    other without a branch.
+    Existing boards become designs by `coilarray import`.
 
     Example: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12
 
@@ -187,8 +173,6 @@ def init(
     Example: coilarray init power.toml --coils 1 --shape circle --size-mm 40 --no-elastomer
 
     Example: coilarray init starter.toml --from starter
-
-    Example: coilarray init board.toml --from board.kicad_pcb --nets coil1,coil2
     """
     from coilarray.design import bundled
 
@@ -205,25 +189,15 @@ def init(
     }  # fmt: skip
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if source is not None and chosen:
-        raise DesignError("--from takes a design or a board as it is; it cannot be given with other choices.")
-    is_board = False
-    if source is not None and source not in bundled.names():
-        path = Path(source)
-        try:
-            is_board = path.suffix.lower() in (".kicad_pcb", ".zip") or path.is_dir()
-        except OSError:  # which the board's reader tells
-            is_board = True
-    if not is_board and (nets is not None or stackup is not None):
-        raise DesignError("--nets and --stackup are for --from with a board.")
+        raise DesignError("--from takes a design as it is; it cannot be given with other choices.")
     lines: list[str | Table]
     data: dict[str, Any]
-    if source is not None and is_board:
-        lines, data = _import(Path(source), nets, stackup, target)
-    elif source is not None:
+    if source is not None:
         if source not in bundled.names():
+            board = Path(source).suffix.lower() in (".kicad_pcb", ".zip")
+            hint = f"boards become designs by `coilarray import {source}`" if board else "there are"
             raise DesignError(
-                f"there is no bundled design {source!r}, nor a board of that name (.kicad_pcb, .zip or a folder); "
-                f"there are {', '.join(bundled.names())}."
+                f"there is no bundled design {source!r}; {hint}{'.' if board else f' {chr(44).join(bundled.names())}.'}"
             )
         write_text(target, bundled.read(source))
         lines, data = [f"wrote {target}"], {}
@@ -323,75 +297,6 @@ def _read_by_converter(broken: Sequence[tuple[str, Limit]], states: int, *, whol
     which = state if states == 1 else f"{len({name for name, _ in broken})} of {states} coils, as {state}"
     helps = _HELPS.get((limit.name.partition(" (")[0], too), "")
     return f"✖ an LDC1614 cannot read {which}: {limit.words}{helps}"
-
-
-def _import(
-    board: Path, nets: str | None, stackup: str | None, target: Path
-) -> tuple[list[str | Table], dict[str, Any]]:
-    from coilarray.design.model import Design, parse_design
-    from coilarray.design.write import design_names, design_text, shape_names
-    from coilarray.fabrication.tracing import trace_coils, traced_array
-
-    copper = _read(board, stackup)
-    wanted = None if nets is None else [net.strip() for net in nets.split(",") if net.strip()]
-    if wanted == []:
-        raise BoardError(f"{board}: --nets must name at least one net; got {nets!r}.")
-    tracing = trace_coils(copper, wanted)
-    traced = traced_array(copper, tracing.coils)
-    design = Design(traced.array, name=board.stem, source=f"imported from {board.name}")
-    text = design_text(design, traced.assumed)
-    parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
-    write_text(target, text)
-    names = design_names(traced.array.names)
-    records: list[dict[str, Any]] = [
-        {
-            "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
-            "turns": coil.turns, "poles": [asdict(pole) for pole in coil.poles], "length_m": coil.length,
-            "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
-            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y,
-        }
-        for coil, placement, shape in zip(
-            tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
-        )
-    ]  # fmt: skip
-    notes = [*traced.notes, _NO_FAB]
-    headers = ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y")
-    title = f"coils of {board.name}; lengths in mm, turns anticlockwise positive"
-    rows = []
-    for record in records:
-        widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
-        width = widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}"
-        turns = " ".join(number_text(pole["turns"], 2) for pole in record["poles"])
-        where = (number_text(record[key] * 1e3, 3) for key in ("x_m", "y_m"))
-        words = (record["name"], record["net"] or "–", record["shape"], " ".join(record["layers"]), turns)
-        rows.append((*words, f"{record['length_m'] * 1e3:.1f}", width, str(record["vias"]), *where))
-    lines: list[str | Table] = [text_table(headers, rows, title)]
-    lines += ["\nnets with tracks that are not coils"] if tracing.left_out else []
-    lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
-    lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
-    lines += [*(f"note: {note}" for note in notes), f"wrote {target}"]
-    return lines, {
-        "board": str(board),
-        "coils": records,
-        "left_out": tracing.left_out,
-        "assumed": traced.assumed,
-        "notes": notes,
-    }
-
-
-def _read(board: Path, stackup: str | None) -> BoardCopper:
-    from coilarray.design.model import load_design
-    from coilarray.fabrication.gerber_reader import read_gerbers
-    from coilarray.fabrication.kicad_reader import read_kicad
-
-    try:
-        board.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        raise BoardError(f"{board}: there is no such file or folder.") from None
-    except OSError as error:
-        raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
-    layers = None if stackup is None else load_design(stackup).array.stackup
-    return (read_kicad if board.suffix.lower() == ".kicad_pcb" else read_gerbers)(board, layers)
 
 
 def check(

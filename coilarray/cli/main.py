@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 import typer
 import typer.core
 
-from coilarray.cli import compute, design, help, link, paper, position, studies, view
+from coilarray.cli import boards, compute, design, help, link, paper, position, studies, view
 from coilarray.cli.board import live, measure, recordings
 from coilarray.cli.shared import drop_output, say
 from coilarray.compute.files import keep_results
@@ -45,7 +45,7 @@ _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THRE
 
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {  # every command by name, in the help's groups
     "Design": {
-        "init": design.init, "check": design.check, "export": design.export, "view": view.view, "studio": view.studio,
+        "init": design.init, "import": boards.import_board, "check": design.check, "export": design.export, "view": view.view, "studio": view.studio,
     },
     "Compute": {
         "report": compute.report, "impedance": compute.impedance, "response": compute.response,

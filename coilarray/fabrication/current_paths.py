@@ -68,6 +68,7 @@ class Piece:
                 beside.append(edge)
         kept = np.array(list(self._edge.values()))
         i, j = (np.array([self._number[node] for node in column]) for column in graph.edges[kept].T.tolist())
+        self._degree = np.bincount(graph.edges[kept].ravel(), minlength=len(graph.nodes))
         count = len(self.nodes)
         self._matrix = coo_array((weight[kept], (i, j)), shape=(count, count)).tocsr()
         along_lines = weight[kept] + np.where(graph.drawn[kept], 0.0, _BESIDE)
@@ -80,6 +81,7 @@ class Piece:
             self._between(self.nodes[k], self.nodes[self._before[k]]) for k in order[1:].tolist()
         }
         self._closing = [edge for edge in kept.tolist() if edge not in in_tree] + beside
+        self._widest = float(graph.width[kept].max())
         self.rings: list[Ring] = []
         self._parts: dict[tuple[int, int], TracedCoil] = {}
         self.around = self._tree(in_tree)
@@ -91,12 +93,12 @@ class Piece:
 
     def _tree(self, in_tree: set[int]) -> dict[int, dict[int, int]]:
         """Edges of the tree by both ends, with the copper of open rings as one node."""
-        lowest = list(range(len(self.nodes)))
+        top = list(range(len(self.nodes)))  # of the copper of rings, the node nearest to the root
 
         def first(k: int) -> int:
-            while lowest[k] != k:
-                lowest[k] = lowest[lowest[k]]
-                k = lowest[k]
+            while top[k] != k:
+                top[k] = top[top[k]]
+                k = top[k]
             return k
 
         self._loose: set[int] = set()
@@ -104,12 +106,16 @@ class Piece:
         for edge in self._closing:
             a, b = (self._number[node] for node in self.graph.edges[edge].tolist())
             self._loose |= {self.nodes[a], self.nodes[b]}
-            ring = self._ring(a, b)
-            if len(ring) > 1 and not self._is_short(edge, ring):
-                checked += 1
-                if checked > _MOST_RINGS or self._is_open(edge, ring):
-                    for k in ring[1:]:
-                        lowest[first(k)] = first(ring[0])
+            if self._is_short(edge, a, b) or first(a) == first(b):
+                continue
+            checked += 1
+            if checked > _MOST_RINGS or self._is_open(edge, self._ring(a, b)):
+                a, b = first(a), first(b)
+                while a != b:
+                    if self._depth[a] < self._depth[b]:
+                        a, b = b, a
+                    top[a] = self._before[a]
+                    a = first(a)
         self._group = {node: self.nodes[first(k)] for k, node in enumerate(self.nodes)}
         around: dict[int, dict[int, int]] = {self._group[node]: {} for node in self.nodes}
         for edge in in_tree:
@@ -129,10 +135,19 @@ class Piece:
     def _ring_edges(self, edge: int, ring: Sequence[int]) -> list[int]:
         return [edge, *(self._between(self.nodes[a], self.nodes[b]) for a, b in pairwise(ring))]
 
-    def _is_short(self, edge: int, ring: Sequence[int]) -> bool:
-        """Whether a ring is too short to have a hole that matters."""
-        own = self._ring_edges(edge, ring)
-        return float(self.graph.length[own].sum()) <= _ROUND_AN_END * float(self.graph.width[own].max())
+    def _is_short(self, edge: int, a: int, b: int) -> bool:
+        """Whether the ring that an edge closes is too short to have a hole that matters."""
+        graph = self.graph
+        length, width = float(graph.length[edge]), float(graph.width[edge])
+        while a != b:
+            if self._depth[a] < self._depth[b]:
+                a, b = b, a
+            step = self._between(self.nodes[a], self.nodes[self._before[a]])
+            length, width = length + float(graph.length[step]), max(width, float(graph.width[step]))
+            if length > _ROUND_AN_END * self._widest:
+                return False
+            a = self._before[a]
+        return length <= _ROUND_AN_END * width
 
     def _is_open(self, edge: int, ring: Sequence[int]) -> bool:
         """Whether the copper of a ring has a hole inside that is wider than the copper."""
@@ -151,10 +166,13 @@ class Piece:
         hole = inside - shapely.union_all(copper)
         if hole.area <= _NO_HOLE * width**2:
             return False
-        bridges = [each for each in own if not graph.drawn[each]] or [edge]
-        item = graph.items[graph.edge_item[bridges[0]]]
-        at = graph.nodes[graph.edges[bridges[0]]].mean(axis=0)
-        layer = graph.layers[graph.edge_layer[bridges[0]]]
+        # what joins the ways is named: a pad, or the shortest copper at a fork
+        bridges = [each for each in own if not graph.drawn[each]]
+        forks = [each for each in own if (self._degree[graph.edges[each]] > 2).any()]
+        bridge = bridges[0] if bridges else min(forks, key=lambda each: graph.length[each], default=edge)
+        item = graph.items[graph.edge_item[bridge]]
+        at = graph.nodes[graph.edges[bridge]].mean(axis=0)
+        layer = graph.layers[graph.edge_layer[bridge]]
         reason = (
             f"{item.where}: {item.what} closes a ring of copper on {layer} at {place_in_mm(*at)}, in which the current has "
             "two ways."
@@ -165,7 +183,6 @@ class Piece:
     def _prune(self) -> None:
         """Take away what carries no current: whiskers, cut rings, and pads beside the way."""
         graph, around = self.graph, self.around
-        degree = np.bincount(graph.edges[[*self._edge.values()]].ravel(), minlength=len(graph.nodes))
         held: set[int] = set()  # ends in areas
         for node in list(around):
             if len(around[node]) == 1 and (node in self.stands or node in graph.areas):
@@ -190,7 +207,7 @@ class Piece:
                 continue
             widest = max(float(graph.width[edge]) for edge in around[fork].values())
             short = length <= widest + float(graph.width[around[run[0]][run[1]]])
-            if (len(around[fork]) > 2 and short) or (end in self._loose and degree[end] > 1):
+            if (len(around[fork]) > 2 and short) or (end in self._loose and self._degree[end] > 1):
                 for node, other in pairwise(run):
                     del around[other][node], around[node]
 

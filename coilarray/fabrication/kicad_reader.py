@@ -544,6 +544,7 @@ def _places(node: Node) -> Iterator[Point]:
             yield from _places(item)
 
 
+_REMARK = re.compile(r"\A(?:[ \t]*#[^\n]*\n)*")  # at the beginning of a generator's file
 _TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+|"', re.DOTALL)  # last: an open quote
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
@@ -618,6 +619,7 @@ def read_sexpr(path: Path) -> Node:
 
 def parse_sexpr(text: str, name: str = "text") -> Node:
     """Read one s-expression from a text that messages call `name`, or raise BoardError."""
+    text = _REMARK.sub("", text)
     open_lists: list[tuple[str, list[Node | str]]] = []
     root: Node | None = None
     line, done = 1, 0

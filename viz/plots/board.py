@@ -20,6 +20,8 @@ from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text, true_minus
+from coilarray.fabrication.board import BoardCopper
+from coilarray.fabrication.traced_coil import TracedCoil
 from coilarray.geometry import Coil, FinitePlate, Plate, Sheet, Stackup
 from coilarray.geometry.array import Array
 from coilarray.geometry.copper import Drill, board_outline, copper_features, drills
@@ -215,6 +217,49 @@ def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
         for ring, sign in zip(rings, signs, strict=True)
     ]
     return PathPatch(Path.make_compound_path(*paths), **look)
+
+
+@styled
+def copper_figure(
+    board: BoardCopper, coils: Sequence[TracedCoil] = (), places: Sequence[tuple[str, tuple[float, float] | None]] = ()
+) -> Figure:
+    """Draw the copper of a board by layers, the paths of its coils, and places in it.
+
+    Copper of the `board` is grey, the path of each of the `coils` has a colour and its name. The
+    `places` with their names are x and y in m, or None for those that are left out.
+    """
+    layers, colours = board.stackup.names, cycled(LAYERS, [coil.name for coil in coils])
+    items = [(layer, shape) for item in (*board.tracks, *board.holes, *board.pads, *board.areas)
+             for layer, shape in item.copper.items() if not getattr(item, "vague", False)]  # fmt: skip
+    bounds = shapely.total_bounds([shape for _, shape in items]) if items else np.array([0.0, 0.0, 1e-2, 1e-2])
+    width, height = figure_size(bounds[2] - bounds[0], bounds[3] - bounds[1])
+    columns = math.ceil(len(layers) / _MOST_ROWS)
+    rows = math.ceil(len(layers) / columns)
+    figure = new_figure(columns * width, rows * height)
+    for k, layer in enumerate(layers):
+        ax = figure.add_subplot(rows, columns, k + 1)
+        for shape in (shape for name, shape in items if name == layer):
+            for part in shapely.get_parts(shape):
+                if isinstance(part, shapely.Polygon) and not part.is_empty:
+                    ax.add_artist(_patch(part, facecolor=GREY, alpha=0.4, linewidth=0))
+        for coil in coils:
+            colour = colours[coil.name]
+            own = [line for line, on in zip(coil.lines, coil.layers, strict=True) if on == layer]
+            for line in own:
+                ax.plot(*MM.of(line).T, color=colour, linewidth=1.2)
+            if own:
+                x, y = MM.of(coil.centre).tolist()
+                write_name(ax, x, y, coil.name, weight="bold", fontsize=_LETTERS, clip_on=True)
+        for name, place in places:
+            if place is not None:
+                x, y = MM.of(place).tolist()
+                ax.plot(x, y, "o", ms=12, mfc="none", mec=_BROKEN, mew=1.6)
+                ax.annotate(name, (x, y), xytext=(8, 8), textcoords="offset points", color=_BROKEN, clip_on=True)
+        x_min, y_min, x_max, y_max = MM.of(bounds).tolist()
+        rim = 0.03 * (x_max - x_min + y_max - y_min)
+        ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim), title=f"Copper {layer}")
+        plan_axes(ax)
+    return figure
 
 
 @dataclass(frozen=True)
