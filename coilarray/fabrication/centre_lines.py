@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.geometry.copper import groups
 
 _NARROW = 10.0  # (perimeter / 2)² over area, 8:1 of a rectangle, from which a shape is followed along its centre
 _STEP = 1 / 4  # of the mean width: distance of points on the outline. The centre line zigzags by 0.8 % of the width
 _OPPOSITE = 2.0  # way along the outline over the distance of its ends, from which these are opposite sides
 _STRAIGHT = 1 / 40  # of the width, within which the centre line is made of straight pieces
-_MOST_POINTS = 300_000
+_WIDE, _PARTS = 1.0, 0.02  # a shape with more than this share of its area farther from its edge than this width is wide
+_MOST_POINTS = 100_000
 
 
 def centre_lines(shape: BaseGeometry) -> list[tuple[FloatArray, FloatArray]]:
@@ -34,9 +38,10 @@ def centre_lines(shape: BaseGeometry) -> list[tuple[FloatArray, FloatArray]]:
         if not area or length**2 / 4 < _NARROW * area:
             continue
         mean = 2 * area / length
-        if length / (_STEP * mean) > _MOST_POINTS:
+        if length / (_STEP * mean) > _MOST_POINTS or part.buffer(-_WIDE * mean).area > _PARTS * area:
             continue
-        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(shapely.segmentize(part, _STEP * mean))]
+        outline = shapely.get_rings(shapely.segmentize(part, _STEP * mean))
+        rings = [shapely.get_coordinates(ring)[:-1] for ring in outline]
         number = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
         steps = [np.hypot(*np.diff(ring, axis=0, append=ring[:1]).T) for ring in rings]
         along = np.concatenate([np.append(0.0, np.cumsum(step)[:-1]) for step in steps])
@@ -50,6 +55,8 @@ def centre_lines(shape: BaseGeometry) -> list[tuple[FloatArray, FloatArray]]:
         inside = shapely.contains_xy(part, *cells.vertices.T)
         apart = np.hypot(*(points[p] - points[q]).T)
         kept = (ridges >= 0).all(axis=1) & inside[ridges].all(axis=1) & (way >= _OPPOSITE * apart)
+        shapely.prepare(part)
+        kept[kept] = shapely.covers(part, shapely.linestrings(cells.vertices[ridges[kept]]))  # not across a slot
         for chain in _chains(cells.vertices, ridges[kept], part):
             line = shapely.get_coordinates(shapely.LineString(chain).simplify(_STRAIGHT * mean))
             middle = shapely.points((line[1:] + line[:-1]) / 2)
@@ -59,7 +66,6 @@ def centre_lines(shape: BaseGeometry) -> list[tuple[FloatArray, FloatArray]]:
 
 def _chains(places: FloatArray, edges: IntArray, shape: shapely.Polygon) -> list[FloatArray]:
     """Join edges between `places` to lines (n, 2), without branches shorter than the copper is wide."""
-    from coilarray.geometry.copper import groups
     from scipy.spatial import KDTree
 
     grain = 1e-9 * float(np.ptp(places[edges.ravel()], axis=0).max()) if len(edges) else 0.0
@@ -83,7 +89,7 @@ def _chains(places: FloatArray, edges: IntArray, shape: shapely.Polygon) -> list
         if not short:
             return [places[chain] for chain in chains]
         for chain in short:
-            for a, b in zip(chain[:-1], chain[1:], strict=True):
+            for a, b in pairwise(chain):
                 around[a].remove(b)
                 around[b].remove(a)
                 if not around[a]:

@@ -108,8 +108,11 @@ class Piece:
             self._loose |= {self.nodes[a], self.nodes[b]}
             if self._is_short(edge, a, b) or first(a) == first(b):
                 continue
+            ring = self._ring(a, b)
+            if self._is_flat(edge, ring):
+                continue
             checked += 1
-            if checked > _MOST_RINGS or self._is_open(edge, self._ring(a, b)):
+            if checked > _MOST_RINGS or self._is_open(edge, ring):
                 a, b = first(a), first(b)
                 while a != b:
                     if self._depth[a] < self._depth[b]:
@@ -149,14 +152,20 @@ class Piece:
             a = self._before[a]
         return length <= _ROUND_AN_END * width
 
+    def _is_flat(self, edge: int, ring: Sequence[int]) -> bool:
+        """Whether a ring is no wider than its copper, so that both sides carry the current alike."""
+        own = self._ring_edges(edge, ring)
+        places = self.graph.nodes[[self.nodes[k] for k in ring]]
+        places = places - places[0]
+        x, y = places.T
+        area = abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) / 2
+        return area <= float(self.graph.width[own].max()) * float(self.graph.length[own].sum()) / 2
+
     def _is_open(self, edge: int, ring: Sequence[int]) -> bool:
         """Whether the copper of a ring has a hole inside that is wider than the copper."""
         graph, own = self.graph, self._ring_edges(edge, ring)
-        places = graph.nodes[[self.nodes[k] for k in ring]]
-        width, around = float(graph.width[own].max()), float(graph.length[own].sum())
-        inside = shapely.Polygon(places).buffer(0) if len(places) > 2 else shapely.Polygon()
-        if inside.area <= width * around / 2:
-            return False
+        width = float(graph.width[own].max())
+        inside = shapely.Polygon(graph.nodes[[self.nodes[k] for k in ring]]).buffer(0)
         copper = [
             graph.items[graph.edge_item[each]].copper.get(graph.layers[graph.edge_layer[each]], shapely.Polygon())
             for each in own
@@ -435,7 +444,7 @@ class Piece:
         width = float(graph.width[edge])
         way = shapely.LineString(graph.nodes[[before, after]])
         at = place_in_mm(*graph.nodes[node])
-        if (way - area.shape.buffer(width)).length > width:
+        if (way - area.shape).length > width:  # the copper of the lines that lead in
             raise BoardError(
                 f"{area.where}: {area.what} on {area.layer} at {at} is wide, bent, and in the way of the current, which "
                 "cannot be followed there."

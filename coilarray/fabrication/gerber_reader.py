@@ -692,7 +692,8 @@ def _drills_on_pads(file: DataFile, lands: Sequence[tuple[str, Flash]]) -> list[
         except BoardError:
             continue
         places = np.asarray(shapely.points([(hole.x, hole.y) for hole in holes])) if holes else np.array([])
-        on_pads = len(set(tree.query(places, "dwithin", distance=_ON_PAD)[0].tolist())) if holes else 0
+        met = tree.query(places, "dwithin", distance=_ON_PAD) if holes else np.empty((2, 0))
+        on_pads = min(len(set(met[0].tolist())), len({(lands[k][1].x, lands[k][1].y) for k in met[1].tolist()}))
         if holes and on_pads / len(holes) > most:
             best, most = holes, on_pads / len(holes)
     if most < _MOSTLY:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.board_text import square_spiral
 from support.boards import FOUR_LAYERS, small_board
 from support.kicad_tools import find_kicad
 from support.refusals import refused
@@ -258,13 +260,7 @@ def test_regions_and_clear_shapes(tmp_path: Path) -> None:
     rounded = f"G36*\n{at(1, 1)}D02*\nG75*\nG03*\n{at(3, 1)}I1000000J0D01*\nG01*\n{at(1, 1)}D01*\nG37*"
     board = read(tmp_path, {"top.gbr": gerber("Copper,L1,Top", rounded)})
     assert board.areas[0].shape.area == pytest.approx(math.pi / 2 * 1e-6, rel=2e-3)  # chords within 1 µm
-    # on a coil a region is no current path
     array = small_board()
-    files = unzipped(export(array, tmp_path))
-    plane = REGION.replace("G36*", "%TO.N,A*%\nG36*") + "\n%TD*%\n"
-    files["board-F_Cu.gbr"] = files["board-F_Cu.gbr"].replace("M02*", f"{plane}M02*")
-    message = r"board-F_Cu\.gbr:\d+: net A has a region on L1, which cannot be taken as a current path"
-    refused(BoardError, message, trace_coils, read(tmp_path, files), ["A"])
     # to the net check it is foreign
     files = unzipped(export(array, tmp_path))
     files["board-In2_Cu.gbr"] = files["board-In2_Cu.gbr"].replace("M02*", f"{REGION.replace('X', 'X-')}\nM02*")
@@ -387,15 +383,13 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (lacking("bottom.gbr") | {"in.gbr": gerber("Copper,L2,Inr", *BOTTOM)}, r"are missing: the bottom below L2\.$"),
         ({**BOARD, "other.gbr": BOARD["top.gbr"]}, r"/top\.gbr: is copper layer L1, and so is .*/other\.gbr"),
         ({**BOARD, "x.gbr": gerber("Copper,Lx,Inr")}, r"/x\.gbr: a copper layer must be L1, L2, …; got Copper,Lx,Inr"),
-        (lacking("holes.drl"), r"board\.zip: has 2 copper layers and no plated hole to connect them"),
         (changed("holes.drl", "Plated,1,2", "Plated,2,5"), DRILL_NAME + r": holes must go from .* got Plated,2,5,PTH"),
-        (changed("holes.drl", "METRIC\n", ""), DRILL_NAME + r":\d+: the file does not say its unit"),
         (changed("holes.drl", "T1C0.3", "T1F2.0"), DRILL_NAME + r":\d+: the tool has no diameter"),
         (changed("holes.drl", "T1C0.3", "T1C99999.0"), r":\d+: a diameter must be from 0 to 10 m; got 99\.999 m"),
         (top("%ADD20R,1e9X1*%", "D20*", flashes((9, 9))), r":\d+: an aperture must be at most 10 m wide; got"),
         (changed("holes.drl", "G05\nT1", "G05\nT7"), DRILL_NAME + r":7: Undefined tool index 7"),
-        (changed("holes.drl", "M30", "G85X1Y1\nM30"), DRILL_NAME + r":11: the statement is not supported"),
-        (changed("holes.drl", "X0.0000Y0.0000", "X0Y0"), DRILL_NAME + r":8: No number format set"),
+        (changed("holes.drl", "M30", "Q85X1Y1\nM30"), DRILL_NAME + r":11: the statement is not supported"),
+        (changed("holes.drl", ".0000", "7"), DRILL_NAME + r": the numbers have no decimal point, .* do the"),
         (changed("holes.drl", "M30", ""), DRILL_NAME + r": the file ends without M30, it is truncated"),
         (changed("top.gbr", "M02*", ""), TOP_NAME + r": the file ends without M02, it is truncated"),
         (changed("top.gbr", "%MOMM*%\n", ""), TOP_NAME + r":10: Gerber file does not contain a unit"),
@@ -409,12 +403,9 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (top("%MIA1B0*%", *TOP), TOP_NAME + r":9: the mirroring of the whole image is not supported"),
         (top("%SFA2B2*%", *TOP), TOP_NAME + r":9: the scaling of the whole image is not supported"),
         (top("%ASAYBX*%", *TOP), TOP_NAME + r":9: the exchange of the axes is not supported|the statement is not"),
-        (top("%SRX2Y1I5.0J0*%", *TOP, "%SR*%"), TOP_NAME + r":9: step and repeat is not supported"),
+        (top("%SRX99Y99I5.0J0*%", *TOP, "%SR*%"), TOP_NAME + r":9: step and repeat must have 1 to 1000 copies"),
         (top("%ABD20*%", "D10*", flashes((0, 0)), "%AB*%", *TOP), TOP_NAME + r":9: the statement is not supported"),
-        (top("D12*", stroke(0, 0, 5, 0)), TOP_NAME + r":11: a stroke must have a round aperture; got <rect"),
         (top("D13*", stroke(0, 0, 5, 0), apertures=("C,0.2",) * 3 + ("O,1X2",)), TOP_NAME + r":12: Non-circular"),
-        (top(*TOP, "%LPC*%", "D10*", flashes((2, 0))), TOP_NAME + r":18: a clear shape over a track or pad"),
-        (top(*TOP[:2]) | {"bottom.gbr": gerber("Copper,L2,Bot")}, DRILL_NAME + r":8: the plated hole"),
         ({**BOARD, "b.gbrjob": '{"Header": '}, r"b\.gbrjob:1: is not a complete Gerber job file"),
         ({**BOARD, "b.gbrjob": '{"MaterialStackup": [{"Type": "Copper"}]}'}, "has 1 copper layers and .* files for 2"),
         ({**BOARD, "b.gbrjob": '{"GeneralSpecs": {"BoardThickness": 0.01}}'}, r"b\.gbrjob: a board of 0\.01 mm"),
@@ -422,6 +413,83 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
 )
 def test_bad_files_are_named(files: dict[str, str], message: str, tmp_path: Path) -> None:
     refused(BoardError, message, read, tmp_path, files)
+
+
+def test_clear_shapes_over_tracks_bare_holes_and_wide_strokes(tmp_path: Path) -> None:
+    cut = read(tmp_path, top(*TOP, "%LPC*%", "D11*", flashes((2, 0))))
+    assert len(cut.areas) == 2  # a track in two
+    assert "L1" not in {track.layer for track in cut.tracks}
+    # the barrel of a hole without a pad joins the track that ends in it
+    board = read(tmp_path, top(*TOP[:2]) | {"bottom.gbr": gerber("Copper,L2,Bot", *BOTTOM[:2])})
+    assert {(hole.x, hole.y) for hole in board.holes} == {(0, 0), (5e-3, 0), (5e-3, 5e-3)}
+    # a rectangle of 1.2 × 1.6 mm is 1.6 mm wide across a stroke along x
+    (track,) = read(tmp_path, {"top.gbr": gerber("Copper,L1,Top", "D12*", stroke(0, 0, 5, 0))}).tracks
+    assert track.width == pytest.approx(1.6e-3)
+
+
+SPIRAL = square_spiral()
+COIL = ("D10*", *(stroke(*a, *b) for a, b in itertools.pairwise(SPIRAL)))
+
+
+def coils_in(folder: Path, files: dict[str, str], **options: object) -> list[tuple[float, float]]:
+    """Turns and centres in mm of the coils of a board."""
+    board = read_gerbers(zipped(folder, files), **options)  # type: ignore[arg-type]
+    return [(abs(coil.turns), round(coil.centre[0] * 1e3)) for coil in trace_coils(board).coils]
+
+
+def test_step_and_repeat_zero_sets_and_layers_without_copper(tmp_path: Path) -> None:
+    three = pytest.approx(3, abs=0.1)
+    repeated = gerber("Copper,L1,Top", "%SRX2Y1I20.0J0*%", *COIL, "%SR*%")
+    assert coils_in(tmp_path, {"t.gbr": repeated}) == [(three, 0), (three, 20)]
+    empty = {"t.gbr": gerber("Copper,L1,Top", *COIL), "b.gbr": gerber("Copper,L2,Bot")}
+    assert coils_in(tmp_path, empty) == [(three, 0)]
+    x, y = SPIRAL[-1]
+    both = {
+        "t.gbr": gerber("Copper,L1,Top", *COIL, "D11*", flashes((x, y))),
+        "b.gbr": gerber("Copper,L2,Bot", "D10*", stroke(x, y, x, y - 9), "D11*", flashes((x, y))),
+    }
+    for drills in (f"G92\n{excellon((x, y))}", excellon((x, y)).replace("METRIC", "METRIC,TZ")):
+        board = read(tmp_path, {**both, "d.drl": drills})
+        assert trace_coils(board).coils[0].layers == ("L1", "L2")
+
+
+@pytest.mark.parametrize(("digits", "unit", "zeros"), [(3, "mm", "leading"), (4, "inch", "leading")])
+def test_missing_formats_of_drills_are_found_on_the_pads(tmp_path: Path, digits: int, unit: str, zeros: str) -> None:
+    scale = 10**digits / (1 if unit == "mm" else 25.4)
+    rows = [f"X{round(x * scale)}Y{round(y * scale)}" for x, y in HOLES]
+    size = 0.3 if unit == "mm" else 0.3 / 25.4
+    text = "\n".join(("M48", f"T1C{size:.4f}", "%", "T1", *rows, "M30", ""))
+    holes = read(tmp_path, {**BOARD, "holes.drl": text}).holes
+    assert [(hole.x * 1e3, hole.y * 1e3) for hole in holes] == HOLES_APPROX
+    given = read_gerbers(zipped(tmp_path, {**BOARD, "holes.drl": text}), None, None, f"2.{digits},{unit},{zeros}")
+    assert len(given.holes) == len(HOLES)
+    message = "the drill format must be as 4.4,mm"
+    refused(BoardError, message, read_gerbers, zipped(tmp_path, {**BOARD, "holes.drl": text}), None, None, "x")
+
+
+HOLES_APPROX = [pytest.approx(place, abs=1e-3) for place in HOLES]
+
+
+NAMES = [
+    ("b.GTL", "b.GKO"), ("b-F_Cu.gbr", "b-Edge_Cuts.gbr"), ("TOP.art", "OUTLINE.art"), ("Top.gbr", "BoardOutline.gbr"),
+    ("b.cmp", "b.dim"), ("copper_top.gbr", "profile.gbr"), ("Gerber_TopLayer.GTL", "Gerber_BoardOutlineLayer.GKO"),
+    ("art001.pho", "drl.pho"), ("Board - Top Copper.gbr", "Board - Outline.gbr"), ("top.ger", "outline.ger"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("names", NAMES, ids=lambda names: names[0])
+def test_names_of_other_programs(tmp_path: Path, names: tuple[str, str]) -> None:
+    edge = gerber("", "D10*", stroke(-9, -9, 9, 9))
+    plain = dict(zip(names, (gerber("", *COIL), edge), strict=True))
+    assert coils_in(tmp_path, plain) == [(pytest.approx(3, abs=0.1), 0)]
+
+
+def test_layers_that_the_user_names(tmp_path: Path) -> None:
+    files = {"a.gbr": gerber("", *COIL), "b.gbr": gerber("", "D10*", stroke(-9, -9, 9, 9))}
+    message = r"no copper layer among its 2 .*; say which it is as --layer L1=FILE, of a\.gbr, b\.gbr"
+    refused(BoardError, message, read, tmp_path, files)
+    assert coils_in(tmp_path, files, layers={"L1": "a.gbr"}) == [(pytest.approx(3, abs=0.1), 0)]
+    refused(BoardError, "--layer must be L1=FILE", read_gerbers, zipped(tmp_path, files), None, {"L1": "c.gbr"})
 
 
 def test_files_and_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
