@@ -23,6 +23,7 @@ from coilarray.geometry.coil import VIA, PlatedHole, path_coil
 from coilarray.geometry.stackup import Stackup
 
 _SHOWN = 12  # names in a message
+_MANY_PADS, _FEW_TURNS = 8, 1.5  # copper with more pads and fewer turns is no coil unless it is asked for
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,11 @@ def trace_coils(
             found = Piece(graph, nodes, edges).coils()
         except BoardError as error:
             found = Found((), str(error))
+        stands = {id(pad): pad for node in nodes for pad in graph.stands.get(node, ())}.values()
+        pads = sum(not (isinstance(pad, Hole) and pad.kind == "via") for pad in stands)
+        if nets is None and pads > _MANY_PADS and all(abs(coil.turns) < _FEW_TURNS for coil in found.coils):
+            reason = f"it leads to {pads} pads, as a supply does; --nets takes it." if found.coils else found.reason
+            found = replace(found, coils=(), reason=reason)
         coils += _named(found.coils, own, {coil.name for coil in coils}, known)
         if not found.coils:
             length, turns = (found.way.length, abs(found.way.turns)) if found.way else (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""``coilarray init --from BOARD``: boards become designs that every other command takes; each mistake is one line."""
+"""``coilarray import BOARD``: boards become designs that every other command takes; each mistake is one line."""
 
 from pathlib import Path
 
@@ -55,7 +55,7 @@ def test_json_says_what_was_found_and_what_was_left_out(capsys):
         path(*SPIRAL[:6], width="0.3"),
         path(*SPIRAL[5:], width="0.2"),
         pads(SPIRAL[0], SPIRAL[-1]),
-        path((20, 0), (30, 0), (30, 5), net="2"),
+        path((20, 0), (30, 0), (20, 0.5), (28, 0.2), net="2"),
         nets=("/coil A", "GND"),
     ).replace('(net 1 "A")', '(net 1 "/coil A")')
     found = answer(capsys, write(text))
@@ -72,11 +72,12 @@ def test_json_says_what_was_found_and_what_was_left_out(capsys):
 
 
 def test_what_is_left_out_and_noted_is_printed(capsys):
-    text = board(path(*SPIRAL), via(*SPIRAL[3]), path((20, 0), (30, 0), net="2"), version=20260101)
+    meander = path((20, 0), (30, 0), (30, 1), (20, 1), (20, 2), (30, 2), net="2")
+    text = board(path(*SPIRAL), via(*SPIRAL[3]), meander, version=20990101)
     out = good(capsys, write(text))
-    assert "nets with tracks that are not coils\n  B: it makes 0.00 turns" in out
+    assert "other copper; lengths in mm\nnet  turns  length  why it is no coil\nB" in out
     assert "assumed: stackup.dielectric_epsilon_r: the board file does not say; FR-4, 4.5\n" in out
-    assert "note: The board has KiCad's format 20260101" in out
+    assert "note: The board has KiCad's format 20990101" in out
     assert "note: A: 1 of the holes on the path join none" in out
 
 
@@ -115,8 +116,11 @@ def test_a_stackup_from_a_design(capsys):
         (["b.kicad_pcb", "--nets", " , "], "b.kicad_pcb: --nets must name at least one net; got ' , '"),
         (["b.kicad_pcb", "--stackup", "none.toml"], "there is no design file none.toml"),
         (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: there is no such file or folder"),
-        (["b.txt"], "there is no bundled design 'b.txt', nor a board of that name (.kicad_pcb, .zip or a folder)"),
-        (["starter", "--nets", "A"], "--nets and --stackup are for --from with a board"),
+        (["b.txt"], "b.txt: must be a folder or an intact zip of Gerber files"),
+        (["b.PcbDoc"], "b.PcbDoc: files of this program are not read; export Gerber and drill files"),
+        (["b.kicad_pcb", "--from", "U1.1"], "--from and --to are given together"),
+        (["b.kicad_pcb", "--from", "U1.1", "--to", "U1.2"], "there is no pad 'U1.1'; give a pad as U1.3"),
+        (["b.kicad_pcb", "--layer", "L1=x"], "--layer and --drill-format are for Gerber files"),
         (["cut.kicad_pcb"], "cut.kicad_pcb:9: the file ends inside"),
     ],
 )
@@ -124,7 +128,48 @@ def test_mistakes_are_one_line_and_leave_no_file(capsys, arguments, message):
     text = board(path(*SPIRAL), segment((20, 0), (30, 0), net="2"), segment((25, 0), (25, 5), net="2"))
     write(text)
     write(text, "b.txt")
+    write(text, "b.PcbDoc")
     write("\n".join(text.splitlines()[:9]), "cut.kicad_pcb")
     before = sorted(Path().iterdir())
     assert message in refused(capsys, *arguments)
     assert sorted(Path().iterdir()) == before
+
+
+def footprint(name, *pads_at, net='1 "A"'):
+    """Footprint of surface pads 1, 2, … at places in mm, y down on the sheet from its origin."""
+    inside = "".join(
+        f'(pad "{k}" smd rect (at {x} {y}) (size 0.4 0.4) (layers "F.Cu") (net {net}))'
+        for k, (x, y) in enumerate(pads_at, start=1)
+    )
+    return f'(footprint "x" (layer "F.Cu") (at 100 100) (property "Reference" "{name}") {inside})'
+
+
+@pytest.mark.slow
+def test_what_is_found_is_listed_with_an_estimate_and_ends_can_be_chosen(capsys):
+    """A spiral with a lead that branches to a capacitor and to a chip."""
+    lead = [path(SPIRAL[0], (-5, 8)), path((-5, 8), (-8, 8)), path((-5, 8), (-5, 12))]
+    parts = footprint("C4", (-8.1, -8.1)), footprint("U1", (-5.1, -12.1), (20, 20))
+    file = write(board(path(*SPIRAL), *lead, *parts))
+    out = good(capsys, file, "--list", "--picture", "coils.png")
+    assert Path("coils.png").stat().st_size > 0
+    assert not Path("design.toml").exists()
+    (row,) = [line.split() for line in out.splitlines() if line.startswith("A ")]
+    L, length = float(row[5]), float(row[6])
+    assert 0.05 < L < 0.3
+    assert length == pytest.approx(98.0, abs=0.2)  # to the fork, 3 mm from the spiral
+    found = answer(capsys, file)
+    assert "A: what leads on to C4.1 and U1.1 is left out." in found["notes"]
+    for end, more in (("U1.1", 4), ("C4.1", 3), ("-5,12", 4)):
+        chosen = answer(capsys, file, "--from", end, "--to", "-2,3", "--force")
+        assert chosen["coils"][0]["length_m"] == pytest.approx(98e-3 + more * 1e-3, abs=0.2e-3)
+        assert chosen["coils"][0]["inductance_H"] > found["coils"][0]["inductance_H"]
+
+
+@pytest.mark.slow
+def test_a_board_without_a_coil_shows_the_place_that_prevents_it(capsys):
+    bridged = board(path(*SPIRAL), segment((0, -5), (0, -4)), path((20, 0), (30, 0), (20, 0.4), net="2"))
+    message = refused(capsys, write(bridged), "--picture", "place.png")
+    assert "no coil was found. Net A" in message
+    assert "a track closes a ring of copper on F.Cu at (0, −4.5) mm" in message.replace("(0, -4.5)", "(0, −4.5)")
+    assert "The picture place.png shows the place" in message
+    assert Path("place.png").stat().st_size > 0
