@@ -36,7 +36,7 @@ class CopperGraph:
     `nodes` (n, 2) in m are on one `layer` (n,) by number, or on several if a hole joins them.
     `edges` (m, 2) are numbers of nodes, with a `length` (m,) and a `width` (m,) in m, the layer
     `edge_layer` (m,), and the number `edge_item` (m,) of their copper in `items`. `drawn` (m,) says
-    that a centre line follows the edge. `stands` are the holes and pads of a node, `areas` the
+    that a centre line follows the edge, and `overlap` (m,) that it joins overlapping lines. `stands` are the holes and pads of a node, `areas` the
     numbers of nodes that stand for an area. `piece` (n,) numbers connected copper.
     """
 
@@ -47,6 +47,7 @@ class CopperGraph:
     edge_layer: IntArray
     edge_item: IntArray
     drawn: npt.NDArray[np.bool_]
+    overlap: npt.NDArray[np.bool_]
     items: Sequence[Copper]
     layers: Sequence[str]
     stands: dict[int, list[Hole | SurfacePad]]
@@ -313,7 +314,7 @@ def _joined(
 def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[str]) -> CopperGraph:
     """Number the places of all layers as nodes, and collect the edges between them."""
     counts = np.cumsum([0, *(len(layer.places) for layer in joined)])
-    pairs, width, edge_layer, edge_item, drawn = [], [], [], [], []
+    pairs, width, edge_layer, edge_item, drawn, overlap = [], [], [], [], [], []
     hubs: dict[int, list[int]] = {}  # places by the number of a hole, pad or area
     same = []
     for layer, first in zip(joined, counts.tolist(), strict=False):
@@ -327,9 +328,13 @@ def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[s
             width.append(layer.width[line])
             edge_item.append(layer.item[line])
             drawn.append(np.ones(len(line), dtype=bool))
+            overlap.append(np.zeros(len(line), dtype=bool))
             edge_layer.append(np.full(len(line), layer.number))
         if layer.bridges:
-            pairs.append(np.array([bridge[:2] for bridge in layer.bridges]) + first)
+            places = np.array([bridge[:2] for bridge in layer.bridges])
+            pairs.append(places + first)
+            hub = (places >= layer.first_hub) & (places < layer.first_hub + len(layer.hub))
+            overlap.append(~hub.any(axis=1))
             width.append(np.array([bridge[2] for bridge in layer.bridges]))
             edge_item.append(np.array([bridge[3] for bridge in layer.bridges]))
             drawn.append(np.zeros(len(layer.bridges), dtype=bool))
@@ -350,7 +355,7 @@ def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[s
                 nodes[here] = item.x, item.y
             stands.setdefault(here, []).append(item)
     edges = node[np.vstack(pairs)] if pairs else np.empty((0, 2), dtype=np.int64)
-    columns = [np.concatenate(each) if each else np.empty(0) for each in (width, edge_layer, edge_item, drawn)]
+    columns = [np.concatenate(each) if each else np.empty(0) for each in (width, edge_layer, edge_item, drawn, overlap)]
     edges = np.sort(edges, axis=1)
     # of edges between the same nodes on a layer the first is kept, with the largest width, lines before bridges
     kept = np.flatnonzero(edges[:, 0] != edges[:, 1])
@@ -359,10 +364,10 @@ def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[s
     new = np.ones(len(order), dtype=bool)
     new[1:] = (key[1:] != key[:-1]).any(axis=1)
     order = np.sort(order[new])
-    edges, (widths, on, of, by_line) = edges[order], (column[order] for column in columns)
+    edges, (widths, on, of, by_line, lapped) = edges[order], (column[order] for column in columns)
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     piece = np.array(groups(len(nodes), edges), dtype=np.int64)
     return CopperGraph(
-        nodes, edges, length, widths, on.astype(np.int64), of.astype(np.int64), by_line.astype(bool), items, layers,
-        stands, areas, piece,
+        nodes, edges, length, widths, on.astype(np.int64), of.astype(np.int64), by_line.astype(bool),
+        lapped.astype(bool), items, layers, stands, areas, piece,
     )  # fmt: skip

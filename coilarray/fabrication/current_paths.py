@@ -13,9 +13,10 @@ import shapely
 from coilarray.constants import MU_0
 from coilarray.errors import BoardError
 from coilarray.fabrication.board import Hole, SurfacePad
-from coilarray.fabrication.copper_graph import CopperGraph
+from coilarray.fabrication.copper_graph import JOINED, CopperGraph
 from coilarray.fabrication.traced_coil import LEAST_TURNS, TracedCoil, natural_order
 from coilarray.geometry.arcs import Point, place_in_mm
+from coilarray.geometry.copper import groups
 
 STRAIGHT = 1.5  # of the diagonal of the bounds: shorter copper makes no turn
 _ROUND_AN_END = 4.0  # widths: a shorter ring of copper has no hole that matters
@@ -57,35 +58,45 @@ class Piece:
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-        self.graph, self.nodes = graph, list(nodes)
-        self._number = {node: k for k, node in enumerate(self.nodes)}
+        self.graph = graph
         weight = graph.weight
+        # ends of overlapping lines are one node of the tree, named by one of them
+        real = {node: k for k, node in enumerate(nodes)}
+        lapped = [[real[node] for node in graph.edges[edge].tolist()] for edge in edges if graph.overlap[edge]]
+        self._name = {node: nodes[k] for node, k in zip(nodes, groups(len(nodes), lapped), strict=True)}
+        self.nodes = list(dict.fromkeys(self._name.values()))
+        self._number = {node: k for k, node in enumerate(self.nodes)}
+        self._real, self._step = real, dict[tuple[int, int], int]()
         self._edge: dict[tuple[int, int], int] = {}
         beside = []  # edges between nodes that a shorter one joins
         for edge in sorted(edges, key=lambda edge: weight[edge]):
             a, b = graph.edges[edge].tolist()
-            if self._edge.setdefault((a, b), edge) != edge:
+            self._step.setdefault((a, b), edge)
+            a, b = sorted((self._name[a], self._name[b]))
+            if a != b and self._edge.setdefault((a, b), edge) != edge:
                 beside.append(edge)
-        kept = np.array(list(self._edge.values()))
-        i, j = (np.array([self._number[node] for node in column]) for column in graph.edges[kept].T.tolist())
+        steps = np.array(list(self._step.values()))
+        i, j = (np.array([real[node] for node in column]) for column in graph.edges[steps].T.tolist())
+        self._matrix = coo_array((weight[steps], (i, j)), shape=(len(nodes), len(nodes))).tocsr()
+        kept, count = np.array(list(self._edge.values()), dtype=np.int64), len(self.nodes)
+        i, j = np.array([[self._number[node] for node in pair] for pair in self._edge]).reshape(-1, 2).T
         self._degree = np.bincount(graph.edges[kept].ravel(), minlength=len(graph.nodes))
-        count = len(self.nodes)
-        self._matrix = coo_array((weight[kept], (i, j)), shape=(count, count)).tocsr()
         along_lines = weight[kept] + np.where(graph.drawn[kept], 0.0, _BESIDE)
         tree = minimum_spanning_tree(coo_array((along_lines, (i, j)), shape=(count, count)).tocsr())
         order, before = breadth_first_order(tree, 0, directed=False)
         self._before, self._depth = before.tolist(), [0] * count
         for k in order[1:].tolist():
             self._depth[k] = self._depth[self._before[k]] + 1
-        in_tree = {
-            self._between(self.nodes[k], self.nodes[self._before[k]]) for k in order[1:].tolist()
-        }
+        in_tree = {self._between(self.nodes[k], self.nodes[self._before[k]]) for k in order[1:].tolist()}
         self._closing = [edge for edge in kept.tolist() if edge not in in_tree] + beside
-        self._widest = float(graph.width[kept].max())
+        self._widest = float(graph.width[kept].max(initial=0.0))
         self.rings: list[Ring] = []
         self._parts: dict[tuple[int, int], TracedCoil] = {}
         self.around = self._tree(in_tree)
-        self.stands = {node: list(graph.stands[node]) for node in self.nodes if node in graph.stands}
+        self.stands: dict[int, list[Hole | SurfacePad]] = {}
+        for node in nodes:
+            if node in graph.stands:
+                self.stands.setdefault(self._name[node], []).extend(graph.stands[node])
         self._prune()
 
     def _between(self, a: int, b: int) -> int:
@@ -104,7 +115,7 @@ class Piece:
         self._loose: set[int] = set()
         checked = 0
         for edge in self._closing:
-            a, b = (self._number[node] for node in self.graph.edges[edge].tolist())
+            a, b = (self._number[self._name[node]] for node in self.graph.edges[edge].tolist())
             self._loose |= {self.nodes[a], self.nodes[b]}
             if self._is_short(edge, a, b) or first(a) == first(b):
                 continue
@@ -122,7 +133,7 @@ class Piece:
         self._group = {node: self.nodes[first(k)] for k, node in enumerate(self.nodes)}
         around: dict[int, dict[int, int]] = {self._group[node]: {} for node in self.nodes}
         for edge in in_tree:
-            a, b = (self._group[node] for node in self.graph.edges[edge].tolist())
+            a, b = (self._group[self._name[node]] for node in self.graph.edges[edge].tolist())
             if a != b:
                 around[a][b] = around[b][a] = edge
         return around
@@ -257,7 +268,7 @@ class Piece:
                     if best is None or (abs(coil.turns), coil.length) > (abs(best.turns), best.length):
                         best = coil
         if found:
-            return Found(tuple(found), "", None, best)
+            return Found(_set_back(found), "", None, best)
         if self.rings:
             return Found((), self.rings[0].reason, self.rings[0].at, best, ringed=True)
         if best is None:
@@ -294,19 +305,21 @@ class Piece:
         """Shortest way in the copper between two nodes."""
         from scipy.sparse.csgraph import dijkstra
 
-        a, b = self._number[first], self._number[last]
+        a, b = self._real[first], self._real[last]
+        real = [*self._real]
         before = dijkstra(self._matrix, directed=False, indices=a, return_predecessors=True)[1].tolist()
         way = [b]
         while way[-1] != a:
             way.append(before[way[-1]])
-        nodes = [self.nodes[k] for k in way[::-1]]
-        return [(-1, first), *((self._between(one, other), other) for one, other in pairwise(nodes))]
+        nodes = [real[k] for k in way[::-1]]
+        steps = (self._step[min(pair), max(pair)] for pair in pairwise(nodes))
+        return [(-1, first), *zip(steps, nodes[1:], strict=True)]
 
     def _real_end(self, way: Sequence[int], end: int) -> int:
         """Node of the graph at an end of a tree's way, which may be the copper of a ring."""
         one, other = (way[0], way[1]) if end == 0 else (way[-1], way[-2])
         ends = self.graph.edges[self.around[one][other]].tolist()
-        return next(node for node in ends if self._group[node] == one)
+        return next(node for node in ends if self._group[self._name[node]] == one)
 
     def _coils_on(self, way: Sequence[int], arms: dict[int, list[int]]) -> Iterator[TracedCoil]:
         """Yield the windings on a way, cut at pads and branches outside of them."""
@@ -315,7 +328,8 @@ class Piece:
         nodes = [self._real_end(way, 0), *way[1:-1], self._real_end(way, -1)]
         path = self._shortest(nodes[0], nodes[-1])
         whole = self._part(path, 0, len(path) - 1)
-        on = {node: k for k, (_, node) in enumerate(path)}
+        names = [self._name[node] for _, node in path]
+        on = {name: k for k, name in enumerate(names)}
         length = np.cumsum([0.0, *(float(self.graph.length[edge]) for edge, _ in path[1:])])
         stops = sorted({
             0, len(path) - 1,
@@ -344,11 +358,11 @@ class Piece:
         halves = [k for k in stops if first < k < last and self._apart(path, first, k, last)]
         for begin, end in pairwise([first, *halves, last]):
             branches = [
-                name for k in range(begin, end + 1) for arm in arms.get(path[k][1], ())
-                for name in self._names(path[k][1], arm)
+                name for k in range(begin, end + 1) for arm in arms.get(names[k], ())
+                for name in self._names(names[k], arm)
             ]  # fmt: skip
             beyond = [
-                *(name for k in stops if k < first or k > last for stand in self.stands.get(path[k][1], ())
+                *(name for k in stops if k < first or k > last for stand in self.stands.get(names[k], ())
                 for name in (_name(stand),) if name),
             ]  # fmt: skip
             coil = self._part(path, begin, end)
@@ -433,7 +447,7 @@ class Piece:
 
     def _terminal(self, node: int) -> Hole | SurfacePad | None:
         """Return the pad at an end, or else the via."""
-        stands = self.stands.get(node, ())
+        stands = self.stands.get(self._name[node], ())
         return next((stand for stand in stands if not (isinstance(stand, Hole) and stand.kind == "via")), None) or next(
             iter(stands), None
         )
@@ -456,6 +470,30 @@ class Piece:
             f"{area.what} on {area.layer} at {at} is crossed the shortest way, {way.length * 1e3:.3g} mm; its inductance is "
             f"wrong by at most {most * 1e9:.2g} nH."
         )
+
+
+def _set_back(coils: Sequence[TracedCoil]) -> tuple[TracedCoil, ...]:
+    """Shorten coils at ends that they share by the width of their trace, so that their copper is apart."""
+    ends = [(coil.layers[k], *np.round(coil.path[k] / JOINED).tolist()) for coil in coils for k in (0, -1)]
+    made = []
+    for number, coil in enumerate(coils):
+        shared = [ends.count(ends[2 * number + k]) > 1 for k in (0, 1)]
+        lines, widths, terminals = [*coil.lines], [*coil.widths], [*coil.ends]
+        for k in (0, -1):
+            if not shared[k]:
+                continue
+            line, width = (lines[0], widths[0]) if k == 0 else (lines[-1][::-1], widths[-1][::-1])
+            length = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
+            back = min(float(width[0]), 0.9 * float(length[-1]))
+            after = int(np.searchsorted(length, back, side="right"))
+            at = [np.interp(back, length, axis) for axis in line.T]
+            line, width = np.vstack((at, line[after:])), width[after - 1 :]
+            lines[k], widths[k] = (line, width) if k == 0 else (line[::-1], width[::-1])
+            terminals[k] = None
+        note = ("it ends a trace width before the place that it shares with others.",) if any(shared) else ()
+        new = {"lines": tuple(lines), "widths": tuple(widths), "ends": tuple(terminals)} if any(shared) else {}
+        made.append(replace(coil, **new, notes=(*coil.notes, *note), _known={}) if any(shared) else coil)
+    return tuple(made)
 
 
 def _name(stand: Hole | SurfacePad) -> str:
