@@ -36,8 +36,9 @@ class CopperGraph:
     `nodes` (n, 2) in m are on one `layer` (n,) by number, or on several if a hole joins them.
     `edges` (m, 2) are numbers of nodes, with a `length` (m,) and a `width` (m,) in m, the layer
     `edge_layer` (m,), and the number `edge_item` (m,) of their copper in `items`. `drawn` (m,) says
-    that a centre line follows the edge, and `overlap` (m,) that it joins overlapping lines. `stands` are the holes and pads of a node, `areas` the
-    numbers of nodes that stand for an area. `piece` (n,) numbers connected copper.
+    that a centre line follows the edge, and `overlap` (m,) that it joins overlapping lines.
+    `stands` are the holes and pads of a node, `areas` the numbers of nodes that stand for an area.
+    `piece` (n,) numbers connected copper.
     """
 
     nodes: FloatArray
@@ -58,11 +59,11 @@ class CopperGraph:
     def weight(self) -> FloatArray:
         """Length in m by which the shortest way is chosen, shape (m,)."""
         preference = np.where(self.drawn, 1.0, _DETOUR) + _LOWER * self.edge_layer
-        return np.maximum(self.length * preference, 1e-12)  # an edge of no weight is none to scipy
+        return np.asarray(np.maximum(self.length * preference, 1e-12))  # an edge of no weight is none to scipy
 
     def where(self, edge: int) -> str:
         """File and line of an edge, for messages."""
-        return self.items[self.edge_item[edge]].where
+        return self.items[int(self.edge_item[edge])].where
 
     def place(self, node: int) -> str:
         """Place of a node, for messages."""
@@ -146,15 +147,13 @@ class _Layer:
                 self.cut(j, float(self.along(np.array([j]), at)[0]), place)
         overlaps = []
         places = np.array(self.places[: self.first_hub] or np.empty((0, 2)))
-        for place, line, apart in self.near(np.asarray(shapely.points(places)), np.repeat(self.width, 2) / 2):
-            other = place // 2 != line
-            place, line, apart = place[other], line[other], apart[other]
-            part = self.along(line, places[place])
-            for k in range(len(place)):
+        for ends, lines, apart in self.near(np.asarray(shapely.points(places)), np.repeat(self.width, 2) / 2):
+            part = self.along(lines, places[ends])
+            for k in np.flatnonzero(ends // 2 != lines).tolist():
                 if apart[k] <= JOINED:
-                    self.cut(int(line[k]), float(part[k]), int(place[k]))
+                    self.cut(int(lines[k]), float(part[k]), int(ends[k]))
                 else:
-                    overlaps.append((int(place[k]), int(line[k]), float(part[k])))
+                    overlaps.append((int(ends[k]), int(lines[k]), float(part[k])))
         return overlaps
 
     def merged(self) -> IntArray:
@@ -272,7 +271,8 @@ def copper_graph(board: BoardCopper, progress: Progress | None = None) -> Copper
         else:
             shapes[track.layer].append((track.copper[track.layer], track.start, len(items)))
         items.append(track)
-    for stand in (*board.holes, *board.pads):
+    stands: list[Hole | SurfacePad] = [*board.holes, *board.pads]
+    for stand in stands:
         for layer, shape in stand.copper.items():
             shapes[layer].append((shape, (stand.x, stand.y), len(items)))
         items.append(stand)
@@ -312,7 +312,7 @@ def _joined(
 
 
 def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[str]) -> CopperGraph:
-    """Number the places of all layers as nodes, and collect the edges between them."""
+    """Make nodes of the places of all layers, and collect the edges between them."""
     counts = np.cumsum([0, *(len(layer.places) for layer in joined)])
     pairs, width, edge_layer, edge_item, drawn, overlap = [], [], [], [], [], []
     hubs: dict[int, list[int]] = {}  # places by the number of a hole, pad or area
@@ -334,7 +334,7 @@ def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[s
             places = np.array([bridge[:2] for bridge in layer.bridges])
             pairs.append(places + first)
             hub = (places >= layer.first_hub) & (places < layer.first_hub + len(layer.hub))
-            overlap.append(~hub.any(axis=1))
+            overlap.append(np.asarray(~hub.any(axis=1)))
             width.append(np.array([bridge[2] for bridge in layer.bridges]))
             edge_item.append(np.array([bridge[3] for bridge in layer.bridges]))
             drawn.append(np.zeros(len(layer.bridges), dtype=bool))

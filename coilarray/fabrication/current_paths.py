@@ -62,7 +62,8 @@ class Piece:
         weight = graph.weight
         # ends of overlapping lines are one node of the tree, named by one of them
         real = {node: k for k, node in enumerate(nodes)}
-        lapped = [[real[node] for node in graph.edges[edge].tolist()] for edge in edges if graph.overlap[edge]]
+        own = np.array(edges, dtype=np.int64)
+        lapped = ((real[a], real[b]) for a, b in graph.edges[own[graph.overlap[own]]].tolist())
         self._name = {node: nodes[k] for node, k in zip(nodes, groups(len(nodes), lapped), strict=True)}
         self.nodes = list(dict.fromkeys(self._name.values()))
         self._number = {node: k for k, node in enumerate(self.nodes)}
@@ -181,7 +182,9 @@ class Piece:
             graph.items[graph.edge_item[each]].copper.get(graph.layers[graph.edge_layer[each]], shapely.Polygon())
             for each in own
         ]
-        copper += [shape for k in ring for stand in graph.stands.get(self.nodes[k], ()) for shape in stand.copper.values()]
+        copper += [
+            shape for k in ring for stand in graph.stands.get(self.nodes[k], ()) for shape in stand.copper.values()
+        ]
         copper += [graph.areas[self.nodes[k]].shape for k in ring if self.nodes[k] in graph.areas]
         hole = inside - shapely.union_all(copper)
         if hole.area <= _NO_HOLE * width**2:
@@ -194,8 +197,8 @@ class Piece:
         at = graph.nodes[graph.edges[bridge]].mean(axis=0)
         layer = graph.layers[graph.edge_layer[bridge]]
         reason = (
-            f"{item.where}: {item.what} closes a ring of copper on {layer} at {place_in_mm(*at)}, in which the current has "
-            "two ways."
+            f"{item.where}: {item.what} closes a ring of copper on {layer} at {place_in_mm(*at)}, in which the current "
+            "has two ways."
         )
         self.rings.append(Ring((float(at[0]), float(at[1])), reason, inside))
         return True
@@ -207,7 +210,9 @@ class Piece:
         for node in list(around):
             if len(around[node]) == 1 and (node in self.stands or node in graph.areas):
                 ((other, edge),) = around[node].items()
-                if not graph.drawn[edge] and (node in graph.areas or len(around[other]) > 2):  # on a way, or a mere area
+                if not graph.drawn[edge] and (
+                    node in graph.areas or len(around[other]) > 2
+                ):  # on a way, or a mere area
                     self.stands.setdefault(other, []).extend(self.stands.pop(node, ()))
                     held.add(other)
                     del around[node], around[other][node]
@@ -274,7 +279,9 @@ class Piece:
         if best is None:
             return Found((), "it has no way from end to end.")
         x, y = best.path[0].tolist()
-        return Found((), f"it makes {abs(best.turns):.2f} turns around a place; a coil makes at least one.", (x, y), best)
+        return Found(
+            (), f"it makes {abs(best.turns):.2f} turns around a place; a coil makes at least one.", (x, y), best
+        )
 
     def between(self, first: int, last: int) -> TracedCoil:
         """Follow the way between two nodes of the tree, or raise BoardError."""
@@ -307,7 +314,7 @@ class Piece:
 
         a, b = self._real[first], self._real[last]
         real = [*self._real]
-        before = dijkstra(self._matrix, directed=False, indices=a, return_predecessors=True)[1].tolist()
+        before = dijkstra(self._matrix, False, np.array(a), True)[1].tolist()
         way = [b]
         while way[-1] != a:
             way.append(before[way[-1]])
@@ -319,7 +326,7 @@ class Piece:
         """Node of the graph at an end of a tree's way, which may be the copper of a ring."""
         one, other = (way[0], way[1]) if end == 0 else (way[-1], way[-2])
         ends = self.graph.edges[self.around[one][other]].tolist()
-        return next(node for node in ends if self._group[self._name[node]] == one)
+        return int(next(node for node in ends if self._group[self._name[node]] == one))
 
     def _coils_on(self, way: Sequence[int], arms: dict[int, list[int]]) -> Iterator[TracedCoil]:
         """Yield the windings on a way, cut at pads and branches outside of them."""
@@ -351,9 +358,7 @@ class Piece:
             pairs = sorted(
                 ((i, j) for i in stops for j in stops if i < j), key=lambda pair: length[pair[1]] - length[pair[0]]
             )
-            made = (
-                (i, j) for i, j in pairs if abs(self._part(path, i, j).turns) >= max(_ALIKE * most, LEAST_TURNS)
-            )
+            made = ((i, j) for i, j in pairs if abs(self._part(path, i, j).turns) >= max(_ALIKE * most, LEAST_TURNS))
             first, last = next(made, (0, len(path) - 1))
         halves = [k for k in stops if first < k < last and self._apart(path, first, k, last)]
         for begin, end in pairwise([first, *halves, last]):
@@ -366,7 +371,9 @@ class Piece:
                 for name in (_name(stand),) if name),
             ]  # fmt: skip
             coil = self._part(path, begin, end)
-            others = sorted({*branches, *beyond} - {_name(end) for end in coil.ends if end is not None}, key=natural_order)
+            others = sorted(
+                {*branches, *beyond} - {_name(end) for end in coil.ends if end is not None}, key=natural_order
+            )
             notes = (f"what leads on to {' and '.join(others)} is left out.",) if others else ()
             yield replace(coil, notes=(*coil.notes, *notes))
 
@@ -397,7 +404,9 @@ class Piece:
                 if other not in seen:
                     seen.add(other)
                     waiting.append(other)
-        return list(dict.fromkeys(names)) or [f"an end at {self.graph.place(self.longest(arm, frozenset((node,)))[0][-1])}"]
+        return list(dict.fromkeys(names)) or [
+            f"an end at {self.graph.place(self.longest(arm, frozenset((node,)))[0][-1])}"
+        ]
 
     def _traced(self, way: Way) -> TracedCoil:
         """Make the coil of a way, which begins at the lower number of a pad."""
@@ -423,7 +432,7 @@ class Piece:
             on_layer = list(run)
             nodes = [at, *(node for _, node in on_layer)]
             lines.append(graph.nodes[nodes])
-            layers.append(graph.layers[layer])
+            layers.append(graph.layers[int(layer)])
             widths.append(graph.width[[edge for edge, _ in on_layer]])
             passed += [hole for node in nodes[1:-1] for hole in self._holes(node)[:1]]
             at = nodes[-1]
@@ -460,15 +469,16 @@ class Piece:
         at = place_in_mm(*graph.nodes[node])
         if (way - area.shape).length > width:  # the copper of the lines that lead in
             raise BoardError(
-                f"{area.where}: {area.what} on {area.layer} at {at} is wide, bent, and in the way of the current, which "
-                "cannot be followed there."
+                f"{area.where}: {area.what} on {area.layer} at {at} is wide, bent, and in the way of the current, "
+                "which cannot be followed there."
             )
         if way.length <= 2 * width:
             return ""
-        most = MU_0 / (2 * np.pi) * way.length * (log(2 * way.length / width) + 0.5)  # Grover 1946, ch. 5: a thin ribbon
+        # at most all of the inductance of a ribbon as wide as the lead: Grover 1946, ch. 5
+        most = MU_0 / (2 * np.pi) * way.length * (log(2 * way.length / width) + 0.5)
         return (
-            f"{area.what} on {area.layer} at {at} is crossed the shortest way, {way.length * 1e3:.3g} mm; its inductance is "
-            f"wrong by at most {most * 1e9:.2g} nH."
+            f"{area.what} on {area.layer} at {at} is crossed the shortest way, {way.length * 1e3:.3g} mm; its "
+            f"inductance is wrong by at most {most * 1e9:.2g} nH."
         )
 
 
@@ -490,9 +500,13 @@ def _set_back(coils: Sequence[TracedCoil]) -> tuple[TracedCoil, ...]:
             line, width = np.vstack((at, line[after:])), width[after - 1 :]
             lines[k], widths[k] = (line, width) if k == 0 else (line[::-1], width[::-1])
             terminals[k] = None
-        note = ("it ends a trace width before the place that it shares with others.",) if any(shared) else ()
-        new = {"lines": tuple(lines), "widths": tuple(widths), "ends": tuple(terminals)} if any(shared) else {}
-        made.append(replace(coil, **new, notes=(*coil.notes, *note), _known={}) if any(shared) else coil)
+        made.append(
+            replace(
+                coil, lines=tuple(lines), widths=tuple(widths), ends=(terminals[0], terminals[1]),
+                notes=(*coil.notes, "it ends a trace width before the place that it shares with others."), _known={},
+            )
+            if any(shared) else coil
+        )  # fmt: skip
     return tuple(made)
 
 
@@ -500,7 +514,9 @@ def _name(stand: Hole | SurfacePad) -> str:
     """Return U1.3 of a pad, or its place."""
     if isinstance(stand, Hole) and stand.kind == "via":
         return ""
-    return f"{stand.part}.{stand.number}" if stand.part and stand.number else f"a pad at {place_in_mm(stand.x, stand.y)}"
+    return (
+        f"{stand.part}.{stand.number}" if stand.part and stand.number else f"a pad at {place_in_mm(stand.x, stand.y)}"
+    )
 
 
 def _is_reversed(ends: Sequence[Hole | SurfacePad | None], firsts: Sequence[tuple[int, float]]) -> bool:

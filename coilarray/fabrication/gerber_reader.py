@@ -59,7 +59,8 @@ def find_files(path: Path, layers: Mapping[str, str] | None = None) -> list[Data
     names = {PurePosixPath(file.label).name for file in files}
     for layer, name in (layers or {}).items():
         if name not in names or not _LAYER.fullmatch(layer):
-            raise BoardError(f"{path}: --layer must be L1=FILE, with a file of {', '.join(sorted(names))}; got {layer}={name}.")
+            known = ", ".join(sorted(names))
+            raise BoardError(f"{path}: --layer must be L1=FILE, with a file of {known}; got {layer}={name}.")
     given = {name: f"L{int(layer[1:])}" for layer, name in (layers or {}).items()}
     if given or not any(file.function[:1] == ("Copper",) for file in files):
         files = _named(files, given)
@@ -136,7 +137,8 @@ def _recognized(label: str, data: bytes) -> DataFile | None:
 # What files hold by words of their names, the first that fits: programs agree on little else.
 _NAMES: tuple[tuple[str, str], ...] = (
     ("Soldermask", r"mask|stop|resist|\.(gts|gbs|smt|smb|stc|sts|tsm|bsm)$"),
-    ("", r"paste|cream|silk|legend|overlay|glue|adhes|assembl|place|court|fab|pads?master|drawing|keep|crc|crs|\.g[tb][op]$"),
+    ("", r"paste|cream|silk|legend|overlay|glue|adhes|assembl|place|court|fab|pads?master|drawing|keep"),
+    ("", r"crc|crs|\.g[tb][op]$"),
     ("", r"\.(plc|pls|tsk|bsk|sst|ssb|spt|spb|gpt|gpb|gd\d|gg\d|rep|drr|ipc|rul|extrep|ldp|apr\w*|gpi|dri)$"),
     ("Profile", r"outline|profile|edge|contour|border|dimension|boundary|\.(gko|gml|gm\d+|dim|mil|oln|fab)$"),
     ("Inner", r"(?<![a-z])(?:in|inner|mid|signal|plane|pln|internal\W*plane)\W*(?:l|layer)?\W*(\d+)"),
@@ -698,8 +700,8 @@ def _drills_on_pads(file: DataFile, lands: Sequence[tuple[str, Flash]]) -> list[
             best, most = holes, on_pads / len(holes)
     if most < _MOSTLY:
         raise BoardError(
-            f"{file.label}: the numbers have no decimal point, the file does not say where it is, and in no usual format "
-            "do the holes lie on pads; give it as --drill-format 4.4,mm."
+            f"{file.label}: the numbers have no decimal point, the file does not say where it is, and in no usual "
+            "format do the holes lie on pads; give it as --drill-format 4.4,mm."
         )
     return best
 
@@ -760,7 +762,9 @@ def _holes(
         if not pads:
             met = lines.query(shapely.Point(centre), predicate="dwithin", distance=radius).tolist()
             if any(tracks[k].layer in layers for k in met):  # its barrel joins the tracks that lead into it
-                holes.append(Hole(*centre, bore.diameter, bore.diameter * _PAD_AT_LEAST, layers, None, "via", bore.where))
+                holes.append(
+                    Hole(*centre, bore.diameter, bore.diameter * _PAD_AT_LEAST, layers, None, "via", bore.where)
+                )
             else:
                 bare += 1
             continue

@@ -53,16 +53,16 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
         root = _around_footprint(root)
     if root.name != "kicad_pcb":
         raise BoardError(
-            f"{root.where}: a KiCad board begins with (kicad_pcb and a footprint with (footprint; this file begins with "
-            f"({root.name[:40]}."
+            f"{root.where}: a KiCad board begins with (kicad_pcb and a footprint with (footprint; this file begins "
+            f"with ({root.name[:40]}."
         )
     notes = []
     version = root.child("version")
     number = OLDEST_VERSION if version is None else version.number()
     if not OLDEST_VERSION <= number <= NEWEST_VERSION:
         notes.append(
-            f"The board has KiCad's format {number:.0f}; formats other than those of KiCad 5 to 10 ({OLDEST_VERSION} to "
-            f"{NEWEST_VERSION}) are untested."
+            f"The board has KiCad's format {number:.0f}; formats other than those of KiCad 5 to 10 "
+            f"({OLDEST_VERSION} to {NEWEST_VERSION}) are untested."
         )
     nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none in KiCad 10
     origin = root.child("setup", "aux_axis_origin")
@@ -264,7 +264,7 @@ class _Board:
         what = f"a drawn {_DRAWN[node.name.split('_')[1]]}{' ' * bool(where)}{where}"
         outline, width, filled = drawn_shape(node, to_board)
         if filled:
-            shape = shapely.Polygon(outline).buffer(0)
+            shape: BaseGeometry = shapely.Polygon(outline).buffer(0)
             shape = shape | shapely.LineString(outline).buffer(width / 2) if width > 0 else shape
             yield from (
                 CopperArea(layer, each, net, what, node.where, part)
@@ -416,7 +416,8 @@ def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
             (first[0] + x * math.cos(a) - y * math.sin(a), first[1] + x * math.sin(a) + y * math.cos(a))
             for a in (0.0, angle / 2, angle)
         ]
-        return _as_list(arc_points(*(to_board(*place) for place in on_arc)))
+        begin, middle, end = (to_board(*place) for place in on_arc)
+        return _as_list(arc_points(begin, middle, end))
     if kind == "arc":
         return _as_list(arc_points(to_board(*first), to_board(*pair(node.need("mid"))), to_board(*last)))
     if kind == "rect":

@@ -185,9 +185,7 @@ def _why_none(board: BoardCopper, graph: CopperGraph, missing: Sequence[str], le
     return f"{board.source}: no coil was found. {what} looks most like one: {first.reason}{more}"
 
 
-def _between(
-    board: BoardCopper, graph: CopperGraph, members: Sequence[_Member], ends: tuple[str, str]
-) -> TracedCoil:
+def _between(board: BoardCopper, graph: CopperGraph, members: Sequence[_Member], ends: tuple[str, str]) -> TracedCoil:
     """Follow the way between two ends that the user named."""
     first, last = (_end_node(board, graph, end) for end in ends)
     for nodes, edges, own in members:

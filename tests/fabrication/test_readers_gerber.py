@@ -448,8 +448,8 @@ def test_step_and_repeat_zero_sets_and_layers_without_copper(tmp_path: Path) -> 
         "t.gbr": gerber("Copper,L1,Top", *COIL, "D11*", flashes((x, y))),
         "b.gbr": gerber("Copper,L2,Bot", "D10*", stroke(x, y, x, y - 9), "D11*", flashes((x, y))),
     }
-    for drills in (f"G92\n{excellon((x, y))}", excellon((x, y)).replace("METRIC", "METRIC,TZ")):
-        board = read(tmp_path, {**both, "d.drl": drills})
+    for text in (f"G92\n{excellon((x, y))}", excellon((x, y)).replace("METRIC", "METRIC,TZ")):
+        board = read(tmp_path, {**both, "d.drl": text})
         assert trace_coils(board).coils[0].layers == ("L1", "L2")
 
 

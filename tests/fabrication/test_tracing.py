@@ -5,7 +5,6 @@ inductance matrix before and after; turns, lengths and gaps against formulas of 
 """
 
 import math
-import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -20,8 +19,8 @@ from support.refusals import refused
 
 from coilarray.errors import BoardError
 from coilarray.fabrication.board import BoardCopper, Hole, SurfacePad, Track
-from coilarray.fabrication.tracing import trace_coils, traced_array, turn_gap
 from coilarray.fabrication.copper_graph import require_followable
+from coilarray.fabrication.tracing import trace_coils, traced_array, turn_gap
 from coilarray.geometry import PlatedHole, Spiral, Stackup
 
 GRID = 1e-9  # m: resolution of KiCad's files; a point is off by half of it at most

@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text, true_minus
-from coilarray.fabrication.board import BoardCopper
+from coilarray.fabrication.board import BoardCopper, Copper
 from coilarray.fabrication.traced_coil import TracedCoil
 from coilarray.geometry import Coil, FinitePlate, Plate, Sheet, Stackup
 from coilarray.geometry.array import Array
@@ -229,8 +229,9 @@ def copper_figure(
     `places` with their names are x and y in m, or None for those that are left out.
     """
     layers, colours = board.stackup.names, cycled(LAYERS, [coil.name for coil in coils])
-    items = [(layer, shape) for item in (*board.tracks, *board.holes, *board.pads, *board.areas)
-             for layer, shape in item.copper.items() if not getattr(item, "vague", False)]  # fmt: skip
+    found: list[Copper] = [*board.tracks, *board.holes, *board.pads, *(area for area in board.areas if not area.vague)]
+    items = [(layer, shape) for item in found for layer, shape in item.copper.items()]
+    layers = tuple(layer for layer in layers if layer in dict(items)) or layers[:1]
     bounds = shapely.total_bounds([shape for _, shape in items]) if items else np.array([0.0, 0.0, 1e-2, 1e-2])
     width, height = figure_size(bounds[2] - bounds[0], bounds[3] - bounds[1])
     columns = math.ceil(len(layers) / _MOST_ROWS)
