@@ -97,8 +97,8 @@ def import_board(
             shared.say(_left_out_table(error.left_out))
         see = f" The picture {picture} shows the place." if picture else " --picture board.png shows the place."
         raise BoardError(
-            f"{error}{see if error.left_out else ''} What can be tried: --nets NAME for a path without turns, --from and "
-            "--to for its ends."
+            f"{error}{see if error.left_out else ''} What can be tried: --nets NAME for a path without turns, --from "
+            "and --to for its ends."
         ) from None
     places = [(each.name, each.at) for each in tracing.left_out]
     shared.draw(picture, partial(viz.copper_figure, copper, tracing.coils, places))

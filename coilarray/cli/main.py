@@ -45,7 +45,8 @@ _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THRE
 
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {  # every command by name, in the help's groups
     "Design": {
-        "init": design.init, "import": boards.import_board, "check": design.check, "export": design.export, "view": view.view, "studio": view.studio,
+        "init": design.init, "import": boards.import_board, "check": design.check, "export": design.export,
+        "view": view.view, "studio": view.studio,
     },
     "Compute": {
         "report": compute.report, "impedance": compute.impedance, "response": compute.response,

@@ -443,7 +443,8 @@ class Piece:
         parts = {getattr(item, "part", "") for item in items}
         return TracedCoil(
             "", tuple(lines), tuple(layers), tuple(widths), tuple(vias), (terminals[0], terminals[1]), tuple(passed),
-            items[0].where, part=parts.pop() if len(parts) == 1 else "", notes=tuple(dict.fromkeys(filter(None, notes))),
+            items[0].where, part=parts.pop() if len(parts) == 1 else "",
+            notes=tuple(dict.fromkeys(filter(None, notes))),
         )  # fmt: skip
 
     def _from_start(self, item: int, node: int) -> float:

@@ -359,7 +359,8 @@ def _repeats(file: DataFile, parser: Any) -> Callable[[int], list[Point]]:
             columns, rows = int(match[1]), int(match[2])
             if not 1 <= columns * rows <= _MOST_REPEATS:
                 raise BoardError(
-                    f"{file.label}:{line}: step and repeat must have 1 to {_MOST_REPEATS} copies; got {columns} × {rows}."
+                    f"{file.label}:{line}: step and repeat must have 1 to {_MOST_REPEATS} copies; got {columns} × "
+                    f"{rows}."
                 )
             unit = 1.0 if parser.file_settings.unit is None else _in_metre(parser.file_settings.unit)
             try:

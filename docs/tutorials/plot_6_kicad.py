@@ -26,14 +26,14 @@ for path in exported.files:
     print(path.relative_to(folder))
 
 # %%
-# The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray init --from``
-# reads tracks, arcs and vias of named nets, layer by layer; without ``--nets`` it takes every net that winds. In a
-# terminal: ``coilarray init back.toml --from starter-kicad/starter.kicad_pcb --nets coil1,coil2,coil3``. In Python
+# The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray import``
+# follows the current through copper that overlaps, layer by layer; without ``--nets`` it takes all copper that winds. In
+# a terminal: ``coilarray import starter-kicad/starter.kicad_pcb back.toml --nets coil1,coil2,coil3``. In Python
 # ``main`` runs a command:
 
 board = next(folder.rglob("*.kicad_pcb"))
 nets = ",".join(design.array.names)
-main(["init", str(folder / "back.toml"), "--from", str(board), "--nets", nets])
+main(["import", str(board), str(folder / "back.toml"), "--nets", nets])
 
 # %%
 # The result is a design as any other, and ``coilarray impedance back.toml`` prints its inductances and couplings. A

@@ -65,15 +65,13 @@ def found(read, *items, **options):
 COIL = tracks(*CORNERS)
 PADS = pad(1, -8, -8), pad(2, -5, -5, '2 "B"')
 RIBBON = shapely.LineString(CORNERS).buffer(0.15, cap_style="square", join_style="mitre")
+IN_PAD = drawn("gr", place=lambda x, y: f"{x + 8} {-y - 8}")
+CUSTOM = pad(1, -8, -8).replace("smd rect", "smd custom").replace("(net", f"(primitives {IN_PAD}) (net")
 VARIANTS = {
     "tracks": (COIL,),
     "lines of the board": (drawn("gr"),),
     "lines of a footprint that ties two nets": (footprint("L1", drawn("fp"), *PADS),),
-    "lines in a custom pad": (
-        footprint("L1", pad(2, -5, -5), pad(1, 0, 0, place=lambda x, y: on_sheet(-8, -8)).replace(
-            "smd rect", "smd custom").replace("(net", f"(primitives {drawn('gr', place=lambda x, y: f'{x + 8} {-y - 8}')}) (net"
-        )),
-    ),
+    "lines in a custom pad": (footprint("L1", pad(2, -5, -5), CUSTOM),),
     "a whisker inside other copper": (COIL, tracks((8, -8), (8.05, -8))),
     "an end that other copper covers": (tracks(*CORNERS[:6], (7, 2)), tracks((7.1, 2.1), (7, 7), *CORNERS[7:])),
     "an end short of a pad's middle": (COIL, footprint("J1", pad(1, -8.2, -8))),
