@@ -27,8 +27,8 @@ for path in exported.files:
 
 # %%
 # The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray import``
-# follows the current through copper that overlaps, layer by layer; without ``--nets`` it takes all copper that winds. In
-# a terminal: ``coilarray import starter-kicad/starter.kicad_pcb back.toml --nets coil1,coil2,coil3``. In Python
+# follows the current through copper that overlaps, layer by layer; without ``--nets`` it takes all that winds. In a
+# terminal: ``coilarray import starter-kicad/starter.kicad_pcb back.toml --nets coil1,coil2,coil3``. In Python
 # ``main`` runs a command:
 
 board = next(folder.rglob("*.kicad_pcb"))
