@@ -65,7 +65,7 @@ def find_files(path: Path, layers: Mapping[str, str] | None = None) -> list[Data
     if given or not any(file.function[:1] == ("Copper",) for file in files):
         files = _named(files, given)
     for k, file in enumerate(files):
-        if file.kind == "excellon" and not file.function:
+        if file.kind == "excellon" and file.function[:1] not in (("Plated",), ("NonPlated",), ("MixedPlating",)):
             not_plated = _NOT_PLATED.search(PurePosixPath(file.label).name)
             files[k] = replace(file, function=("NonPlated" if not_plated else "Plated",))
     seen: dict[tuple[str, ...], str] = {}
