@@ -66,50 +66,20 @@ def centre_lines(shape: BaseGeometry) -> list[tuple[FloatArray, FloatArray]]:
 
 def _chains(places: FloatArray, edges: IntArray, shape: shapely.Polygon) -> list[FloatArray]:
     """Join edges between `places` to lines (n, 2), without branches shorter than the copper is wide."""
+    from coilarray.geometry.copper import groups
     from scipy.spatial import KDTree
 
     grain = 1e-9 * float(np.ptp(places[edges.ravel()], axis=0).max()) if len(edges) else 0.0
-    same = groups(len(places), KDTree(places).query_pairs(grain, output_type="ndarray"))
-    around: dict[int, list[int]] = {}
-    for a, b in np.array(same)[edges].tolist():
-        if a != b and b not in around.get(a, ()):
-            around.setdefault(a, []).append(b)
-            around.setdefault(b, []).append(a)
+    same = np.array(groups(len(places), KDTree(places).query_pairs(grain, output_type="ndarray")))
+    edges = np.unique(np.sort(same[edges], axis=1), axis=0)
+    lines = shapely.linestrings(places[edges[edges[:, 0] != edges[:, 1]]])
     while True:
-        chains = _runs(around)
-        forks = {node for node, others in around.items() if len(others) > 2}
-        short = [
-            chain if chain[-1] in forks else chain[::-1]
-            for chain in chains
-            if (chain[0] in forks) != (chain[-1] in forks)
-            and len(around[chain[-1 if chain[0] in forks else 0]]) == 1
-            and float(np.hypot(*np.diff(places[chain], axis=0).T).sum())
-            < 2 * shape.boundary.distance(shapely.Point(places[chain[0] if chain[0] in forks else chain[-1]]))
-        ]
-        if not short:
-            return [places[chain] for chain in chains]
-        for chain in short:
-            for a, b in pairwise(chain):
-                around[a].remove(b)
-                around[b].remove(a)
-                if not around[a]:
-                    del around[a]
-
-
-def _runs(around: dict[int, list[int]]) -> list[list[int]]:
-    """Divide a graph into runs between ends and forks, and rings."""
-    used: set[tuple[int, int]] = set()
-    found = []
-    for start in sorted(around, key=lambda node: len(around[node]) == 2):  # rings last
-        for following in around[start]:
-            if (start, following) in used or (len(around[start]) == 2 and (following, start) in used):
-                continue
-            run, came, here = [start], start, following
-            while True:
-                used |= {(came, here), (here, came)}
-                run.append(here)
-                if len(around[here]) != 2 or here == start:
-                    break
-                came, here = here, next(other for other in around[here] if other != came)
-            found.append(run)
-    return found
+        lines = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(lines)))
+        ends = shapely.points(np.array([shapely.get_coordinates(line)[[0, -1]] for line in lines]).reshape(-1, 2, 2))
+        _, number, count = np.unique(shapely.get_coordinates(ends), axis=0, return_inverse=True, return_counts=True)
+        meet = count[number].reshape(-1, 2)
+        narrow = shapely.length(lines)[:, None] < 2 * shapely.distance(shape.boundary, ends)
+        short = ((meet[:, ::-1] == 1) & (meet > 2) & narrow).any(axis=1)
+        if not short.any():
+            return [shapely.get_coordinates(line) for line in lines]
+        lines = lines[~short]

@@ -286,9 +286,9 @@ def copper_graph(board: BoardCopper, progress: Progress | None = None) -> Copper
             shapes[area.layer].append((area.shape, (at.x, at.y), len(items)))
         items.append(area)
     joined = [_joined(k, lines[layer], shapes[layer], items) for k, layer in enumerate(layers)]
-    for k, layer in enumerate(joined):
-        layer.bridge(layer.join_lines())
-        layer.join_shapes()
+    for k, copper in enumerate(joined):
+        copper.bridge(copper.join_lines())
+        copper.join_shapes()
         if progress is not None:
             progress(k + 1, len(joined))
     return _graph(joined, items, layers)

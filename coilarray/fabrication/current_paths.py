@@ -19,7 +19,6 @@ from coilarray.geometry.arcs import Point, place_in_mm
 from coilarray.geometry.copper import groups
 
 STRAIGHT = 1.5  # of the diagonal of the bounds: shorter copper makes no turn
-_ROUND_AN_END = 4.0  # widths: a shorter ring of copper has no hole that matters
 _MOST_RINGS = 400  # planes and grids have more: their rings are taken as open without a look
 _NO_HOLE = 0.05  # of a squared width: a smaller hole in copper is none
 _APART = 0.5  # of the size of a winding: windings farther apart are two coils
@@ -90,7 +89,6 @@ class Piece:
             self._depth[k] = self._depth[self._before[k]] + 1
         in_tree = {self._between(self.nodes[k], self.nodes[self._before[k]]) for k in order[1:].tolist()}
         self._closing = [edge for edge in kept.tolist() if edge not in in_tree] + beside
-        self._widest = float(graph.width[kept].max(initial=0.0))
         self.rings: list[Ring] = []
         self._parts: dict[tuple[int, int], TracedCoil] = {}
         self.around = self._tree(in_tree)
@@ -118,7 +116,7 @@ class Piece:
         for edge in self._closing:
             a, b = (self._number[self._name[node]] for node in self.graph.edges[edge].tolist())
             self._loose |= {self.nodes[a], self.nodes[b]}
-            if self._is_short(edge, a, b) or first(a) == first(b):
+            if first(a) == first(b):
                 continue
             ring = self._ring(a, b)
             if self._is_flat(edge, ring):
@@ -149,20 +147,6 @@ class Piece:
 
     def _ring_edges(self, edge: int, ring: Sequence[int]) -> list[int]:
         return [edge, *(self._between(self.nodes[a], self.nodes[b]) for a, b in pairwise(ring))]
-
-    def _is_short(self, edge: int, a: int, b: int) -> bool:
-        """Whether the ring that an edge closes is too short to have a hole that matters."""
-        graph = self.graph
-        length, width = float(graph.length[edge]), float(graph.width[edge])
-        while a != b:
-            if self._depth[a] < self._depth[b]:
-                a, b = b, a
-            step = self._between(self.nodes[a], self.nodes[self._before[a]])
-            length, width = length + float(graph.length[step]), max(width, float(graph.width[step]))
-            if length > _ROUND_AN_END * self._widest:
-                return False
-            a = self._before[a]
-        return length <= _ROUND_AN_END * width
 
     def _is_flat(self, edge: int, ring: Sequence[int]) -> bool:
         """Whether a ring is no wider than its copper, so that both sides carry the current alike."""
